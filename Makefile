@@ -1,0 +1,60 @@
+# What CI runs is what a person runs. Every target sets up what it needs.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+# Tests never fetch more threads than there are cores, and fail on rustc warnings.
+export CARGO_TERM_COLOR ?= auto
+
+.PHONY: demo test lint format rust-test python-test no-std-check bench bench-quick docs clean
+
+demo: $(VENV)/.installed
+	$(BIN)/gramian demo --out out/demo
+
+test: lint rust-test no-std-check python-test
+	@echo "all tests passed"
+
+lint: $(VENV)/.installed
+	cargo fmt --all -- --check
+	cargo clippy --workspace --all-targets --all-features --quiet -- -D warnings
+	$(BIN)/ruff format --check python tests benches examples
+	$(BIN)/ruff check python tests benches examples
+	$(BIN)/mypy
+	$(BIN)/python -m mypy.stubtest gramian._core --allowlist tests/stubtest-allowlist.txt
+
+format: $(VENV)/.installed
+	cargo fmt --all
+	$(BIN)/ruff format python tests benches examples
+	$(BIN)/ruff check --fix python tests benches examples
+
+rust-test:
+	cargo test -p gramian --features parallel,dense
+	cargo test -p gramian --no-default-features --features libm
+
+no-std-check:
+	cargo build --manifest-path rust/no-std-check/Cargo.toml --target-dir target/no-std-check
+
+python-test: $(VENV)/.installed
+	$(BIN)/python -m pytest
+
+bench bench-quick: $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet '.[bench]'
+	$(BIN)/python benches/run.py $(if $(filter bench-quick,$@),--quick)
+
+docs:
+	cargo doc -p gramian --no-deps --features parallel,dense
+
+clean:
+	rm -rf target $(VENV) out
+
+# The extension is built anew when a Rust source changed, the rest when
+# pyproject.toml did.
+RUST := $(shell find rust -name '*.rs' -o -name 'Cargo.toml' | grep -v target) Cargo.toml
+$(VENV)/.dependencies: pyproject.toml
+	$(PYTHON) -c 'import sys; sys.exit("gramian needs Python >= 3.11") if sys.version_info < (3, 11) else None'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade pip 'maturin>=1.9,<2'
+	touch $@
+$(VENV)/.installed: $(VENV)/.dependencies $(RUST)
+	$(BIN)/maturin develop --release --extras dev
+	touch $@

@@ -1,0 +1,42 @@
+"""What a set of measurements can and cannot determine, how accurately, and what to do about it.
+
+Every question is asked of one array, the whitened Jacobian rows (d h / d x) / sigma,
+shape (K, n). A model makes rows; `analyze` says what they determine.
+"""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+
+from gramian import bearings
+from gramian._core import set_threads
+from gramian.analysis import Observability, Suggestion, analyze
+from gramian.bounds import crlb, crlb_std, gram
+from gramian.exceptions import (
+    ConvergenceError,
+    GramianError,
+    InputError,
+    ScenarioError,
+    UnobservableError,
+)
+from gramian.problem import Problem, from_function
+
+__all__ = [
+    "ConvergenceError",
+    "GramianError",
+    "InputError",
+    "Observability",
+    "Problem",
+    "ScenarioError",
+    "Suggestion",
+    "UnobservableError",
+    "analyze",
+    "bearings",
+    "crlb",
+    "crlb_std",
+    "from_function",
+    "gram",
+    "set_threads",
+]
+
+__version__ = version("gramian")

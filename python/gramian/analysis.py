@@ -1,0 +1,433 @@
+"""What a problem can and cannot determine: `analyze` and its answer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gramian import _core
+from gramian.bounds import _at_least_one
+from gramian.exceptions import InputError
+from gramian.problem import Problem
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["Observability", "Suggestion", "analyze"]
+
+Array = NDArray[np.float64]
+Status = Literal["observable", "weak", "unobservable"]
+
+
+@dataclass(frozen=True, eq=False)
+class Suggestion:
+    """One piece of knowledge and what would follow from it.
+
+    Attributes
+    ----------
+    name : str
+        The state or combination that would be known exactly.
+    rank, nullity : int
+        Of all states, with it known.
+    repairs : bool
+        Whether everything is observable then.
+    crlb_std : ndarray, shape (n,)
+        Bound of each state then; 0 for the known one.
+    """
+
+    name: str
+    rank: int
+    nullity: int
+    repairs: bool
+    crlb_std: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Observability:
+    """The answer of `analyze`.
+
+    Attributes
+    ----------
+    status : {"observable", "weak", "unobservable"}
+    reason : str
+        What decided the status, in words.
+    decided_by : tuple of str
+        The states that decided it; empty for "observable".
+    rank, nullity : int
+    names, units : tuple of str, length n
+    singular_values : ndarray, shape (n,)
+        Of the scaled rows, descending. Columns are scaled by `scale` where it is
+        given, to unit length otherwise.
+    gap : float
+        Smallest singular value that counts over the largest that does not (for
+        full rank, over the tolerance), on unit columns: how clear the rank is.
+    condition : float
+        Largest over smallest singular value on unit columns, `inf` when the rank is short.
+    null_space : ndarray, shape (n, nullity)
+        The unobservable combinations in physical units, each with a leading coefficient of 1.
+    null_combinations : tuple of str
+        The same, readable: "1 x0 + 0.42 vx".
+    crlb_std : ndarray, shape (n,)
+        Bound on the standard deviation, priors included; `inf` where none exists.
+    data_std : ndarray, shape (n,)
+        The same from the measurements alone.
+    logdet : float
+        Log determinant of the information, `-inf` when the rank is short.
+    weakest_direction : ndarray, shape (n,)
+        The longest axis of the error ellipsoid (on unit columns) among what is
+        observable: how far each state moves along it at one standard deviation.
+    suggestions : tuple of Suggestion
+        What knowing one state or named combination would give, best first.
+    """
+
+    status: Status
+    reason: str
+    decided_by: tuple[str, ...]
+    rank: int
+    nullity: int
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    singular_values: Array
+    gap: float
+    condition: float
+    null_space: Array
+    null_combinations: tuple[str, ...]
+    crlb_std: Array
+    data_std: Array
+    logdet: float
+    weakest_direction: Array
+    suggestions: tuple[Suggestion, ...]
+    problem: Problem = field(repr=False)
+    _analysis: _core.Analysis = field(repr=False)
+
+    def std_of(self, combination: str | ArrayLike) -> float:
+        """Return the bound on the deviation of a state or linear combination.
+
+        Parameters
+        ----------
+        combination : str or array_like, shape (n,)
+            A name, or coefficients in physical units.
+        """
+        return self._analysis.combination_std(self._direction(combination))
+
+    def knowing(self, combination: str | ArrayLike, sigma: float = 0.0) -> Suggestion:
+        """Return what would follow if a combination were also known to `sigma`.
+
+        Parameters
+        ----------
+        combination : str or array_like, shape (n,)
+        sigma : float
+            Its standard deviation; 0 for exactly.
+        """
+        if not 0 <= sigma < np.inf:
+            raise InputError(f"sigma = {sigma}: must be >= 0 and finite")
+        name = combination if isinstance(combination, str) else "combination"
+        rank, std = self._analysis.knowing(self._direction(combination), float(sigma))
+        n = len(self.names)
+        return Suggestion(name, rank, n - rank, rank == n, std)
+
+    def _direction(self, combination: str | ArrayLike) -> ArrayLike:
+        return self.problem.direction(combination) if isinstance(combination, str) else combination
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the answer as plain lists, numbers and strings, fit for JSON.
+
+        Infinite values, which JSON has not, become the strings "inf" and "-inf".
+        """
+        return {
+            "status": self.status,
+            "reason": self.reason,
+            "decided_by": list(self.decided_by),
+            "rank": self.rank,
+            "nullity": self.nullity,
+            "names": list(self.names),
+            "units": list(self.units),
+            "singular_values": plain(self.singular_values),
+            "gap": plain(self.gap),
+            "condition": plain(self.condition),
+            "null_space": plain(self.null_space),
+            "null_combinations": list(self.null_combinations),
+            "crlb_std": plain(self.crlb_std),
+            "data_std": plain(self.data_std),
+            "priors": dict(self.problem.priors),
+            "logdet": plain(self.logdet),
+            "weakest_direction": plain(self.weakest_direction),
+            "suggestions": [
+                {
+                    "name": s.name,
+                    "rank": s.rank,
+                    "nullity": s.nullity,
+                    "repairs": s.repairs,
+                    "crlb_std": plain(s.crlb_std),
+                }
+                for s in self.suggestions
+            ],
+        }
+
+    def summary(self) -> str:
+        """Return the verdict, the bounds and the best suggestions as text."""
+        headline = {"weak": "WEAKLY OBSERVABLE"}.get(self.status, self.status.upper())
+        lines = [f"{headline}: {self.reason}"]
+        lines += [f"  not observable: {text}" for text in self.null_combinations]
+        width = max(len(name) for name in self.names)
+        for name, unit, std in zip(self.names, self.units, self.crlb_std, strict=True):
+            bound = "not observable" if np.isinf(std) else f"{std:.6g} {unit}".rstrip()
+            lines.append(f"  {name:<{width}}  {bound}")
+        if self.status != "observable" and self.suggestions:
+            lines.append(f"  what would help most: {self.describe(self.suggestions[0])}")
+        return "\n".join(lines)
+
+    def describe(self, suggestion: Suggestion) -> str:
+        """Return one suggestion in words."""
+        if suggestion.nullity:
+            left = f"{suggestion.nullity} combination{'s' if suggestion.nullity > 1 else ''}"
+            return f"knowing {suggestion.name} leaves {left} unobservable"
+        known = [
+            f"{name} to {std:.3g} {unit}".rstrip()
+            for name, unit, std in zip(self.names, self.units, suggestion.crlb_std, strict=True)
+            if std > 0
+        ]
+        return f"knowing {suggestion.name} gives {', '.join(known)}"
+
+    def plot(self) -> Figure:
+        """Draw singular values, bounds and null combinations; wants matplotlib."""
+        from gramian import plot
+
+        return plot.observability(self)
+
+
+def analyze(
+    problem_or_rows: Problem | ArrayLike,
+    names: Sequence[str] | None = None,
+    scale: ArrayLike | Mapping[str, float] | None = None,
+    prior: Mapping[str, float] | None = None,
+    *,
+    weak_ratio: float = 1.0,
+    weak_condition: float = 1e8,
+    rtol: float | None = None,
+) -> Observability:
+    """Say what the rows determine, how well, and what knowledge would help.
+
+    Parameters
+    ----------
+    problem_or_rows : Problem or array_like, shape (K, n)
+        Whitened rows, (d h / d x) / sigma.
+    names : sequence of str, length n, optional
+        The states, for plain rows; x0, x1, ... by default.
+    scale : array_like, shape (n,), or mapping of str to float, optional
+        For each state the deviation that would be useless. A bound above it
+        makes the status "weak".
+    prior : mapping of str to float, optional
+        Standard deviations of what is known beforehand, added to the problem's.
+    weak_ratio : float
+        "weak" where a bound exceeds this many times the scale or prior.
+    weak_condition : float
+        "weak" where, with no scale or prior given, the condition number of the
+        rows with unit columns exceeds this.
+    rtol : float, optional
+        Relative rank tolerance on the singular values of the rows with unit
+        columns; by default 32 eps sqrt(max(K, n)), or the problem's own.
+
+    Returns
+    -------
+    Observability
+
+    Raises
+    ------
+    InputError
+        A wrong shape, an empty array, a number that is not finite, an unknown name.
+
+    Notes
+    -----
+    Rank deficiency is an answer, not an error. The rank is decided from the
+    singular values of the rows with unit columns, by orthogonal factorisation,
+    so it does not depend on units. A prior makes a problem full rank; the status
+    then compares the bound *from the measurements alone* with the prior, so that
+    what only the prior holds up is called "weak".
+
+    Examples
+    --------
+    >>> import gramian as gm
+    >>> answer = gm.analyze([[1.0, 2.0], [2.0, 4.0]], names=["x", "v"])
+    >>> answer.status, answer.rank, answer.null_combinations
+    ('unobservable', 1, ('1 x - 0.5 v',))
+    >>> answer.crlb_std
+    array([inf, inf])
+    >>> answer.suggestions[0].name, answer.suggestions[0].repairs
+    ('x', True)
+    """
+    problem = as_problem(problem_or_rows, names)
+    if scale is not None:
+        problem = problem._replaced(scale=_scales(problem, scale))
+    if prior is not None:
+        problem = problem.prior(prior)
+    for label, threshold in (("weak_ratio", weak_ratio), ("weak_condition", weak_condition)):
+        if not threshold > 0:
+            raise InputError(f"{label} = {threshold}: must be > 0")
+    tolerance = problem.rtol if rtol is None else rtol
+    analysis = _core.Analysis(_at_least_one(problem.all_rows), tolerance)
+    data_std = analysis.crlb_std()
+    if problem.priors:
+        data_std = _core.Analysis(_at_least_one(problem.rows), tolerance).crlb_std()
+    crlb_std = analysis.crlb_std()
+    unit_values = analysis.singular_values()
+    n, rank = problem.n, analysis.rank
+    if rank < n:
+        dropped = unit_values[rank]
+        gap = np.inf if dropped == 0 else float(unit_values[rank - 1] / dropped) if rank else 0.0
+        condition = np.inf
+    else:
+        condition = float(unit_values[0] / unit_values[-1])
+        gap = 1 / (condition * analysis.rtol)
+    null_space = analysis.null_space()
+    null_combinations = describe_null_space(null_space, problem.names)
+    scale_given = ~np.isnan(problem.scale)
+    values = analysis.singular_values_scaled(problem.scale) if scale_given.all() else unit_values
+    status, reason, decided_by = _status(
+        problem, null_space, data_std, condition, weak_ratio, weak_condition
+    )
+    return Observability(
+        status=status,
+        reason=reason,
+        decided_by=decided_by,
+        rank=rank,
+        nullity=n - rank,
+        names=problem.names,
+        units=problem.units,
+        singular_values=values,
+        gap=gap,
+        condition=condition,
+        null_space=null_space,
+        null_combinations=null_combinations,
+        crlb_std=crlb_std,
+        data_std=data_std,
+        logdet=analysis.log_det,
+        weakest_direction=analysis.weakest_direction(),
+        suggestions=_suggestions(problem, analysis),
+        problem=problem,
+        _analysis=analysis,
+    )
+
+
+def as_problem(problem_or_rows: Problem | ArrayLike, names: Sequence[str] | None) -> Problem:
+    """Return the problem, or plain rows as one."""
+    if isinstance(problem_or_rows, Problem):
+        if names is not None:
+            raise InputError("names was given with a problem, which has its own")
+        return problem_or_rows
+    rows = np.asarray(problem_or_rows)
+    if rows.ndim != 2 or 0 in rows.shape:
+        raise InputError(f"rows has shape {rows.shape}: must be (rows, states), not empty")
+    return Problem(rows, names or [f"x{i}" for i in range(rows.shape[1])])
+
+
+def describe_null_space(null_space: Array, names: Sequence[str]) -> tuple[str, ...]:
+    """Return each column as text: "1 x0 + 0.42 vx"."""
+    return tuple(describe_combination(column, names) for column in null_space.T)
+
+
+def describe_combination(coefficients: Array, names: Sequence[str]) -> str:
+    """Return c^T x as text, without the states that have no part in it."""
+    text = ""
+    for coefficient, name in zip(coefficients, names, strict=True):
+        if coefficient == 0:
+            continue
+        sign = "-" if coefficient < 0 else "+"
+        text += f" {sign} " if text else ("-" if sign == "-" else "")
+        text += f"{abs(coefficient):.4g} {name}"
+    return text
+
+
+def plain(value: Any) -> Any:
+    """Return numbers and arrays as what JSON can hold; "inf", "-inf" for infinities."""
+    if isinstance(value, np.ndarray):
+        return [plain(item) for item in value]
+    number = float(value)
+    return number if np.isfinite(number) else str(number)
+
+
+def _scales(problem: Problem, scale: ArrayLike | Mapping[str, float]) -> Array:
+    if not isinstance(scale, Mapping):
+        return Problem(problem.rows, problem.names, scale=scale).scale
+    scales = problem.scale.copy()
+    for name, value in scale.items():
+        scales[problem.index(name)] = value
+    return Problem(problem.rows, problem.names, scale=scales).scale
+
+
+def _status(
+    problem: Problem,
+    null_space: Array,
+    data_std: Array,
+    condition: float,
+    weak_ratio: float,
+    weak_condition: float,
+) -> tuple[Status, str, tuple[str, ...]]:
+    n, nullity = null_space.shape
+    if nullity:
+        touched = tuple(
+            name for name, line in zip(problem.names, null_space, strict=True) if line.any()
+        )
+        what = "1 combination is" if nullity == 1 else f"{nullity} combinations are"
+        return "unobservable", f"rank {n - nullity} of {n}: {what} not determined", touched
+    limits = {
+        name: value
+        for name, value in zip(problem.names, problem.scale, strict=True)
+        if not np.isnan(value)
+    }
+    kinds = dict.fromkeys(limits, "scale")
+    for name, sigma in problem.priors.items():
+        if name in problem.names and sigma <= limits.get(name, np.inf):
+            limits[name], kinds[name] = sigma, "prior"
+    ratios = {name: data_std[problem.index(name)] / limit for name, limit in limits.items()}
+    over = [name for name, ratio in ratios.items() if ratio > weak_ratio]
+    if over:
+        worst = max(over, key=lambda name: ratios[name])
+        i = problem.index(worst)
+        unit = f" {problem.units[i]}" if problem.units[i] else ""
+        source = "from the measurements alone " if kinds[worst] == "prior" else ""
+        reason = (
+            f"the bound of {worst} {source}is {data_std[i]:.4g}{unit}, "
+            f"its {kinds[worst]} {limits[worst]:.4g}{unit}"
+        )
+        return "weak", reason, tuple(sorted(over, key=lambda name: -ratios[name]))
+    if not limits and condition > weak_condition:
+        hardest = problem.names[int(np.argmax(data_std / _reference(problem)))]
+        reason = f"condition number {condition:.3g} on unit columns, above {weak_condition:.3g}"
+        return "weak", reason, (hardest,)
+    return "observable", f"rank {n} of {n}", ()
+
+
+def _reference(problem: Problem) -> Array:
+    """Return what to compare each state's bound with.
+
+    That is its scale, or what it alone would be known to.
+    """
+    norms = np.linalg.norm(problem.all_rows, axis=0) if len(problem.all_rows) else 0
+    norms = np.where(np.asarray(norms) > 0, norms, 1.0)
+    return np.where(np.isnan(problem.scale), 1 / norms, problem.scale)
+
+
+def _suggestions(problem: Problem, analysis: _core.Analysis) -> tuple[Suggestion, ...]:
+    n = problem.n
+    if n == 1:
+        return ()
+    reference = _reference(problem)
+    ranked = []
+    for name in (*problem.names, *problem.combinations):
+        rank, std = analysis.knowing(problem.direction(name), 0.0)
+        open_states = std > 0
+        finite = open_states & np.isfinite(std)
+        # Over the states that are left: how far above the reference, on average.
+        level = np.log(std[finite] / reference[finite]).mean() if finite.any() else 0.0
+        level = round(float(level), 9)  # rounding must not decide between equals
+        unknown = int(np.isinf(std).sum())
+        ranked.append(
+            ((n - rank, unknown, level), Suggestion(name, rank, n - rank, rank == n, std))
+        )
+    ranked.sort(key=lambda item: item[0])
+    return tuple(suggestion for _, suggestion in ranked)

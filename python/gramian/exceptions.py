@@ -1,0 +1,41 @@
+"""The errors of gramian: each says what was given, what is wanted and where."""
+
+from __future__ import annotations
+
+__all__ = [
+    "ConvergenceError",
+    "GramianError",
+    "InputError",
+    "ScenarioError",
+    "UnobservableError",
+]
+
+
+class GramianError(Exception):
+    """Base of all errors of this package."""
+
+
+class InputError(GramianError, ValueError):
+    """Something that was given cannot be used: its value, shape or name."""
+
+
+class ScenarioError(InputError):
+    """A mistake in a scenario file or in a file that it names."""
+
+
+class UnobservableError(GramianError, ArithmeticError):
+    """The result does not exist, because the measurements do not determine it.
+
+    Attributes
+    ----------
+    null_combinations : tuple of str
+        The combinations of states that no measurement sees.
+    """
+
+    def __init__(self, message: str, null_combinations: tuple[str, ...] = ()) -> None:
+        super().__init__(message)
+        self.null_combinations = null_combinations
+
+
+class ConvergenceError(GramianError, ArithmeticError):
+    """An iteration did not reach its answer."""

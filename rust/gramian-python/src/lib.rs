@@ -1,0 +1,17 @@
+//! The extension module `gramian._core`: convert, detach from the interpreter,
+//! call the crate, convert back. No mathematics.
+#![allow(missing_docs)] // The public face is python/gramian; see _core.pyi.
+
+mod bearings;
+mod convert;
+mod errors;
+mod run;
+mod spine;
+
+use pyo3::prelude::*;
+
+#[pymodule(gil_used = true)]
+fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    spine::register(module)?;
+    bearings::register(module)
+}

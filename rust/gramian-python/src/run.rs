@@ -1,0 +1,94 @@
+//! Running a kernel: without the interpreter lock, on the chosen number of
+//! threads, in pieces short enough that Ctrl-C is heard.
+
+use std::ops::Range;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use gramian::batch::Threads;
+use pyo3::prelude::*;
+use rayon::ThreadPool;
+
+use crate::errors::InputError;
+
+/// How long the interpreter may go without a look at its signals, nanoseconds.
+const PIECE: f64 = 1e8;
+
+struct Setting {
+    /// 0: as many as there are cores.
+    threads: usize,
+    /// The pool, and the process it was made in: a forked child has none of its
+    /// parent's threads and must make its own.
+    pool: Option<(u32, Arc<ThreadPool>)>,
+}
+
+static SETTING: Mutex<Setting> = Mutex::new(Setting {
+    threads: 0,
+    pool: None,
+});
+
+/// Sets how many threads kernels may use; 0 for as many as there are cores.
+/// Returns the setting before.
+#[pyfunction]
+pub fn set_threads(threads: usize) -> usize {
+    let mut setting = SETTING.lock().unwrap_or_else(PoisonError::into_inner);
+    let before = setting.threads;
+    if before != threads {
+        setting.threads = threads;
+        setting.pool = None;
+    }
+    before
+}
+
+/// The pool to run in; `None` for the calling thread alone.
+fn pool() -> PyResult<Option<Arc<ThreadPool>>> {
+    let mut setting = SETTING.lock().unwrap_or_else(PoisonError::into_inner);
+    if setting.threads == 1 {
+        return Ok(None);
+    }
+    let process = std::process::id();
+    if let Some((owner, pool)) = &setting.pool
+        && *owner == process
+    {
+        return Ok(Some(Arc::clone(pool)));
+    }
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(setting.threads)
+        .build()
+        .map_err(|error| InputError::new_err(format!("cannot start threads: {error}")))?;
+    let pool = Arc::new(pool);
+    // A pool of the parent must not be dropped in the child: it would wait for
+    // threads that are not there.
+    if let Some(old) = setting.pool.replace((process, Arc::clone(&pool))) {
+        core::mem::forget(old);
+    }
+    Ok(Some(pool))
+}
+
+/// Calls `kernel` with the threads it may use, the interpreter lock released.
+pub fn detached<R: Send>(py: Python<'_>, kernel: impl FnOnce(Threads) -> R + Send) -> PyResult<R> {
+    let pool = pool()?;
+    Ok(py.detach(|| match pool {
+        None => kernel(Threads::One),
+        Some(pool) => pool.install(|| kernel(Threads::Auto)),
+    }))
+}
+
+/// Calls `kernel` on one range of trials after the other. `cost` is roughly
+/// what a trial takes, in nanoseconds; between ranges Ctrl-C is heard.
+pub fn in_pieces(
+    py: Python<'_>,
+    trials: usize,
+    cost: f64,
+    mut kernel: impl FnMut(Range<usize>, Threads) -> PyResult<()> + Send,
+) -> PyResult<()> {
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let piece = ((PIECE / cost.max(1.0)) as usize).max(1);
+    let mut first = 0;
+    while first < trials {
+        let range = first..trials.min(first + piece);
+        first = range.end;
+        detached(py, |threads| kernel(range, threads))??;
+        py.check_signals()?;
+    }
+    Ok(())
+}

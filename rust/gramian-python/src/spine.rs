@@ -1,0 +1,243 @@
+//! `gram`, `crlb_std`, and the analysis of one problem.
+
+use gramian::batch::{self, simd::Path};
+use gramian::observability::Observability;
+use gramian::spectrum::default_rtol;
+use gramian::square_root::eliminate;
+use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
+use pyo3::prelude::*;
+
+use crate::convert::{Batch, Input};
+use crate::errors::InputError;
+use crate::run;
+
+#[pyfunction]
+#[pyo3(signature = (rows, weights))]
+fn gram<'py>(
+    py: Python<'py>,
+    rows: &Bound<'py, PyAny>,
+    weights: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let mut rows = Input::new(rows, "rows", 2)?;
+    rows.expect_entries()?;
+    let (count, n) = (rows.core_shape()[0], rows.core_shape()[1]);
+    let mut weights = weights.map(|w| Input::new(w, "weights", 1)).transpose()?;
+    if let Some(weights) = &weights {
+        weights.expect(&[Some(count)], "one weight for each row")?;
+        weights.expect_nonnegative()?;
+    }
+    let batch = match &mut weights {
+        Some(weights) => Batch::of(&mut [&mut rows, weights])?,
+        None => Batch::of(&mut [&mut rows])?,
+    };
+    let out = batch.zeros(py, &[n, n]);
+    {
+        let rows = rows.items()?;
+        let weights = weights.as_ref().map(Input::items).transpose()?;
+        let mut write = out.readwrite();
+        let write = write.as_slice_mut()?;
+        let cost = (count * n * n) as f64;
+        run::in_pieces(py, batch.len(), cost, |range, threads| {
+            batch::gram(
+                rows.skip(range.start),
+                weights.map(|w| w.skip(range.start)),
+                n,
+                threads,
+                Path::Best,
+                &mut write[range.start * n * n..range.end * n * n],
+            );
+            Ok(())
+        })?;
+    }
+    Ok(out)
+}
+
+#[pyfunction]
+#[pyo3(signature = (rows, rtol))]
+fn crlb_std<'py>(
+    py: Python<'py>,
+    rows: &Bound<'py, PyAny>,
+    rtol: Option<f64>,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let mut rows = Input::new(rows, "rows", 2)?;
+    rows.expect_entries()?;
+    let (count, n) = (rows.core_shape()[0], rows.core_shape()[1]);
+    let batch = Batch::of(&mut [&mut rows])?;
+    let out = batch.zeros(py, &[n]);
+    {
+        let rows = rows.items()?;
+        let mut write = out.readwrite();
+        let write = write.as_slice_mut()?;
+        let cost = (count * n * n + 100 * n * n * n) as f64;
+        run::in_pieces(py, batch.len(), cost, |range, threads| {
+            let out = &mut write[range.start * n..range.end * n];
+            batch::crlb_std(rows.skip(range.start), n, rtol, threads, out);
+            Ok(())
+        })?;
+    }
+    Ok(out)
+}
+
+/// Standard normal numbers (trials, count) of the streams `first..first + trials`.
+#[pyfunction]
+fn normals(
+    py: Python<'_>,
+    seed: u64,
+    first: u64,
+    trials: usize,
+    count: usize,
+) -> PyResult<Bound<'_, PyArray2<f64>>> {
+    let out = PyArray2::zeros(py, [trials, count], false);
+    {
+        let mut write = out.readwrite();
+        let write = write.as_slice_mut()?;
+        run::in_pieces(py, trials, 10.0 * count as f64, |range, threads| {
+            let out = &mut write[range.start * count..range.end * count];
+            batch::normals(seed, first + range.start as u64, count, threads, out);
+            Ok(())
+        })?;
+    }
+    Ok(out)
+}
+
+/// The rows that are left for the columns from `eliminated` on.
+#[pyfunction]
+fn marginal_rows<'py>(
+    py: Python<'py>,
+    rows: &Bound<'py, PyAny>,
+    eliminated: usize,
+    rtol: Option<f64>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let rows = Input::new(rows, "rows", 2)?;
+    rows.expect(&[None, None], "one row for each measurement")?;
+    let (count, n) = (rows.core_shape()[0], rows.core_shape()[1]);
+    let mut a = rows.slice()?.to_vec();
+    let rtol = rtol.unwrap_or_else(|| default_rtol(count, n));
+    let left = run::detached(py, |_| {
+        let mut work = vec![0.0; n + eliminated];
+        let rank = eliminate(&mut a, n, eliminated, rtol, &mut work);
+        a.chunks_exact(n)
+            .skip(rank)
+            .map(|row| row[eliminated..].to_vec())
+            .collect::<Vec<_>>()
+    })?;
+    if left.is_empty() {
+        return Ok(PyArray2::zeros(py, [0, n - eliminated], false));
+    }
+    Ok(PyArray2::from_vec2(py, &left)?)
+}
+
+/// One problem, reduced: see `gramian::observability::Observability`.
+#[pyclass(frozen, name = "Analysis", module = "gramian._core")]
+struct Analysis(Observability<f64>);
+
+#[pymethods]
+impl Analysis {
+    #[new]
+    #[pyo3(signature = (rows, rtol))]
+    fn new(py: Python<'_>, rows: &Bound<'_, PyAny>, rtol: Option<f64>) -> PyResult<Self> {
+        let rows = Input::new(rows, "rows", 2)?;
+        rows.expect_entries()?;
+        if !rows.batch_shape().is_empty() {
+            return Err(InputError::new_err(format!(
+                "rows has {} leading axes: must be one array (rows, states)",
+                rows.batch_shape().len()
+            )));
+        }
+        let n = rows.core_shape()[1];
+        let data = rows.slice()?;
+        Ok(Self(run::detached(py, |_| {
+            Observability::new(data, n, rtol)
+        })?))
+    }
+
+    #[getter]
+    fn rank(&self) -> usize {
+        self.0.rank()
+    }
+
+    #[getter]
+    fn rtol(&self) -> f64 {
+        self.0.rtol()
+    }
+
+    #[getter]
+    fn log_det(&self) -> f64 {
+        self.0.log_det()
+    }
+
+    fn singular_values<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, self.0.singular_values())
+    }
+
+    /// Singular values with column j multiplied by `scale[j]`.
+    fn singular_values_scaled<'py>(
+        &self,
+        py: Python<'py>,
+        scale: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let scale = self.vector(scale, "scale")?;
+        Ok(PyArray1::from_vec(
+            py,
+            self.0.singular_values_scaled(&scale),
+        ))
+    }
+
+    fn null_space<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let basis = self.0.null_space();
+        let n = self.0.states();
+        let columns: Vec<Vec<f64>> = (0..n)
+            .map(|i| basis.iter().map(|vector| vector[i]).collect())
+            .collect();
+        Ok(PyArray2::from_vec2(py, &columns)?)
+    }
+
+    fn weakest_direction<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_vec(py, self.0.weakest_direction())
+    }
+
+    fn crlb_std<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_vec(py, self.0.crlb_std())
+    }
+
+    fn crlb<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
+        let n = self.0.states();
+        self.0
+            .crlb()
+            .map(|c| PyArray1::from_vec(py, c).reshape([n, n]))
+            .transpose()
+    }
+
+    fn combination_std(&self, combination: &Bound<'_, PyAny>) -> PyResult<f64> {
+        let combination = self.vector(combination, "combination")?;
+        Ok(self.0.combination_std(&combination))
+    }
+
+    fn knowing<'py>(
+        &self,
+        py: Python<'py>,
+        combination: &Bound<'py, PyAny>,
+        sigma: f64,
+    ) -> PyResult<(usize, Bound<'py, PyArray1<f64>>)> {
+        let combination = self.vector(combination, "combination")?;
+        let (rank, std) = self.0.knowing(&combination, sigma);
+        Ok((rank, PyArray1::from_vec(py, std)))
+    }
+}
+
+impl Analysis {
+    fn vector(&self, value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Vec<f64>> {
+        let vector = Input::new(value, name, 1)?;
+        vector.expect(&[Some(self.0.states())], "one number for each state")?;
+        Ok(vector.slice()?.to_vec())
+    }
+}
+
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_function(wrap_pyfunction!(gram, module)?)?;
+    module.add_function(wrap_pyfunction!(crlb_std, module)?)?;
+    module.add_function(wrap_pyfunction!(normals, module)?)?;
+    module.add_function(wrap_pyfunction!(marginal_rows, module)?)?;
+    module.add_function(wrap_pyfunction!(run::set_threads, module)?)?;
+    module.add_class::<Analysis>()
+}

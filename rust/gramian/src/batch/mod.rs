@@ -1,0 +1,61 @@
+//! The same sums over many trials: vectors by run-time dispatch, threads by the
+//! size of the work.
+//!
+//! Arrays are contiguous with the trial as leading axis; an input that all
+//! trials share is given once ([`Items::shared`]). Each trial is computed alone
+//! and in the same order of operations on any number of threads, so results do
+//! not depend on it.
+
+mod gram;
+mod random;
+pub mod simd;
+mod spine;
+mod threads;
+
+pub use gram::gram;
+pub use random::{Stream, normals};
+pub use spine::{Target, bearing_rows, crlb_std};
+pub use threads::Threads;
+
+/// One input of a batch: `size` numbers for each trial, or the same for all.
+#[derive(Clone, Copy, Debug)]
+pub struct Items<'a> {
+    data: &'a [f64],
+    size: usize,
+    step: usize,
+}
+
+impl<'a> Items<'a> {
+    /// `size` numbers for each trial, one trial after the other.
+    pub fn each(data: &'a [f64], size: usize) -> Self {
+        Self {
+            data,
+            size,
+            step: size,
+        }
+    }
+
+    /// The same numbers for every trial.
+    pub fn shared(data: &'a [f64]) -> Self {
+        Self {
+            data,
+            size: data.len(),
+            step: 0,
+        }
+    }
+
+    /// The same input counted from trial `first` on.
+    #[must_use]
+    pub fn skip(self, first: usize) -> Self {
+        Self {
+            data: &self.data[first * self.step..],
+            ..self
+        }
+    }
+
+    /// The numbers of one trial.
+    #[inline]
+    pub fn get(&self, trial: usize) -> &'a [f64] {
+        &self.data[trial * self.step..trial * self.step + self.size]
+    }
+}

@@ -1,0 +1,64 @@
+#![no_std]
+#![deny(missing_docs)]
+//! What a set of measurements can and cannot determine, how accurately, and
+//! what to do about it.
+//!
+//! Every question is asked of one array: the whitened Jacobian **rows** A, one
+//! line (d h / d x) / sigma for each measurement. J = A^T A is the Fisher
+//! information. The states are observable iff rank A is their number; how well
+//! is in the singular values; what to do is to add rows (a maneuver, a sensor,
+//! a prior) or to drop columns (something known).
+//!
+//! ```
+//! use gramian::{bearings, bound, spectrum::Spectrum, square_root::SquareRoot};
+//!
+//! // An observer on a straight line, a target at constant velocity.
+//! let times = [0.0_f64, 60.0, 120.0, 180.0, 240.0];
+//! let observer = times.map(|t| [0.0, 5.0 * t]);
+//! let target = times.map(|t| bearings::position(&[2000.0, 8000.0, 3.0, -1.0], t));
+//! let mut root = SquareRoot::new();
+//! bearings::push_rows(&times, &observer, &target, &[0.01], &mut root).unwrap();
+//! let spectrum = Spectrum::new(&root);
+//! assert_eq!(spectrum.rank(), 3);
+//! assert!(bound::crlb_std(&spectrum)[0].is_infinite());
+//! ```
+//!
+//! # Conventions
+//! SI units and radians. x is east, y is north, bearings and azimuths are
+//! clockwise from north. Matrices in slices are row-major.
+//!
+//! # Features
+//! | feature | gives | costs |
+//! |---|---|---|
+//! | `std` (default) | elementary functions of the platform, `batch` over many trials | the standard library |
+//! | `libm` | elementary functions without `std` | a pure Rust libm |
+//! | `alloc` | problems whose size is known at run time | an allocator |
+//! | `parallel` | several threads in `batch` | rayon |
+//! | `dense` | factorisations of large matrices | faer |
+//!
+//! One of `std` and `libm` must be on.
+
+#[cfg(not(any(feature = "std", feature = "libm")))]
+compile_error!(
+    "gramian needs elementary functions: turn on the feature `std`, or `libm` without std"
+);
+
+#[cfg(feature = "alloc")]
+extern crate alloc;
+#[cfg(feature = "std")]
+extern crate std;
+
+pub mod bearings;
+pub mod bound;
+pub mod information;
+pub mod rows;
+pub mod scalar;
+pub mod spectrum;
+pub mod square_root;
+
+#[cfg(feature = "std")]
+pub mod batch;
+#[cfg(feature = "dense")]
+pub mod dense;
+#[cfg(feature = "alloc")]
+pub mod observability;

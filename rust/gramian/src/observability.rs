@@ -1,0 +1,316 @@
+//! The whole answer for a problem whose size is known only at run time.
+//!
+//! [`Observability`] reduces rows once and keeps the triangular factor and its
+//! spectrum; bounds, null space and the effect of further knowledge follow from
+//! these without touching the rows again.
+
+use alloc::vec;
+use alloc::vec::Vec;
+
+use crate::bound;
+use crate::scalar::Real;
+use crate::spectrum;
+use crate::square_root::triangularize;
+
+/// Rank, spectrum, null space and bounds of rows (K, n).
+#[derive(Clone, Debug)]
+pub struct Observability<T> {
+    n: usize,
+    rtol: T,
+    factor: Vec<T>,
+    scale: Vec<T>,
+    singular_values: Vec<T>,
+    vectors: Vec<T>,
+    rank: usize,
+}
+
+impl<T: Real> Observability<T> {
+    /// Analyses `rows` of length `n`, row-major. `rtol` is the relative rank
+    /// tolerance on the scaled singular values; by default
+    /// [`default_rtol`](spectrum::default_rtol).
+    pub fn new(rows: &[T], n: usize, rtol: Option<T>) -> Self {
+        let count = rows.len().checked_div(n).unwrap_or(0);
+        let mut padded = rows.to_vec();
+        padded.resize(count.max(n) * n, T::zero());
+        let mut work = vec![T::zero(); n];
+        triangularize(&mut padded, n, &mut work);
+        padded.truncate(n * n);
+        let rtol = rtol.unwrap_or_else(|| spectrum::default_rtol(count, n));
+        Self::from_factor(padded, n, rtol)
+    }
+
+    fn from_factor(factor: Vec<T>, n: usize, rtol: T) -> Self {
+        let mut scale = vec![T::one(); n];
+        let mut singular_values = vec![T::zero(); n];
+        let mut vectors = vec![T::zero(); n * n];
+        let mut work = vec![T::zero(); n * n];
+        spectrum::unit_columns(&factor, n, &mut scale);
+        spectrum::decompose(
+            &factor,
+            n,
+            &scale,
+            &mut singular_values,
+            &mut vectors,
+            &mut work,
+        );
+        let rank = spectrum::rank(&singular_values, rtol);
+        Self {
+            n,
+            rtol,
+            factor,
+            scale,
+            singular_values,
+            vectors,
+            rank,
+        }
+    }
+
+    /// Number of states.
+    pub fn states(&self) -> usize {
+        self.n
+    }
+
+    /// Number of independent combinations that are determined.
+    pub fn rank(&self) -> usize {
+        self.rank
+    }
+
+    /// Tolerance of the rank decision.
+    pub fn rtol(&self) -> T {
+        self.rtol
+    }
+
+    /// Upper triangular factor of the information, n x n.
+    pub fn factor(&self) -> &[T] {
+        &self.factor
+    }
+
+    /// 1 / norm of each column.
+    pub fn scale(&self) -> &[T] {
+        &self.scale
+    }
+
+    /// Singular values of the rows with unit columns, descending.
+    pub fn singular_values(&self) -> &[T] {
+        &self.singular_values
+    }
+
+    /// Right singular vectors in scaled states, vector j at `j*n..(j+1)*n`.
+    pub fn vectors(&self) -> &[T] {
+        &self.vectors
+    }
+
+    /// Singular values of the rows with column j multiplied by `scale[j]`: with
+    /// prior deviations as scale, how much more the data know than the prior.
+    pub fn singular_values_scaled(&self, scale: &[T]) -> Vec<T> {
+        let n = self.n;
+        let mut values = vec![T::zero(); n];
+        let (mut vectors, mut work) = (vec![T::zero(); n * n], vec![T::zero(); n * n]);
+        spectrum::decompose(&self.factor, n, scale, &mut values, &mut vectors, &mut work);
+        values
+    }
+
+    /// Basis of the unobservable combinations in physical units, one after the
+    /// other: reduced so that each has a leading state with coefficient 1 which
+    /// the others do not contain. Rounding noise is set to zero.
+    pub fn null_space(&self) -> Vec<Vec<T>> {
+        let n = self.n;
+        let mut basis: Vec<Vec<T>> = (self.rank..n)
+            .map(|k| self.vectors[k * n..(k + 1) * n].to_vec())
+            .collect();
+        let noise = spectrum::touch_tolerance(&self.singular_values, self.rank, self.rtol);
+        let mut pivots = Vec::new();
+        for k in 0..basis.len() {
+            // Of equal candidates the first, so that rounding does not decide.
+            let mut best = (k, 0, T::zero());
+            for (r, vector) in basis.iter().enumerate().skip(k) {
+                for (i, &value) in vector.iter().enumerate() {
+                    if !pivots.contains(&i) && value.abs() > best.2 * T::of(1.0 + 1e-6) {
+                        best = (r, i, value.abs());
+                    }
+                }
+            }
+            let (r, pivot, _) = best;
+            basis.swap(k, r);
+            pivots.push(pivot);
+            let lead = basis[k][pivot];
+            if lead == T::zero() {
+                continue;
+            }
+            for value in &mut basis[k] {
+                *value /= lead;
+            }
+            let leader = basis[k].clone();
+            for (other, vector) in basis.iter_mut().enumerate() {
+                if other != k {
+                    let factor = vector[pivot];
+                    for (value, &l) in vector.iter_mut().zip(&leader) {
+                        *value -= factor * l;
+                    }
+                }
+            }
+        }
+        for (vector, &pivot) in basis.iter_mut().zip(&pivots) {
+            for (i, value) in vector.iter_mut().enumerate() {
+                *value = if value.abs() <= noise && i != pivot {
+                    T::zero()
+                } else {
+                    *value * self.scale[i] / self.scale[pivot]
+                };
+            }
+        }
+        basis
+    }
+
+    /// The longest axis of the error ellipsoid in scaled states, among what is
+    /// determined: how far each state moves along it at one standard deviation.
+    pub fn weakest_direction(&self) -> Vec<T> {
+        let n = self.n;
+        let Some(k) = self.rank.checked_sub(1) else {
+            return vec![T::zero(); n];
+        };
+        (0..n)
+            .map(|i| self.scale[i] * self.vectors[k * n + i] / self.singular_values[k])
+            .collect()
+    }
+
+    /// Standard deviation of each state at the bound, infinite where an
+    /// unobservable combination touches it.
+    pub fn crlb_std(&self) -> Vec<T> {
+        let mut out = vec![T::zero(); self.n];
+        bound::standard_deviations(
+            &self.singular_values,
+            &self.vectors,
+            &self.scale,
+            self.rank,
+            self.rtol,
+            &mut out,
+        );
+        out
+    }
+
+    /// The bound on the covariance, `None` where the rank is short.
+    pub fn crlb(&self) -> Option<Vec<T>> {
+        let mut out = vec![T::zero(); self.n * self.n];
+        bound::covariance(
+            &self.singular_values,
+            &self.vectors,
+            &self.scale,
+            self.rank,
+            &mut out,
+        )
+        .then_some(out)
+    }
+
+    /// log det of the information; minus infinity where the rank is short.
+    pub fn log_det(&self) -> T {
+        if self.rank < self.n {
+            return -T::INFINITY;
+        }
+        let log = (0..self.n).fold(T::zero(), |sum, i| {
+            sum + self.factor[i * self.n + i].abs().ln()
+        });
+        log + log
+    }
+
+    /// The bound on the standard deviation of the combination c^T x.
+    pub fn combination_std(&self, combination: &[T]) -> T {
+        let n = self.n;
+        let scaled: Vec<T> = combination
+            .iter()
+            .zip(&self.scale)
+            .map(|(&c, &d)| c * d)
+            .collect();
+        let length = scaled
+            .iter()
+            .fold(T::zero(), |norm, &c| crate::scalar::hypot(norm, c));
+        if length == T::zero() {
+            return T::zero();
+        }
+        let touch = spectrum::touch_tolerance(&self.singular_values, self.rank, self.rtol);
+        let (mut null, mut std) = (T::zero(), T::zero());
+        for k in 0..n {
+            let along = self.vectors[k * n..(k + 1) * n]
+                .iter()
+                .zip(&scaled)
+                .fold(T::zero(), |sum, (&v, &c)| sum + v * (c / length));
+            if k < self.rank {
+                std = crate::scalar::hypot(std, along / self.singular_values[k]);
+            } else {
+                null = crate::scalar::hypot(null, along);
+            }
+        }
+        if null > touch {
+            T::INFINITY
+        } else {
+            std * length
+        }
+    }
+
+    /// The answer once the combination c^T x is also known to `sigma`; with
+    /// `sigma` 0, exactly. Gives rank (of n) and standard deviations then.
+    pub fn knowing(&self, combination: &[T], sigma: T) -> (usize, Vec<T>) {
+        let n = self.n;
+        if sigma > T::zero() {
+            let mut rows = self.factor.clone();
+            rows.extend(combination.iter().map(|&c| c / sigma));
+            let known = Self::new(&rows, n, Some(self.rtol));
+            return (known.rank, known.crlb_std());
+        }
+        // Exact knowledge leaves the states orthogonal to c (in scaled states):
+        // a reflection takes c to the first axis, whose column then falls away.
+        let scaled: Vec<T> = combination
+            .iter()
+            .zip(&self.scale)
+            .map(|(&c, &d)| c * d)
+            .collect();
+        let reflection = reflection_to_first_axis(&scaled);
+        let m = n - 1;
+        let mut rows = vec![T::zero(); n * m];
+        for i in 0..n {
+            for j in 0..m {
+                rows[i * m + j] = (0..n).fold(T::zero(), |sum, k| {
+                    sum + self.factor[i * n + k] * self.scale[k] * reflection[k * n + j + 1]
+                });
+            }
+        }
+        let rest = Self::new(&rows, m, Some(self.rtol));
+        let std = (0..n)
+            .map(|i| {
+                let coordinates: Vec<T> = (0..m).map(|j| reflection[i * n + j + 1]).collect();
+                self.scale[i] * rest.combination_std(&coordinates)
+            })
+            .collect();
+        (rest.rank + 1, std)
+    }
+}
+
+/// The symmetric orthogonal matrix that takes `c` to the first axis.
+fn reflection_to_first_axis<T: Real>(c: &[T]) -> Vec<T> {
+    let n = c.len();
+    let length = c
+        .iter()
+        .fold(T::zero(), |norm, &x| crate::scalar::hypot(norm, x));
+    let mut h = vec![T::zero(); n * n];
+    for i in 0..n {
+        h[i * n + i] = T::one();
+    }
+    if length == T::zero() {
+        return h;
+    }
+    let mut u: Vec<T> = c.iter().map(|&x| x / length).collect();
+    let sign = if u[0] < T::zero() {
+        -T::one()
+    } else {
+        T::one()
+    };
+    u[0] += sign;
+    let squared = u.iter().fold(T::zero(), |sum, &x| sum + x * x);
+    let two = T::one() + T::one();
+    for i in 0..n {
+        for j in 0..n {
+            h[i * n + j] -= two * u[i] * u[j] / squared;
+        }
+    }
+    h
+}

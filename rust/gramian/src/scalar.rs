@@ -1,0 +1,75 @@
+//! The number types of the crate: `f32` and `f64`, with their elementary functions.
+//!
+//! The functions come from nalgebra's `RealField`: from `std` where that
+//! feature is on, from `libm` otherwise. No call site has to choose.
+
+use nalgebra::RealField;
+
+/// `f32` or `f64`.
+pub trait Real: RealField + Copy {
+    /// Distance from 1 to the next larger number.
+    const EPSILON: Self;
+    /// Positive infinity: the value of a bound that does not exist.
+    const INFINITY: Self;
+    /// The nearest representable number.
+    fn of(value: f64) -> Self;
+    /// The same number in double precision.
+    fn double(self) -> f64;
+}
+
+impl Real for f32 {
+    const EPSILON: Self = f32::EPSILON;
+    const INFINITY: Self = f32::INFINITY;
+    #[allow(clippy::cast_possible_truncation)]
+    #[inline]
+    fn of(value: f64) -> Self {
+        value as f32
+    }
+    #[inline]
+    fn double(self) -> f64 {
+        f64::from(self)
+    }
+}
+
+impl Real for f64 {
+    const EPSILON: Self = f64::EPSILON;
+    const INFINITY: Self = f64::INFINITY;
+    #[inline]
+    fn of(value: f64) -> Self {
+        value
+    }
+    #[inline]
+    fn double(self) -> f64 {
+        self
+    }
+}
+
+/// The angle in (-pi, pi] that differs from `angle` by whole turns.
+///
+/// ```
+/// # use gramian::scalar::wrap_angle;
+/// assert!((wrap_angle(6.0_f64) - (6.0 - core::f64::consts::TAU)).abs() < 1e-15);
+/// assert_eq!(wrap_angle(-core::f64::consts::PI), core::f64::consts::PI);
+/// ```
+#[inline]
+pub fn wrap_angle<T: Real>(angle: T) -> T {
+    let turn = T::two_pi();
+    let wrapped = angle - turn * (angle / turn).round();
+    if wrapped <= -T::pi() {
+        wrapped + turn
+    } else {
+        wrapped
+    }
+}
+
+/// sqrt(a^2 + b^2) without overflow or underflow on the way.
+#[inline]
+pub fn hypot<T: Real>(a: T, b: T) -> T {
+    let (a, b) = (a.abs(), b.abs());
+    let (large, small) = if a >= b { (a, b) } else { (b, a) };
+    if small == T::zero() {
+        return large;
+    }
+    let ratio = small / large;
+    large * (T::one() + ratio * ratio).sqrt()
+}

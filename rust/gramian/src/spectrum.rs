@@ -1,0 +1,242 @@
+//! Scaling, singular values, rank and null space of a triangular factor.
+//!
+//! Rank is decided on columns scaled to unit length, from singular values of
+//! the rows, never from the information matrix or its determinant: the decision
+//! is then the same in metres and in kilometres, and keeps all digits.
+
+use crate::scalar::{Real, hypot};
+use crate::square_root::SquareRoot;
+
+/// The relative tolerance below which a singular value of the scaled rows
+/// counts as zero: 32 eps sqrt(max(rows, states)), the rounding that the rows
+/// and their reduction carry.
+pub fn default_rtol<T: Real>(rows: usize, states: usize) -> T {
+    T::EPSILON * T::of(32.0) * T::of(rows.max(states).max(1) as f64).sqrt()
+}
+
+/// 1 / norm of each column of the n x n factor `r`; 1 where a column is zero,
+/// so that a state which nothing measures stays a zero column.
+pub fn unit_columns<T: Real>(r: &[T], n: usize, scale: &mut [T]) {
+    for j in 0..n {
+        let norm = (0..n).fold(T::zero(), |norm, i| hypot(norm, r[i * n + j]));
+        scale[j] = if norm > T::zero() {
+            T::one() / norm
+        } else {
+            T::one()
+        };
+    }
+}
+
+/// Singular values `s` (descending) and right singular vectors `v` of
+/// R diag(scale). Vector j is `v[j*n..(j+1)*n]`. `work` has n*n entries.
+///
+/// # Source
+/// One-sided Jacobi iteration, which finds small singular values of a scaled
+/// matrix to high relative accuracy (Demmel & Veselic 1992).
+pub fn decompose<T: Real>(
+    r: &[T],
+    n: usize,
+    scale: &[T],
+    s: &mut [T],
+    v: &mut [T],
+    work: &mut [T],
+) {
+    for j in 0..n {
+        for i in 0..n {
+            work[j * n + i] = r[i * n + j] * scale[j];
+            v[j * n + i] = if i == j { T::one() } else { T::zero() };
+        }
+    }
+    orthogonalize(work, v, n);
+    for j in 0..n {
+        s[j] = norm(&work[j * n..(j + 1) * n]);
+    }
+    sort_descending(s, v, n);
+}
+
+fn norm<T: Real>(x: &[T]) -> T {
+    x.iter().fold(T::zero(), |norm, &value| hypot(norm, value))
+}
+
+/// Rotates pairs of the n columns in `w` until all are orthogonal, and the
+/// columns of `v` with them.
+fn orthogonalize<T: Real>(w: &mut [T], v: &mut [T], n: usize) {
+    // Convergence is quadratic: 6 to 10 sweeps in practice. The limit only
+    // keeps the loop finite.
+    for _ in 0..60 {
+        let mut rotated = false;
+        for p in 0..n {
+            for q in p + 1..n {
+                rotated |= rotate_pair(w, v, n, p, q);
+            }
+        }
+        if !rotated {
+            return;
+        }
+    }
+}
+
+fn rotate_pair<T: Real>(w: &mut [T], v: &mut [T], n: usize, p: usize, q: usize) -> bool {
+    let (left, right) = w.split_at_mut(q * n);
+    let (x, y) = (&mut left[p * n..(p + 1) * n], &mut right[..n]);
+    let (a, b) = (norm(x), norm(y));
+    if a == T::zero() || b == T::zero() {
+        return false;
+    }
+    // The cosine between the columns, and their ratio: both free of scale.
+    let cosine = x
+        .iter()
+        .zip(y.iter())
+        .fold(T::zero(), |sum, (&xi, &yi)| sum + (xi / a) * (yi / b));
+    if cosine.abs() <= T::EPSILON {
+        return false;
+    }
+    let two = T::one() + T::one();
+    let zeta = (b / a - a / b) / (two * cosine);
+    let t = T::one() / (zeta.abs() + (T::one() + zeta * zeta).sqrt());
+    let t = if zeta < T::zero() { -t } else { t };
+    let c = T::one() / (T::one() + t * t).sqrt();
+    let s = c * t;
+    let rotate = |x: &mut [T], y: &mut [T]| {
+        for (xi, yi) in x.iter_mut().zip(y.iter_mut()) {
+            let (u, w) = (*xi, *yi);
+            *xi = c * u - s * w;
+            *yi = s * u + c * w;
+        }
+    };
+    rotate(x, y);
+    let (left, right) = v.split_at_mut(q * n);
+    rotate(&mut left[p * n..(p + 1) * n], &mut right[..n]);
+    // A rotation that changes nothing in working precision is the end.
+    s.abs() > T::EPSILON
+}
+
+fn sort_descending<T: Real>(s: &mut [T], v: &mut [T], n: usize) {
+    for i in 0..n {
+        let mut top = i;
+        for j in i + 1..n {
+            if s[j] > s[top] {
+                top = j;
+            }
+        }
+        if top != i {
+            s.swap(i, top);
+            for k in 0..n {
+                v.swap(i * n + k, top * n + k);
+            }
+        }
+    }
+}
+
+/// How many of the descending singular values exceed `rtol` times the first.
+pub fn rank<T: Real>(s: &[T], rtol: T) -> usize {
+    match s.first() {
+        Some(&first) if first > T::zero() => s.iter().take_while(|&&x| x > rtol * first).count(),
+        _ => 0,
+    }
+}
+
+/// A scaled singular vector component below this is rounding, not part of the
+/// null space: the perturbation of the null vectors by errors of relative size
+/// `rtol`, given the smallest singular value that counts.
+pub fn touch_tolerance<T: Real>(s: &[T], rank: usize, rtol: T) -> T {
+    if rank == 0 {
+        return T::zero();
+    }
+    let four = T::of(4.0);
+    let perturbation = four * rtol * s[0] / s[rank - 1];
+    // Past a hundredth the estimate says nothing: the null space itself is
+    // uncertain then, and the gap says so.
+    perturbation.clamp(T::EPSILON * four, T::of(1e-2))
+}
+
+/// Rank, singular values and null space of a [`SquareRoot`] of fixed size.
+///
+/// ```
+/// use gramian::{rows::RowSink, spectrum::Spectrum, square_root::SquareRoot};
+/// let mut root = SquareRoot::<f64, 2>::new();
+/// root.push(&[1.0, 1e6]);
+/// root.push(&[2.0, 2e6]);
+/// let spectrum = Spectrum::new(&root);
+/// assert_eq!(spectrum.rank(), 1);
+/// // x0 = 1e6 with x1 = -1 leaves every measurement as it is.
+/// let null = spectrum.null_vector(0).unwrap();
+/// assert!((null[0] / null[1] + 1e6).abs() < 1e-6);
+/// ```
+#[derive(Clone, Copy, Debug)]
+pub struct Spectrum<T, const N: usize> {
+    scale: [T; N],
+    singular_values: [T; N],
+    vectors: [[T; N]; N],
+    rank: usize,
+    rtol: T,
+}
+
+impl<T: Real, const N: usize> Spectrum<T, N> {
+    /// Decomposes the factor with its columns scaled to unit length.
+    pub fn new(root: &SquareRoot<T, N>) -> Self {
+        let count = usize::try_from(root.count()).unwrap_or(usize::MAX);
+        Self::with_rtol(root, default_rtol(count, N))
+    }
+
+    /// The same with another rank tolerance, relative to the largest value.
+    pub fn with_rtol(root: &SquareRoot<T, N>, rtol: T) -> Self {
+        let r = root.factor().as_flattened();
+        let mut scale = [T::one(); N];
+        let mut singular_values = [T::zero(); N];
+        let mut vectors = [[T::zero(); N]; N];
+        let mut work = [[T::zero(); N]; N];
+        unit_columns(r, N, &mut scale);
+        decompose(
+            r,
+            N,
+            &scale,
+            &mut singular_values,
+            vectors.as_flattened_mut(),
+            work.as_flattened_mut(),
+        );
+        let rank = rank(&singular_values, rtol);
+        Self {
+            scale,
+            singular_values,
+            vectors,
+            rank,
+            rtol,
+        }
+    }
+
+    /// Number of independent combinations of the states that are determined.
+    pub fn rank(&self) -> usize {
+        self.rank
+    }
+
+    /// Singular values of the scaled rows, descending.
+    pub fn singular_values(&self) -> &[T; N] {
+        &self.singular_values
+    }
+
+    /// Right singular vectors of the scaled rows, one per singular value.
+    pub fn vectors(&self) -> &[[T; N]; N] {
+        &self.vectors
+    }
+
+    /// The scale that each column was multiplied by.
+    pub fn scale(&self) -> &[T; N] {
+        &self.scale
+    }
+
+    /// Tolerance of the rank decision, relative to the largest singular value.
+    pub fn rtol(&self) -> T {
+        self.rtol
+    }
+
+    /// The i-th unobservable combination in physical units, `None` from the
+    /// nullity on.
+    pub fn null_vector(&self, i: usize) -> Option<[T; N]> {
+        let mut vector = *self.vectors.get(self.rank + i)?;
+        for (value, scale) in vector.iter_mut().zip(&self.scale) {
+            *value *= *scale;
+        }
+        Some(vector)
+    }
+}
