@@ -56,5 +56,5 @@ $(VENV)/.dependencies: pyproject.toml
 	$(BIN)/python -m pip install --quiet --upgrade pip 'maturin>=1.9,<2'
 	touch $@
 $(VENV)/.installed: $(VENV)/.dependencies $(RUST)
-	$(BIN)/maturin develop --release --extras dev
+	$(BIN)/maturin develop --release --extras dev,report,interop,distributed
 	touch $@
