@@ -1,0 +1,12 @@
+"""Bearings-only target motion: what the bearings of a moving target can tell.
+
+A target moves at constant velocity; an observer measures its bearing, clockwise
+from north, and knows its own path. The state is (x0, y0, vx, vy) in metres and
+metres per second at the first time; x is east, y is north.
+"""
+
+from __future__ import annotations
+
+from gramian.bearings.rows import NAMES, UNITS, problem, rows, simulate
+
+__all__ = ["NAMES", "UNITS", "problem", "rows", "simulate"]
