@@ -262,7 +262,7 @@ def analyze(
     """
     problem = as_problem(problem_or_rows, names)
     if scale is not None:
-        problem = problem._replaced(scale=_scales(problem, scale))
+        problem = problem.with_scale(scale)
     if prior is not None:
         problem = problem.prior(prior)
     for label, threshold in (("weak_ratio", weak_ratio), ("weak_condition", weak_condition)):
@@ -348,15 +348,6 @@ def plain(value: Any) -> Any:
         return [plain(item) for item in value]
     number = float(value)
     return number if np.isfinite(number) else str(number)
-
-
-def _scales(problem: Problem, scale: ArrayLike | Mapping[str, float]) -> Array:
-    if not isinstance(scale, Mapping):
-        return Problem(problem.rows, problem.names, scale=scale).scale
-    scales = problem.scale.copy()
-    for name, value in scale.items():
-        scales[problem.index(name)] = value
-    return Problem(problem.rows, problem.names, scale=scales).scale
 
 
 def _status(

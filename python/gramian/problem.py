@@ -89,11 +89,7 @@ class Problem:
         if units is not None and len(units) != n:
             raise InputError(f"units has {len(units)} entries: must have {n}, one for each state")
         scales = np.full(n, np.nan) if scale is None else np.array(scale, dtype=float)
-        if scales.shape != (n,):
-            raise InputError(f"scale has shape {scales.shape}: must be ({n},)")
-        for i, value in enumerate(scales):
-            if not (np.isnan(value) or 0 < value < np.inf):
-                raise InputError(f"scale[{i}] ({names[i]}) = {value}: must be > 0 and finite")
+        scales = _checked_scale(scales, names)
         if rtol is not None and not 0 < rtol < 1:
             raise InputError(f"rtol = {rtol}: must be between 0 and 1")
         checked = {
@@ -162,6 +158,23 @@ class Problem:
             return self.rows
         prior = [self.direction(name) / sigma for name, sigma in self.priors.items()]
         return np.vstack([self.rows, *prior])
+
+    def with_rows(self, rows: ArrayLike) -> Problem:
+        """Return the same problem with other measurement rows (K, n)."""
+        array = _finite(rows, "rows")
+        if array.ndim != 2 or array.shape[1] != self.n:
+            raise InputError(f"rows has shape {array.shape}: must be (measurements, {self.n})")
+        return self._replaced(rows=array)
+
+    def with_scale(self, scale: ArrayLike | Mapping[str, float]) -> Problem:
+        """Return the problem with the deviations that would be useless: all, or some by name."""
+        if isinstance(scale, Mapping):
+            values = self.scale.copy()
+            for name, value in scale.items():
+                values[self.index(name)] = value
+        else:
+            values = np.array(scale, dtype=float)
+        return self._replaced(scale=_checked_scale(values, self.names))
 
     def fix(self, *names: str) -> Problem:
         """Return the problem with these states known exactly.
@@ -463,6 +476,15 @@ def _checked_names(names: Sequence[str]) -> tuple[str, ...]:
     if not checked:
         raise InputError("names is empty: there must be at least one state")
     return checked
+
+
+def _checked_scale(scale: Array, names: tuple[str, ...]) -> Array:
+    if scale.shape != (len(names),):
+        raise InputError(f"scale has shape {scale.shape}: must be ({len(names)},)")
+    for name, value in zip(names, scale, strict=True):
+        if not (np.isnan(value) or 0 < value < np.inf):
+            raise InputError(f"scale of {name} = {value}: must be > 0 and finite")
+    return scale
 
 
 def _combination(value: ArrayLike, name: str, n: int) -> Array:

@@ -118,19 +118,32 @@ impl<T: Real> Observability<T> {
         let mut basis: Vec<Vec<T>> = (self.rank..n)
             .map(|k| self.vectors[k * n..(k + 1) * n].to_vec())
             .collect();
-        let noise = spectrum::touch_tolerance(&self.singular_values, self.rank, self.rtol);
+        // Dividing by a lead of a tenth makes the rounding ten times larger.
+        let touch = spectrum::touch_tolerance(&self.singular_values, self.rank, self.rtol);
+        let noise = (touch * T::of(10.0)).min(T::of(1e-2));
         let mut pivots = Vec::new();
         for k in 0..basis.len() {
-            // Of equal candidates the first, so that rounding does not decide.
-            let mut best = (k, 0, T::zero());
-            for (r, vector) in basis.iter().enumerate().skip(k) {
-                for (i, &value) in vector.iter().enumerate() {
-                    if !pivots.contains(&i) && value.abs() > best.2 * T::of(1.0 + 1e-6) {
-                        best = (r, i, value.abs());
-                    }
+            // The first state that has a fair share leads: the combination then
+            // reads in the order of the states, and rounding does not decide.
+            let largest = basis[k..]
+                .iter()
+                .flat_map(|vector| {
+                    (0..n)
+                        .filter(|i| !pivots.contains(i))
+                        .map(|i| vector[i].abs())
+                })
+                .fold(T::zero(), |a, b| if b > a { b } else { a });
+            let fair = largest * T::of(0.1);
+            let pivot = (0..n).find(|i| {
+                !pivots.contains(i) && basis[k..].iter().any(|vector| vector[*i].abs() >= fair)
+            });
+            let Some(pivot) = pivot else { continue };
+            let mut r = k;
+            for row in k..basis.len() {
+                if basis[row][pivot].abs() > basis[r][pivot].abs() {
+                    r = row;
                 }
             }
-            let (r, pivot, _) = best;
             basis.swap(k, r);
             pivots.push(pivot);
             let lead = basis[k][pivot];

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gramian.exceptions import GramianError
 
@@ -22,7 +23,9 @@ if TYPE_CHECKING:
 
     from gramian.analysis import Observability
 
-__all__ = ["COLORS", "figure", "observability", "singular_values"]
+__all__ = ["COLORS", "Figure", "ellipse", "figure", "observability", "singular_values"]
+
+Array = NDArray[np.float64]
 
 #: Colours that stay apart for colour-blind readers (Okabe & Ito).
 COLORS = {
@@ -38,6 +41,17 @@ COLORS = {
 def figure(width: float = 6.4, height: float = 4.0) -> Figure:
     """Return an empty figure in the house style."""
     return Figure(figsize=(width, height), layout="constrained", dpi=110)
+
+
+def ellipse(covariance: Array, probability: float) -> Array:
+    """Return the outline (200, 2) of the region that holds a normal error with this probability."""
+    values, vectors = np.linalg.eigh(covariance)
+    # Two degrees of freedom: the chi-square quantile has a closed form.
+    radius = np.sqrt(-2 * np.log1p(-probability))
+    angle = np.linspace(0, 2 * np.pi, 200)
+    circle = np.stack([np.cos(angle), np.sin(angle)])
+    outline: Array = (vectors @ (radius * np.sqrt(np.maximum(values, 0))[:, None] * circle)).T
+    return outline
 
 
 def observability(answer: Observability) -> Figure:

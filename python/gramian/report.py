@@ -1,0 +1,267 @@
+"""What a command answers: one `Report`, shown in a terminal, as a page and as JSON."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from gramian.exceptions import GramianError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import Console
+
+    from gramian.analysis import Observability
+
+__all__ = ["Picture", "Report", "Table", "answer_pictures", "answer_tables", "tone_of"]
+
+#: How a verdict is coloured: it holds, it holds with a caution, it does not.
+Tone = Literal["good", "weak", "bad"]
+
+_STYLES = {"good": "bold green", "weak": "bold dark_orange3", "bad": "bold red"}
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of text cells.
+
+    Attributes
+    ----------
+    title : str
+    columns : sequence of str
+    rows : sequence of sequence of str
+        As many cells in each as there are columns.
+    note : str
+        A line below it.
+    """
+
+    title: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture, drawn only when a page is written.
+
+    Attributes
+    ----------
+    title : str
+    caption : str
+        What to see in it, in a sentence or two.
+    draw : callable
+        Returns a matplotlib `Figure`.
+    """
+
+    title: str
+    caption: str
+    draw: Callable[[], Figure]
+
+
+@dataclass(frozen=True)
+class Report:
+    """The answer of a command, the verdict first.
+
+    Attributes
+    ----------
+    title : str
+    subtitle : str
+    tone : {"good", "weak", "bad"}
+    headline : str
+        The verdict in a word or two, capitals: "WEAKLY OBSERVABLE".
+    verdict : str
+        The verdict in a sentence.
+    facts : sequence of (str, str)
+        Short labelled lines below it: ("what would help most", "...").
+    tables : sequence of Table
+    pictures : sequence of Picture
+    data : mapping
+        What result.json holds: plain lists, numbers and strings.
+    """
+
+    title: str
+    subtitle: str
+    tone: Tone
+    headline: str
+    verdict: str
+    facts: Sequence[tuple[str, str]] = ()
+    tables: Sequence[Table] = ()
+    pictures: Sequence[Picture] = ()
+    data: Mapping[str, Any] = field(default_factory=dict)
+
+    def show(self, console: Console) -> None:
+        """Print the report, pictures apart, to a terminal."""
+        from rich.markup import escape
+        from rich.table import Table as RichTable
+
+        console.print(f"[bold]{escape(self.title)}[/]   {escape(self.subtitle)}\n", highlight=False)
+        style = _STYLES[self.tone]
+        console.print(
+            f"[{style}]{escape(self.headline)}[/]: {escape(self.verdict)}", highlight=False
+        )
+        if self.facts:
+            facts = RichTable.grid(padding=(0, 2))
+            for label, text in self.facts:
+                facts.add_row(f"  [dim]{escape(label)}[/]", escape(text))
+            console.print(facts, highlight=False)
+        for table in self.tables:
+            shown = RichTable(
+                title=escape(table.title),
+                title_justify="left",
+                title_style="bold",
+                box=None,
+                padding=(0, 2),
+                caption=escape(table.note) or None,
+                caption_justify="left",
+            )
+            for i, column in enumerate(table.columns):
+                shown.add_column(escape(column), justify="left" if i == 0 else "right")
+            for row in table.rows:
+                shown.add_row(*(escape(cell) for cell in row))
+            console.print()
+            console.print(shown, highlight=False)
+
+    def to_json(self) -> str:
+        """Return the data as JSON text."""
+        head = {
+            "title": self.title,
+            "subtitle": self.subtitle,
+            "headline": self.headline,
+            "verdict": self.verdict,
+            "facts": dict(self.facts),
+        }
+        return json.dumps(head | dict(self.data), indent=2, allow_nan=False) + "\n"
+
+    def write(self, out: Path) -> tuple[Path, Path]:
+        """Write report.html and result.json into a folder, made if need be.
+
+        Returns
+        -------
+        tuple of Path
+            The page and the data.
+
+        Raises
+        ------
+        GramianError
+            When the folder cannot be written or jinja2 is not installed.
+        """
+        page, data = out / "report.html", out / "result.json"
+        text = self._page()
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+            page.write_text(text, encoding="utf-8")
+            data.write_text(self.to_json(), encoding="utf-8")
+        except OSError as error:
+            raise GramianError(f"cannot write the report to {out}: {error}") from error
+        return page, data
+
+    def _page(self) -> str:
+        try:
+            import jinja2
+        except ImportError as error:  # pragma: no cover - without the extra
+            raise GramianError("a report wants jinja2: pip install 'gramian[report]'") from error
+        environment = jinja2.Environment(
+            loader=jinja2.PackageLoader("gramian"),
+            autoescape=True,
+            undefined=jinja2.StrictUndefined,
+            trim_blocks=True,
+            lstrip_blocks=True,
+        )
+        pictures = [
+            {"title": p.title, "caption": p.caption, "source": _embedded(p.draw())}
+            for p in self.pictures
+        ]
+        return environment.get_template("report.html").render(report=self, pictures=pictures)
+
+
+def answer_tables(answer: Observability, *, suggestions: int = 6) -> list[Table]:
+    """Return the tables that every model's answer has: bounds, null space, knowledge."""
+    priors = answer.problem.priors
+    scale = answer.problem.scale
+    rows = []
+    for i, (name, unit) in enumerate(zip(answer.names, answer.units, strict=True)):
+        cells = [name, number(answer.crlb_std[i]), unit]
+        if priors:
+            cells += [number(answer.data_std[i]), number(priors[name]) if name in priors else ""]
+        if not np.isnan(scale).all():
+            cells.append("" if np.isnan(scale[i]) else number(scale[i]))
+        rows.append(cells)
+    columns = ["state", "standard deviation", "unit"]
+    if priors:
+        columns += ["from the measurements alone", "prior"]
+    if not np.isnan(scale).all():
+        columns.append("useless above")
+    tables = [Table("How accurately, at best", columns, rows)]
+    if answer.nullity:
+        tables.append(
+            Table(
+                "What cannot be determined",
+                ["combination that moves unseen"],
+                [[text] for text in answer.null_combinations],
+                "Moving the states together in these proportions changes no measurement.",
+            )
+        )
+    if answer.suggestions:
+        columns = ["known exactly", "left unobservable", *(f"{n} then" for n in answer.names)]
+        tables.append(
+            Table(
+                "What one piece of knowledge would give",
+                columns,
+                [
+                    [s.name, str(s.nullity) if s.nullity else "nothing", *map(number, s.crlb_std)]
+                    for s in answer.suggestions[:suggestions]
+                ],
+            )
+        )
+    return tables
+
+
+def answer_pictures(answer: Observability) -> list[Picture]:
+    """Return the pictures that every model's answer has."""
+    caption = (
+        "Bars in red are zero to rounding: as many combinations of the states are not determined."
+        if answer.nullity
+        else "No bar is zero to rounding: every combination of the states is determined."
+    )
+    return [Picture("Singular values", caption, answer.plot)]
+
+
+def tone_of(answer: Observability) -> Tone:
+    """Return the colour of an answer's status."""
+    tones: dict[str, Tone] = {"observable": "good", "weak": "weak", "unobservable": "bad"}
+    return tones[answer.status]
+
+
+def number(value: float, digits: int = 4) -> str:
+    """Return a number for a table: "not observable" for infinity."""
+    if np.isinf(value):
+        return "not observable"
+    if value == 0:
+        return "0"
+    size = abs(value)
+    if 1e-3 <= size < 1e6:
+        text = f"{value:.{digits}g}"
+        return f"{value:.0f}" if "e" in text else text
+    return f"{value:.{digits - 1}e}"
+
+
+def _embedded(figure: Figure) -> str:
+    """Return a figure as a data URI."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None})
+    text = buffer.getvalue()
+    kind = "svg+xml"
+    if len(text) > 1_000_000:
+        # Many points: as pixels it is smaller and quicker to show.
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png", dpi=160)
+        text, kind = buffer.getvalue(), "png"
+    return f"data:image/{kind};base64,{base64.b64encode(text).decode('ascii')}"

@@ -1,0 +1,32 @@
+"""The five papers: each published figure beside the computed one."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+from gramian.exceptions import InputError
+from gramian.report import Report
+
+__all__ = ["PAPERS", "reproduce"]
+
+#: The papers that can be reproduced, and the module of each: its `run()` returns a `Report`.
+PAPERS: dict[str, str] = {}
+
+
+def reproduce(name: str) -> Report:
+    """Compute what a paper prints and set it beside the print.
+
+    Parameters
+    ----------
+    name : str
+        A key of `PAPERS`.
+
+    Raises
+    ------
+    InputError
+        For any other name.
+    """
+    if name not in PAPERS:
+        raise InputError(f"no paper is named {name!r}: there are {', '.join(PAPERS)}")
+    report: Report = import_module(PAPERS[name]).run()
+    return report

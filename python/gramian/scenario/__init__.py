@@ -1,0 +1,57 @@
+"""Scenario files: what a command works on, in TOML, checked key by key."""
+
+from __future__ import annotations
+
+import tomllib
+from importlib import import_module
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from gramian.exceptions import ScenarioError
+from gramian.scenario.base import Scenario
+from gramian.scenario.mistakes import describe
+
+__all__ = ["MODELS", "Scenario", "load"]
+
+#: The models that a scenario file can name, and where each is.
+MODELS = {
+    "bearings": "gramian.scenario.bearings:BearingsScenario",
+}
+
+
+def load(path: Path | str) -> Scenario:
+    """Read and check a scenario file.
+
+    Parameters
+    ----------
+    path : path
+        A TOML file with the key ``model``; files that it names are relative to it.
+
+    Raises
+    ------
+    ScenarioError
+        With file, line, key, value and what was expected, for each mistake.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{path}: cannot be read: {error}") from error
+    try:
+        values = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"{path}: is not valid TOML: {error}") from error
+    known = ", ".join(f'"{name}"' for name in MODELS)
+    if "model" not in values:
+        raise ScenarioError(f"{path}: model is missing: must be one of {known}")
+    if values["model"] not in MODELS:
+        raise ScenarioError(f"{path}: model = {values['model']!r}: must be one of {known}")
+    module, name = MODELS[values["model"]].split(":")
+    kind: type[Scenario] = getattr(import_module(module), name)
+    try:
+        scenario = kind.model_validate(values)
+    except ValidationError as error:
+        raise ScenarioError(describe(error, kind, path, text)) from error
+    scenario.path = path
+    return scenario

@@ -1,0 +1,68 @@
+"""What every scenario has."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, PrivateAttr
+
+from gramian.exceptions import ScenarioError
+from gramian.report import Report
+
+__all__ = ["Scenario", "Section"]
+
+
+class Section(BaseModel):
+    """A table of a scenario file: unknown keys, NaN and infinity are mistakes."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+class Scenario(Section):
+    """A scenario file of one model; each model says what can be asked of it.
+
+    A subclass adds ``model: Literal["name"]``, its sections, and the methods for
+    the commands that it supports.
+    """
+
+    model: str
+    _path: Path = PrivateAttr(default=Path("scenario.toml"))
+
+    @property
+    def path(self) -> Path:
+        """The file it was read from."""
+        return self._path
+
+    @path.setter
+    def path(self, path: Path) -> None:
+        self._path = path
+
+    def beside(self, name: str) -> Path:
+        """Return the path of a file that is named relative to the scenario file."""
+        return self._path.parent / name
+
+    def mistake(self, key: str, message: str) -> ScenarioError:
+        """Return an error about a key that only the whole scenario shows to be wrong."""
+        return ScenarioError(f"{self._path}: {key}: {message}")
+
+    def analyze(self) -> Report:
+        """Answer what the measurements can and cannot determine."""
+        raise self._unsupported("analyze")
+
+    def localize(self) -> Report:
+        """Estimate from recorded measurements."""
+        raise self._unsupported("localize")
+
+    def plan(self) -> Report:
+        """Choose what to do so as to know more."""
+        raise self._unsupported("plan")
+
+    def simulate(self, trials: int, seed: int, out: Path) -> Report:
+        """Check the estimator against its bound over simulated trials."""
+        del trials, seed, out
+        raise self._unsupported("simulate")
+
+    def _unsupported(self, command: str) -> ScenarioError:
+        return ScenarioError(
+            f'{self._path}: model = "{self.model}": the command {command} does not work on it'
+        )
