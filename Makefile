@@ -17,15 +17,15 @@ test: lint rust-test no-std-check python-test
 lint: $(VENV)/.installed
 	cargo fmt --all -- --check
 	cargo clippy --workspace --all-targets --all-features --quiet -- -D warnings
-	$(BIN)/ruff format --check python tests benches examples
-	$(BIN)/ruff check python tests benches examples
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest gramian._core --allowlist tests/stubtest-allowlist.txt
 
 format: $(VENV)/.installed
 	cargo fmt --all
-	$(BIN)/ruff format python tests benches examples
-	$(BIN)/ruff check --fix python tests benches examples
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
 
 rust-test:
 	cargo test -p gramian --features parallel,dense
