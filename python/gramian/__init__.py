@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from importlib.metadata import version
 
-from gramian import bearings
+from gramian import bearings, bounds, maneuver
 from gramian._core import set_threads
 from gramian.analysis import Observability, Suggestion, analyze
 from gramian.bounds import crlb, crlb_std, gram
@@ -32,10 +32,12 @@ __all__ = [
     "UnobservableError",
     "analyze",
     "bearings",
+    "bounds",
     "crlb",
     "crlb_std",
     "from_function",
     "gram",
+    "maneuver",
     "set_threads",
 ]
 

@@ -41,3 +41,19 @@ def bearing_rows(
     sigma: ArrayLike,
     is_state: bool,
 ) -> _Array: ...
+
+# maneuver
+def maneuver_heading(
+    bearing: ArrayLike, range_: ArrayLike, step: ArrayLike, law: str, side: ArrayLike
+) -> _Array: ...
+def maneuver_trajectory(
+    target: ArrayLike,
+    start: ArrayLike,
+    step: ArrayLike,
+    samples: int,
+    law: str,
+    side: ArrayLike,
+    sigma: ArrayLike,
+    standoff: ArrayLike,
+    circles: bool,
+) -> _Array: ...

@@ -5,6 +5,7 @@
 mod bearings;
 mod convert;
 mod errors;
+mod maneuver;
 mod run;
 mod spine;
 
@@ -13,5 +14,6 @@ use pyo3::prelude::*;
 #[pymodule(gil_used = true)]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     spine::register(module)?;
-    bearings::register(module)
+    bearings::register(module)?;
+    maneuver::register(module)
 }

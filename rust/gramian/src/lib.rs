@@ -51,6 +51,7 @@ extern crate std;
 pub mod bearings;
 pub mod bound;
 pub mod information;
+pub mod maneuver;
 pub mod rows;
 pub mod scalar;
 pub mod spectrum;

@@ -7,12 +7,14 @@
 //! not depend on it.
 
 mod gram;
+mod maneuver;
 mod random;
 pub mod simd;
 mod spine;
 mod threads;
 
 pub use gram::gram;
+pub use maneuver::{Paths, headings, path_size, trajectories};
 pub use random::{Stream, normals};
 pub use spine::{Target, bearing_rows, crlb_std};
 pub use threads::Threads;

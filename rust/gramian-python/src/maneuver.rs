@@ -1,0 +1,148 @@
+//! Observer maneuver: laws, paths, information.
+
+use gramian::batch::{self, Paths};
+use gramian::maneuver::{AtStandoff, Law};
+use numpy::{PyArrayDyn, PyArrayMethods};
+use pyo3::prelude::*;
+
+use crate::convert::{Batch, Input};
+use crate::errors::{self, InputError};
+use crate::run;
+
+fn law(name: &str) -> PyResult<Law> {
+    Ok(match name {
+        "max_det" => Law::MaxDet,
+        "hammel_liu" => Law::HammelLiu,
+        "bearing_rate" => Law::BearingRate,
+        "perpendicular" => Law::Perpendicular,
+        _ => {
+            return Err(InputError::new_err(format!(
+                "law = \"{name}\": must be \"max_det\", \"hammel_liu\", \"bearing_rate\" or \
+                 \"perpendicular\""
+            )));
+        }
+    })
+}
+
+/// Sides are 1 (right) or -1 (left).
+fn expect_sides(sides: &Input<'_>) -> PyResult<()> {
+    match sides.slice()?.iter().find(|&&x| x.abs() != 1.0) {
+        None => Ok(()),
+        Some(given) => Err(InputError::new_err(format!(
+            "side = {given}: must be 1 (right of the line of sight) or -1 (left)"
+        ))),
+    }
+}
+
+/// Headings (...,); all inputs broadcast.
+#[pyfunction]
+fn maneuver_heading<'py>(
+    py: Python<'py>,
+    bearing: &Bound<'py, PyAny>,
+    range_: &Bound<'py, PyAny>,
+    step: &Bound<'py, PyAny>,
+    law: &str,
+    side: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let law = self::law(law)?;
+    let mut bearing = Input::new(bearing, "bearing", 0)?;
+    let mut range = Input::new(range_, "range_", 0)?;
+    range.expect_positive("m")?;
+    let mut step = Input::new(step, "step", 0)?;
+    step.expect_positive("m")?;
+    let mut side = Input::new(side, "side", 0)?;
+    expect_sides(&side)?;
+    let batch = Batch::of(&mut [&mut bearing, &mut range, &mut step, &mut side])?;
+    let out = batch.zeros(py, &[]);
+    {
+        let (bearing, range) = (bearing.items()?, range.items()?);
+        let (step, side) = (step.items()?, side.items()?);
+        let mut write = out.readwrite();
+        let write = write.as_slice_mut()?;
+        run::in_pieces(py, batch.len(), 50.0, |trials, threads| {
+            batch::headings(
+                bearing.skip(trials.start),
+                range.skip(trials.start),
+                step.skip(trials.start),
+                side.skip(trials.start),
+                law,
+                threads,
+                &mut write[trials.clone()],
+            )
+            .map_err(|(trial, error)| errors::input_at(&batch.place(trials.start + trial), error))
+        })?;
+    }
+    Ok(out)
+}
+
+/// Paths (..., 10 samples): see `gramian::batch::path_size`.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+fn maneuver_trajectory<'py>(
+    py: Python<'py>,
+    target: &Bound<'py, PyAny>,
+    start: &Bound<'py, PyAny>,
+    step: &Bound<'py, PyAny>,
+    samples: usize,
+    law: &str,
+    side: &Bound<'py, PyAny>,
+    sigma: &Bound<'py, PyAny>,
+    standoff: &Bound<'py, PyAny>,
+    circles: bool,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let law = self::law(law)?;
+    let mut target = Input::new(target, "target", 1)?;
+    target.expect(&[Some(2)], "east and north")?;
+    let mut start = Input::new(start, "start", 1)?;
+    start.expect(&[Some(2)], "east and north")?;
+    let mut step = Input::new(step, "step", 0)?;
+    step.expect_positive("m")?;
+    let mut side = Input::new(side, "side", 0)?;
+    expect_sides(&side)?;
+    let mut sigma = Input::new(sigma, "sigma", 0)?;
+    sigma.expect_positive("rad")?;
+    let mut standoff = Input::new(standoff, "standoff", 0)?;
+    standoff.expect_nonnegative()?;
+    let batch = Batch::of(&mut [
+        &mut target,
+        &mut start,
+        &mut step,
+        &mut side,
+        &mut sigma,
+        &mut standoff,
+    ])?;
+    let size = batch::path_size(samples);
+    let out = batch.zeros(py, &[size]);
+    {
+        let (target, start, step) = (target.items()?, start.items()?, step.items()?);
+        let (side, sigma, standoff) = (side.items()?, sigma.items()?, standoff.items()?);
+        let mut write = out.readwrite();
+        let write = write.as_slice_mut()?;
+        run::in_pieces(py, batch.len(), 60.0 * samples as f64, |trials, threads| {
+            let first = trials.start;
+            let paths = Paths {
+                target: target.skip(first),
+                start: start.skip(first),
+                step: step.skip(first),
+                side: side.skip(first),
+                sigma: sigma.skip(first),
+                standoff: standoff.skip(first),
+                law,
+                at_standoff: if circles {
+                    AtStandoff::Circle
+                } else {
+                    AtStandoff::Stop
+                },
+            };
+            let out = &mut write[first * size..trials.end * size];
+            batch::trajectories(paths, samples, threads, out)
+                .map_err(|(trial, error)| errors::input_at(&batch.place(first + trial), error))
+        })?;
+    }
+    Ok(out)
+}
+
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_function(wrap_pyfunction!(maneuver_heading, module)?)?;
+    module.add_function(wrap_pyfunction!(maneuver_trajectory, module)?)
+}
