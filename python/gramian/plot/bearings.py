@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 from gramian.plot import COLORS, Figure, ellipse, figure
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from gramian.analysis import Observability
     from gramian.scenario.bearings import Geometry, StraightLineFit
 
-__all__ = ["bearing_history", "bound_against_time", "geometry"]
+__all__ = ["bearing_history", "bound_against_time", "draw_geometry", "geometry"]
 
 Array = NDArray[np.float64]
 
@@ -21,7 +23,13 @@ Array = NDArray[np.float64]
 def geometry(tracks: Geometry, answer: Observability) -> Figure:
     """Draw the paths, some lines of sight and the error ellipse of the first position."""
     fig = figure(6.4, 5.4)
-    axes = fig.subplots()
+    draw_geometry(tracks, answer, fig.subplots())
+    fig.legend(loc="outside upper center", ncols=2, fontsize="small", frameon=False)
+    return fig
+
+
+def draw_geometry(tracks: Geometry, answer: Observability, axes: Axes) -> None:
+    """Draw the same into given axes, without a legend."""
     km = 1e-3
     observer, target = tracks.observer * km, tracks.target * km
     for i in np.unique(np.linspace(0, len(observer) - 1, 12).astype(int)):
@@ -66,8 +74,6 @@ def geometry(tracks: Geometry, answer: Observability) -> Figure:
     axes.set_xlabel("east, km")
     axes.set_ylabel("north, km")
     axes.grid(alpha=0.3)
-    fig.legend(loc="outside upper center", ncols=2, fontsize="small", frameon=False)
-    return fig
 
 
 def bound_against_time(tracks: Geometry, history: tuple[Array, Array]) -> Figure:

@@ -1,0 +1,31 @@
+"""Draw the README's picture: python docs/make_demo_picture.py"""
+
+from importlib.resources import files
+from pathlib import Path
+
+import gramian as gm
+from gramian.plot import COLORS, figure
+from gramian.plot.bearings import draw_geometry
+from gramian.scenario import load
+
+OUT = Path(__file__).parent / "img" / "demo.png"
+
+
+def main() -> None:
+    fig = figure(12.0, 4.3)
+    for axes, name in zip(
+        fig.subplots(1, 3), ("1_easy", "2_hopeless", "3_impossible"), strict=True
+    ):
+        scenario = load(Path(str(files("gramian") / "demo" / f"{name}.toml")))
+        report = scenario.analyze()
+        draw_geometry(scenario.geometry, gm.analyze(scenario.problem), axes)
+        color = {"good": COLORS["good"], "weak": COLORS["weak"], "bad": COLORS["bad"]}[report.tone]
+        axes.set_title(report.headline, color=color, fontweight="bold")
+        axes.legend(
+            loc="lower center", bbox_to_anchor=(0.5, -0.55), fontsize="small", frameon=False
+        )
+    fig.savefig(OUT, dpi=110)
+
+
+if __name__ == "__main__":
+    main()
