@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from importlib.metadata import version
 
-from gramian import bearings, bounds, maneuver
+from gramian import bearings, bounds, maneuver, monte_carlo
 from gramian._core import set_threads
 from gramian.analysis import Observability, Suggestion, analyze
 from gramian.bounds import crlb, crlb_std, gram
@@ -17,7 +17,9 @@ from gramian.exceptions import (
     GramianError,
     InputError,
     ScenarioError,
+    StorageError,
     UnobservableError,
+    WorkerError,
 )
 from gramian.problem import Problem, from_function
 
@@ -28,8 +30,10 @@ __all__ = [
     "Observability",
     "Problem",
     "ScenarioError",
+    "StorageError",
     "Suggestion",
     "UnobservableError",
+    "WorkerError",
     "analyze",
     "bearings",
     "bounds",
@@ -38,6 +42,7 @@ __all__ = [
     "from_function",
     "gram",
     "maneuver",
+    "monte_carlo",
     "set_threads",
 ]
 

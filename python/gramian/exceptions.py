@@ -7,7 +7,9 @@ __all__ = [
     "GramianError",
     "InputError",
     "ScenarioError",
+    "StorageError",
     "UnobservableError",
+    "WorkerError",
 ]
 
 
@@ -21,6 +23,10 @@ class InputError(GramianError, ValueError):
 
 class ScenarioError(InputError):
     """A mistake in a scenario file or in a file that it names."""
+
+
+class StorageError(GramianError, OSError):
+    """A result could not be written: a full disk, for one."""
 
 
 class UnobservableError(GramianError, ArithmeticError):
@@ -39,3 +45,7 @@ class UnobservableError(GramianError, ArithmeticError):
 
 class ConvergenceError(GramianError, ArithmeticError):
     """An iteration did not reach its answer."""
+
+
+class WorkerError(GramianError, RuntimeError):
+    """The workers of a run died or cannot be reached."""

@@ -1,0 +1,356 @@
+"""What a Monte Carlo run is made of: something that can simulate its measurements."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gramian import _core
+from gramian.exceptions import InputError, UnobservableError
+from gramian.problem import Problem, from_function
+
+__all__ = ["Estimates", "Experiment", "Linear", "Measurements", "fingerprint", "normals"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Estimates:
+    """What a built-in estimator found in some trials.
+
+    Attributes
+    ----------
+    errors : ndarray, shape (trials, n)
+        Estimate minus truth.
+    nees : ndarray, shape (trials,), or None
+        Normalised squared error by the covariance that the estimator claims.
+    status : ndarray of int, shape (trials,)
+        0 for success, otherwise a key of `kinds`.
+    kinds : mapping of int to str
+        What each other status means: "not converged".
+    """
+
+    errors: Array
+    nees: Array | None
+    status: NDArray[np.integer[Any]]
+    kinds: Mapping[int, str]
+
+
+class Experiment(ABC):
+    """The protocol of a Monte Carlo experiment: derive from it for one of your own.
+
+    A subclass must have `names`, `truth` and `simulate`; a `problem` gives the
+    bound beside. A frozen dataclass whose fields are numbers, strings and arrays
+    does all else by itself: it can be sent to another process and be recognised
+    when a run is resumed.
+
+    Attributes
+    ----------
+    estimators : tuple of str
+        Names of estimators that `estimate` runs; the first is the default.
+    quantities : tuple of str
+        Names of numbers that `quantity` computes from a trial's measurements.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> import numpy as np, gramian as gm
+    >>> @dataclass(frozen=True)
+    ... class Level(gm.monte_carlo.Experiment):
+    ...     samples: int
+    ...     names = ("level",)
+    ...     truth = np.array([3.0])
+    ...     def simulate(self, seed, first, trials):
+    ...         return 3.0 + gm.monte_carlo.normals(seed, first, trials, self.samples)
+    ...     def problem(self):
+    ...         return gm.Problem(np.ones((self.samples, 1)), self.names)
+    >>> result = gm.monte_carlo.run(Level(10), 1000, seed=1, estimator=lambda z: [z.mean()])
+    >>> bool(abs(result.efficiency[0] - 1) < 0.06)
+    True
+    """
+
+    estimators: ClassVar[tuple[str, ...]] = ()
+    quantities: ClassVar[tuple[str, ...]] = ()
+    names: Any
+    """The states, a sequence of str."""
+    truth: Any
+    """Their true values, array_like, shape (n,)."""
+
+    @abstractmethod
+    def simulate(self, seed: int, first: int, trials: int) -> Any:
+        """Return the measurements of the trials `first` to `first + trials - 1`.
+
+        Indexed by trial: an array (trials, ...) or a list. Trial i must depend on
+        (seed, i) alone; `normals` gives such numbers.
+        """
+
+    @property
+    def units(self) -> Sequence[str]:
+        """The units of the states."""
+        return ("",) * len(self.names)
+
+    def problem(self) -> Problem | None:
+        """Return the problem at the truth, for the bound; None for no bound."""
+        return None
+
+    def estimate(self, name: str, seed: int, first: int, trials: int) -> Estimates:
+        """Run a built-in estimator, simulation included."""
+        raise NotImplementedError(f"{type(self).__name__} has no estimator {name!r}")
+
+    def quantity(self, name: str, seed: int, first: int, trials: int) -> Array:
+        """Compute a built-in quantity, simulation included, shape (trials,)."""
+        raise NotImplementedError(f"{type(self).__name__} has no quantity {name!r}")
+
+
+def normals(seed: int, first: int, trials: int, count: int) -> Array:
+    """Return standard normal numbers that depend on (seed, trial) alone.
+
+    Parameters
+    ----------
+    seed : int
+        >= 0.
+    first, trials : int
+        The trials from `first` on.
+    count : int
+        Numbers for each trial.
+
+    Returns
+    -------
+    ndarray, shape (trials, count)
+
+    Examples
+    --------
+    >>> bool((normals(7, 0, 10, 3)[4:6] == normals(7, 4, 2, 3)).all())
+    True
+    """
+    return _core.normals(seed, first, trials, count)
+
+
+@dataclass(frozen=True, eq=False)
+class Linear(Experiment):
+    """The linear (or linearised) experiment of a `Problem`: z = A x + unit normal noise.
+
+    Priors are measurements like others, drawn anew in each trial. The truth is
+    zero: an estimate is an error.
+
+    Parameters
+    ----------
+    of : Problem
+    """
+
+    of: Problem
+    estimators: ClassVar[tuple[str, ...]] = ("least_squares",)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The states of the problem."""
+        return self.of.names
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Their units."""
+        return self.of.units
+
+    @property
+    def truth(self) -> Array:
+        """Zero."""
+        return np.zeros(self.of.n)
+
+    def problem(self) -> Problem:
+        """Return the problem itself."""
+        return self.of
+
+    def simulate(self, seed: int, first: int, trials: int) -> Array:
+        """Return whitened measurements (trials, rows)."""
+        return normals(seed, first, trials, len(self.of.all_rows))
+
+    def estimate(self, name: str, seed: int, first: int, trials: int) -> Estimates:
+        """Return the least-squares errors."""
+        rows = self.of.all_rows
+        scale = np.linalg.norm(rows, axis=0)
+        q, r = np.linalg.qr(rows / scale)
+        # One trial after the other: a product of the whole chunk would round
+        # differently for another chunk size.
+        noise = self.simulate(seed, first, trials)
+        inverse = np.linalg.inv(r)
+        projected = np.stack([z @ q for z in noise])
+        errors = np.stack([inverse @ p for p in projected]) / scale
+        nees = np.array([float(p @ p) for p in projected])
+        return Estimates(errors, nees, np.zeros(trials, dtype=np.int16), {})
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements(Experiment):
+    """The experiment of a measurement function of your own, with normal noise.
+
+    Parameters
+    ----------
+    h : callable
+        Takes the state (n,), returns the measurements (K,).
+    truth : array_like, shape (n,)
+        The true state.
+    sigma : float or array_like, shape (K,)
+        Standard deviations of the measurements, > 0.
+    names : sequence of str, length n
+    units : sequence of str, length n, optional
+
+    Examples
+    --------
+    >>> import numpy as np, gramian as gm
+    >>> beacons = np.array([[0.0, 0.0], [100.0, 0.0], [0.0, 100.0]])
+    >>> ranges = lambda p: np.hypot(*(beacons - p).T)
+    >>> experiment = gm.monte_carlo.Measurements(ranges, [30.0, 40.0], 1.0, ["east", "north"])
+    >>> experiment.simulate(seed=1, first=0, trials=5).shape
+    (5, 3)
+    """
+
+    h: Callable[[Array], ArrayLike]
+    truth: ArrayLike
+    sigma: ArrayLike
+    names: Sequence[str]
+    unit_names: Sequence[str] | None = None
+
+    def __post_init__(self) -> None:
+        # Checks everything.
+        self.problem()
+
+    @property
+    def units(self) -> Sequence[str]:
+        """Their units."""
+        return self.unit_names or ("",) * len(self.names)
+
+    def problem(self) -> Problem:
+        """Return the problem at the truth, by differences."""
+        if np.ndim(self.sigma) > 1:
+            raise InputError("sigma has two axes: must be one number, or one for each measurement")
+        return from_function(self.h, self.truth, self.sigma, self.names, units=self.unit_names)
+
+    def simulate(self, seed: int, first: int, trials: int) -> Array:
+        """Return measurements (trials, K)."""
+        exact = np.asarray(self.h(np.asarray(self.truth, dtype=float)), dtype=float).ravel()
+        noise = normals(seed, first, trials, exact.size)
+        result: Array = exact + np.asarray(self.sigma, dtype=float) * noise
+        return result
+
+
+def as_experiment(problem: Experiment | Problem) -> Experiment:
+    """Return the experiment, checked; a `Problem` as its linear experiment."""
+    if isinstance(problem, Problem):
+        experiment: Experiment = Linear(problem)
+    elif isinstance(problem, Experiment):
+        experiment = problem
+    else:
+        raise InputError(
+            f"problem is a {type(problem).__name__}: must be a gramian.Problem or a "
+            "gramian.monte_carlo.Experiment (Bearings, Dipole, Registration, Measurements, "
+            "or a class of yours derived from Experiment)"
+        )
+    names = tuple(experiment.names)
+    truth = np.asarray(experiment.truth, dtype=float)
+    if not names or truth.shape != (len(names),):
+        raise InputError(
+            f"truth has shape {truth.shape}: must be ({len(names)},), one for each of the states "
+            f"{', '.join(names)}"
+        )
+    if not np.isfinite(truth).all():
+        raise InputError(f"truth = {truth}: must be finite")
+    return experiment
+
+
+def bound_of(experiment: Experiment) -> tuple[Array | None, Array | None]:
+    """Return the bound's deviations (n,) and covariance (n, n), as far as they exist."""
+    from gramian.bounds import crlb, crlb_std
+
+    problem = experiment.problem()
+    if problem is None:
+        return None, None
+    if tuple(problem.names) != tuple(experiment.names):
+        raise InputError(
+            f"the problem has the states {', '.join(problem.names)}, the experiment "
+            f"{', '.join(experiment.names)}: must be the same"
+        )
+    try:
+        covariance = crlb(problem)
+    except UnobservableError:
+        covariance = None
+    return crlb_std(problem), covariance
+
+
+def fingerprint(value: Any) -> str:
+    """Return a digest of what a value is made of, the same in every process.
+
+    Arrays, numbers, strings, containers, dataclasses and plain objects go by
+    their contents; a function by its name, source, defaults and closure (not by
+    the globals it uses).
+    """
+    digest = hashlib.sha256()
+    _digest(digest, value, 0)
+    return digest.hexdigest()[:32]
+
+
+def _digest(digest: Any, value: Any, depth: int) -> None:
+    if depth > 12:
+        return
+    label, parts = _plain_parts(value) or _callable_parts(value) or _object_parts(value)
+    digest.update(label.encode() + b"\0")
+    for part in parts:
+        if isinstance(part, bytes):
+            digest.update(part)
+        else:
+            _digest(digest, part, depth + 1)
+
+
+Parts = tuple[str, Sequence[Any]]
+
+
+def _plain_parts(value: Any) -> Parts | None:
+    if value is None or isinstance(value, (bool, int, float, complex, str)):
+        return type(value).__name__, [repr(value).encode()]
+    if isinstance(value, (np.ndarray, np.generic)) and value.dtype != object:
+        array = np.ascontiguousarray(value)
+        return f"array {array.dtype} {array.shape}", [array.tobytes()]
+    if isinstance(value, np.ndarray):
+        return f"objects {value.shape}", value.ravel().tolist()
+    if isinstance(value, Mapping):
+        keys = sorted(value, key=repr)
+        return f"mapping {len(keys)}", [item for key in keys for item in (key, value[key])]
+    if isinstance(value, (list, tuple)):
+        return f"sequence {len(value)}", list(value)
+    return None
+
+
+def _callable_parts(value: Any) -> Parts | None:
+    if isinstance(value, partial):
+        return "partial", [value.func, value.args, value.keywords]
+    if inspect.ismethod(value):
+        return f"method {value.__name__}", [value.__self__]
+    if inspect.isfunction(value):
+        try:
+            text = inspect.getsource(value)
+        except (OSError, TypeError):
+            text = value.__code__.co_code.hex()
+        cells = [cell.cell_contents for cell in value.__closure__ or ()]
+        return f"function {value.__qualname__}", [
+            text,
+            value.__defaults__,
+            value.__kwdefaults__,
+            cells,
+        ]
+    if isinstance(value, type) or inspect.isbuiltin(value):
+        return f"named {value.__module__} {value.__qualname__}", []
+    return None
+
+
+def _object_parts(value: Any) -> Parts:
+    label = f"object {type(value).__qualname__}"
+    if is_dataclass(value):
+        return label, [(f.name, getattr(value, f.name)) for f in fields(value)]
+    return label, [getattr(value, "__dict__", {})]

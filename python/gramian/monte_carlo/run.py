@@ -1,0 +1,394 @@
+"""`run`: one call that checks an estimator against its bound."""
+
+from __future__ import annotations
+
+import operator
+import os
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import Executor
+from contextlib import closing, contextmanager
+from typing import Any
+
+import numpy as np
+
+from gramian.exceptions import InputError, UnobservableError
+from gramian.monte_carlo.chunks import (
+    Chunk,
+    Estimator,
+    Failure,
+    Statistics,
+    Task,
+    chunk_size,
+    nees_marks,
+)
+from gramian.monte_carlo.execute import execute
+from gramian.monte_carlo.experiment import Experiment, as_experiment, bound_of, fingerprint
+from gramian.monte_carlo.result import MonteCarloResult
+from gramian.monte_carlo.resume import Manifest, Store, kept_chunk_size
+from gramian.monte_carlo.statistics import LEAF, Tree
+from gramian.problem import Problem
+
+__all__ = ["run"]
+
+Quantities = Iterable[str] | Mapping[str, Callable[[Any], Any]]
+
+
+def run(
+    problem: Experiment | Problem,
+    trials: int,
+    seed: int,
+    estimator: str | Estimator | None = None,
+    *,
+    workers: int | None = None,
+    executor: Executor | None = None,
+    progress: bool = True,
+    resume: str | os.PathLike[str] | None = None,
+    quantities: Quantities | None = None,
+    table: bool = False,
+    chunk: int | None = None,
+) -> MonteCarloResult:
+    """Simulate an experiment many times and set an estimator's errors beside the bound.
+
+    Parameters
+    ----------
+    problem : Experiment or Problem
+        What is simulated: a built-in experiment (`Bearings`, `Dipole`,
+        `Registration`), your measurement function (`Measurements`), a class of
+        yours derived from `Experiment`, or a `gramian.Problem`, whose linear
+        experiment is run.
+    trials : int
+        >= 1.
+    seed : int
+        0 to 2^64 - 1. Trial i depends on (seed, i) alone.
+    estimator : str or callable, optional
+        The name of a built-in estimator of the experiment (the first by default),
+        which runs wholly in Rust; or a function of one trial's measurements that
+        returns the estimate (n,), or a pair of that and its covariance (n, n).
+        By default none where `quantities` are asked for.
+    workers : int, optional
+        Processes for an estimator or quantity in Python, threads for what runs in
+        Rust. By default Python runs in this process and Rust on as many threads
+        as the work is worth.
+    executor : concurrent.futures.Executor, optional
+        Where chunks run instead: a process pool, or ``Client.get_executor()`` of
+        Dask for many machines.
+    progress : bool
+        Show a progress bar, on a terminal.
+    resume : path, optional
+        A directory that keeps every finished chunk in Parquet. The same call goes
+        on where the last one stopped, also with more trials.
+    quantities : iterable of str, or mapping of str to callable, optional
+        Numbers to average besides: names of the experiment's own, or functions
+        of one trial's measurements.
+    table : bool
+        Keep the row of every trial in memory; without it, memory stays the same
+        for any number of trials.
+    chunk : int, optional
+        Trials in a chunk, 16 times a power of two. The result does not depend on it.
+
+    Returns
+    -------
+    MonteCarloResult
+
+    Raises
+    ------
+    InputError
+        Trials or seed out of range, an estimator or quantity that is not there,
+        an executor that is shut down, a resume path that cannot be used or is of
+        another run.
+    UnobservableError
+        A built-in estimator where the states are not observable.
+    StorageError
+        A chunk cannot be written; those before are whole.
+    WorkerError
+        Worker processes that keep dying.
+
+    Notes
+    -----
+    The numbers are the same, bit for bit, for any number of threads, workers and
+    chunks, and for a run that was stopped and resumed: every trial has its own
+    stream of random numbers, and sums are taken along one binary tree over the
+    trials. A trial that fails is counted by kind, with the first traceback, and
+    is in no average. A killed worker's chunks are run again.
+
+    Examples
+    --------
+    >>> import gramian as gm
+    >>> line = gm.Problem([[1.0, 0.0], [1.0, 1.0], [1.0, 2.0]], ["level", "slope"])
+    >>> result = gm.monte_carlo.run(line, 20_000, seed=1)
+    >>> bool((abs(result.efficiency - 1) < 0.02).all())
+    True
+    """
+    started = time.perf_counter()
+    trials, seed = _integer(trials, "trials", 1, 2**62), _integer(seed, "seed", 0, 2**64 - 1)
+    if workers is not None:
+        workers = _integer(workers, "workers", 1, 10_000)
+    _check_executor(executor, workers)
+    experiment = as_experiment(problem)
+    wanted = _quantities(experiment, quantities)
+    chosen = _estimator(experiment, estimator, bool(wanted))
+    bound_std, bound = bound_of(experiment) if chosen is not None else (None, None)
+    if isinstance(chosen, str):
+        _refuse_unobservable(experiment)
+    edges, limit = nees_marks(len(experiment.names)) if chosen is not None else (None, np.nan)
+    python = callable(chosen) or any(wanted.values())
+    if chunk is not None:
+        size = _chunk(chunk)
+    else:
+        # A run that is resumed keeps its chunks, also when it is made longer.
+        size = (resume and kept_chunk_size(resume)) or chunk_size(trials, not python)
+    task = Task(
+        experiment,
+        seed,
+        chosen,
+        wanted,
+        bound,
+        edges,
+        limit,
+        keep=table or resume is not None,
+    )
+    spans = [(first, min(size, trials - first)) for first in range(0, trials, size)]
+    total = _Total(table)
+    store = None
+    if resume is not None:
+        store = Store(resume, _manifest(task, size))
+    try:
+        with _progress(trials, progress) as advance:
+            _collect(task, spans, store, total, advance, workers, executor)
+    except KeyboardInterrupt as stop:
+        kept = f"; kept in {store.path}" if store else ""
+        stop.add_note(f"stopped after {total.trials} of {trials} trials{kept}")
+        raise
+    finally:
+        if store is not None:
+            store.close()
+    return MonteCarloResult.of(
+        experiment,
+        seed=seed,
+        estimator=chosen,
+        bound=bound_std,
+        bound_covariance=bound,
+        statistics=total.statistics(),
+        edges=edges,
+        failures=tuple(sorted(total.failures.values(), key=lambda f: (-f.count, f.kind))),
+        trials=trials,
+        sample=total.sample(),
+        table=np.concatenate(total.tables) if table else None,
+        seconds=time.perf_counter() - started,
+        simulated=total.simulated,
+    )
+
+
+class _Total:
+    """All chunks so far, merged in the order of their trials."""
+
+    def __init__(self, table: bool) -> None:
+        self.next = 0
+        self.trials = 0
+        self.simulated = 0
+        self.failures: dict[str, Failure] = {}
+        self.heads: list[Any] = []
+        self.tables: list[Any] = []
+        self._keep_table = table
+        self._early: dict[int, Chunk] = {}
+        self._errors: Tree | None = None
+        self._scalars: dict[str, Tree] = {}
+        self._histogram: Any = None
+        self._inside = 0
+
+    def add(self, chunk: Chunk, fresh: bool) -> None:
+        self.trials += chunk.trials
+        self.simulated += chunk.trials if fresh else 0
+        self._early[chunk.first] = chunk
+        while self.next in self._early:
+            due = self._early.pop(self.next)
+            self.next += due.trials
+            self._merge(due)
+
+    def _merge(self, chunk: Chunk) -> None:
+        part = chunk.statistics
+        if part.errors is not None:
+            self._errors = self._errors or Tree()
+            self._errors.add(part.errors)
+        for name, node in part.scalars.items():
+            self._scalars.setdefault(name, Tree()).add(node)
+        if part.histogram is not None:
+            self._histogram = part.histogram + (0 if self._histogram is None else self._histogram)
+        self._inside += part.inside
+        for failure in chunk.failures:
+            before = self.failures.get(failure.kind)
+            self.failures[failure.kind] = before.joined(failure) if before else failure
+        if chunk.head is not None:
+            self.heads.append(chunk.head)
+        if self._keep_table:
+            self.tables.append(chunk.table)
+
+    def statistics(self) -> Statistics:
+        return Statistics(
+            self._errors.total() if self._errors else None,
+            {name: tree.total() for name, tree in self._scalars.items()},
+            self._histogram,
+            self._inside,
+        )
+
+    def sample(self) -> Any:
+        return np.concatenate(self.heads)
+
+
+def _collect(
+    task: Task,
+    spans: list[tuple[int, int]],
+    store: Store | None,
+    total: _Total,
+    advance: Callable[[int], None],
+    workers: int | None,
+    executor: Executor | None,
+) -> None:
+    def missing() -> Iterator[tuple[int, int]]:
+        for first, trials in spans:
+            found = store.read(first, trials, task.dtype) if store else None
+            if found is None:
+                yield first, trials
+            else:
+                total.add(task.digest(*found), fresh=False)
+                advance(trials)
+
+    with closing(execute(task, missing(), workers, executor)) as chunks:
+        for chunk in chunks:
+            if store is not None and chunk.table is not None:
+                store.write(chunk.first, chunk.table, chunk.failures)
+            total.add(chunk, fresh=True)
+            advance(chunk.trials)
+
+
+def _manifest(task: Task, size: int) -> Manifest:
+    from gramian import __version__
+
+    return Manifest(
+        scenario=fingerprint(task.experiment),
+        estimator=fingerprint(task.estimator),
+        quantities=fingerprint(task.quantities),
+        seed=task.seed,
+        chunk=size,
+        version=__version__,
+    )
+
+
+@contextmanager
+def _progress(trials: int, wanted: bool) -> Iterator[Callable[[int], None]]:
+    """Show a bar with trials a second and time left; nothing where no one looks."""
+    if not (wanted and sys.stderr.isatty()):
+        yield lambda _: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Task as Bar
+    from rich.text import Text
+
+    class Rate(ProgressColumn):
+        def render(self, task: Bar) -> Text:
+            speed = task.finished_speed or task.speed
+            return Text("" if speed is None else f"{speed:,.0f} trials/s")
+
+    columns = [
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:,} of {task.total:,}"),
+        Rate(),
+        TimeRemainingColumn(),
+    ]
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+        bar = bars.add_task("Monte Carlo", total=trials)
+        yield lambda count: bars.advance(bar, count)
+
+
+def _integer(value: Any, name: str, least: int, most: int) -> int:
+    try:
+        number = operator.index(value)
+    except TypeError:
+        raise InputError(f"{name} = {value!r}: must be a whole number") from None
+    if isinstance(value, bool) or not least <= number <= most:
+        limits = f"must be >= {least}" if number < least else f"must be <= {most}"
+        raise InputError(f"{name} = {value!r}: {limits}")
+    return number
+
+
+def _chunk(value: int) -> int:
+    size = _integer(value, "chunk", LEAF, 2**24)
+    if size & (size - 1):
+        raise InputError(f"chunk = {size}: must be a power of two, {LEAF} or more")
+    return size
+
+
+def _check_executor(executor: Any, workers: int | None) -> None:
+    if executor is None:
+        return
+    if workers is not None:
+        raise InputError("workers and executor were both given: must be one of them")
+    if not isinstance(executor, Executor):
+        hint = ": pass its get_executor()" if hasattr(executor, "get_executor") else ""
+        raise InputError(
+            f"executor is a {type(executor).__name__}{hint}: must be a concurrent.futures.Executor"
+        )
+
+
+def _quantities(
+    experiment: Experiment, given: Quantities | None
+) -> dict[str, Callable[[Any], Any] | None]:
+    if given is None:
+        return {}
+    if isinstance(given, str):
+        given = (given,)
+    wanted: dict[str, Callable[[Any], Any] | None] = (
+        dict(given) if isinstance(given, Mapping) else dict.fromkeys(given)
+    )
+    for name, function in wanted.items():
+        if name in ("trial", "status", "nees") or str(name).startswith("error_"):
+            raise InputError(f"quantities has {name!r}: that is a column of every run")
+        if function is None and name not in experiment.quantities:
+            own = ", ".join(experiment.quantities) or "none"
+            raise InputError(
+                f"quantities has {name!r}: the experiment's own are {own}; "
+                "others go in a mapping of name to function"
+            )
+        if function is not None and not callable(function):
+            raise InputError(f"quantities[{name!r}] = {function!r}: must be a function")
+    return wanted
+
+
+def _estimator(
+    experiment: Experiment, given: str | Estimator | None, quantities: bool
+) -> str | Estimator | None:
+    if given is None:
+        if quantities:
+            return None
+        if not experiment.estimators:
+            raise InputError(
+                f"estimator is missing: a {type(experiment).__name__} has no built-in one; give a "
+                "function of one trial's measurements"
+            )
+        return experiment.estimators[0]
+    if isinstance(given, str):
+        if given not in experiment.estimators:
+            own = ", ".join(experiment.estimators) or "none"
+            raise InputError(f"estimator = {given!r}: the experiment's own are {own}")
+        return given
+    if not callable(given):
+        raise InputError(f"estimator is a {type(given).__name__}: must be a name or a function")
+    return given
+
+
+def _refuse_unobservable(experiment: Experiment) -> None:
+    from gramian.bounds import crlb
+
+    problem = experiment.problem()
+    if problem is None:
+        return
+    try:
+        crlb(problem)
+    except UnobservableError as error:
+        raise UnobservableError(
+            f"no estimator can find these states: {error}", error.null_combinations
+        ) from None
