@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -291,6 +290,8 @@ def fingerprint(value: Any) -> str:
     their contents; a function by its name, source, defaults and closure (not by
     the globals it uses).
     """
+    import hashlib
+
     digest = hashlib.sha256()
     _digest(digest, value, 0)
     return digest.hexdigest()[:32]
