@@ -7,6 +7,30 @@ metres per second at the first time; x is east, y is north.
 
 from __future__ import annotations
 
+from gramian.bearings.discriminant import (
+    ObservableVerdict,
+    Quadruple,
+    best_quadruple,
+    discriminant,
+    discriminant_sum,
+    gram,
+    gram_det,
+    observable,
+)
 from gramian.bearings.rows import NAMES, UNITS, problem, rows, simulate
 
-__all__ = ["NAMES", "UNITS", "problem", "rows", "simulate"]
+__all__ = [
+    "NAMES",
+    "UNITS",
+    "ObservableVerdict",
+    "Quadruple",
+    "best_quadruple",
+    "discriminant",
+    "discriminant_sum",
+    "gram",
+    "gram_det",
+    "observable",
+    "problem",
+    "rows",
+    "simulate",
+]

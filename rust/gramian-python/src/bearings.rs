@@ -1,6 +1,8 @@
 //! Bearings-only target motion.
 
-use gramian::batch::{self, Target};
+use gramian::batch::simd::Path;
+use gramian::batch::{self, GRAM_SIZE, Items, Method, Quadruples, Target};
+use gramian::bearings::{Error, Form};
 use numpy::{PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 
@@ -61,6 +63,239 @@ fn bearing_rows<'py>(
     Ok(out)
 }
 
+/// Times, bearings and weights that fit together.
+struct Track<'py> {
+    times: Input<'py>,
+    bearings: Input<'py>,
+    weights: Option<Input<'py>>,
+    batch: Batch,
+    m: usize,
+}
+
+impl<'py> Track<'py> {
+    /// `least` is how many bearings the question needs.
+    fn new(
+        times: &Bound<'py, PyAny>,
+        bearings: &Bound<'py, PyAny>,
+        weights: Option<&Bound<'py, PyAny>>,
+        least: usize,
+    ) -> PyResult<Self> {
+        let mut times = Input::new(times, "times", 1)?;
+        let m = times.core_shape()[0];
+        let mut bearings = Input::new(bearings, "bearings", 1)?;
+        bearings.expect(&[Some(m)], "a bearing for each time")?;
+        if m < least {
+            return Err(errors::input_at(
+                "",
+                Error::TooFew {
+                    given: m,
+                    wanted: least,
+                },
+            ));
+        }
+        times.expect_increasing("s")?;
+        let mut weights = weights.map(|w| Input::new(w, "weights", 1)).transpose()?;
+        if let Some(weights) = &weights {
+            weights.expect(&[Some(m)], "a weight for each bearing")?;
+            weights.expect_nonnegative()?;
+        }
+        let batch = match &mut weights {
+            Some(weights) => Batch::of(&mut [&mut times, &mut bearings, weights])?,
+            None => Batch::of(&mut [&mut times, &mut bearings])?,
+        };
+        Ok(Self {
+            times,
+            bearings,
+            weights,
+            batch,
+            m,
+        })
+    }
+
+    fn weights(&self) -> PyResult<Option<Items<'_>>> {
+        self.weights.as_ref().map(Input::items).transpose()
+    }
+}
+
+/// D (...) of four bearings (..., 4), in any order.
+#[pyfunction]
+fn bearing_discriminant<'py>(
+    py: Python<'py>,
+    times: &Bound<'py, PyAny>,
+    bearings: &Bound<'py, PyAny>,
+    form: &str,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let form = match form {
+        "5" => Form::Products,
+        "13" => Form::Cotangents,
+        _ => Form::Sines,
+    };
+    let mut times = Input::new(times, "times", 1)?;
+    let mut bearings = Input::new(bearings, "bearings", 1)?;
+    times.expect(&[Some(4)], "four instants")?;
+    bearings.expect(&[Some(4)], "four bearings")?;
+    let batch = Batch::of(&mut [&mut times, &mut bearings])?;
+    let out = batch.zeros(py, &[]);
+    {
+        let (times, bearings) = (times.items()?, bearings.items()?);
+        let mut write = out.readwrite();
+        let write = write.as_slice_mut()?;
+        run::in_pieces(py, batch.len(), 60.0, |range, threads| {
+            batch::discriminants(
+                times.skip(range.start),
+                bearings.skip(range.start),
+                form,
+                threads,
+                &mut write[range.clone()],
+            )
+            .map_err(|(trial, error)| errors::input_at(&batch.place(range.start + trial), error))
+        })?;
+    }
+    Ok(out)
+}
+
+/// Sums (...) of D^2 over all quadruples, or of sin^2 over all pairs.
+#[pyfunction]
+#[pyo3(signature = (times, bearings, weights, method, order))]
+fn bearing_discriminant_sum<'py>(
+    py: Python<'py>,
+    times: &Bound<'py, PyAny>,
+    bearings: &Bound<'py, PyAny>,
+    weights: Option<&Bound<'py, PyAny>>,
+    method: &str,
+    order: usize,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let method = match method {
+        "factored" => Method::Factored,
+        "qr" => Method::Qr,
+        _ => Method::Direct,
+    };
+    let track = Track::new(times, bearings, weights, 2 * (order + 1))?;
+    let (m, batch) = (track.m, &track.batch);
+    let out = batch.zeros(py, &[]);
+    {
+        let (times, bearings) = (track.times.items()?, track.bearings.items()?);
+        let weights = track.weights()?;
+        let mut write = out.readwrite();
+        let write = write.as_slice_mut()?;
+        let at = |trial: usize, error: Error| errors::input_at(&batch.place(trial), error);
+        let cost = batch::discriminant_cost(m, method);
+        if order == 1 && method != Method::Qr && cost > 1e8 {
+            // One long sum: pieces of it, so that Ctrl-C is heard.
+            let mut sum = Quadruples::new(m, method, Path::Best);
+            let mut parts = vec![0.0; sum.parts()];
+            for (trial, out) in write.iter_mut().enumerate() {
+                let weights = weights.map(|w| w.get(trial));
+                sum.load(times.get(trial), bearings.get(trial), weights)
+                    .map_err(|error| at(trial, error))?;
+                let part = 3.0 * cost / m as f64;
+                run::in_pieces(py, sum.parts(), part, |range, threads| {
+                    sum.run(range.clone(), threads, &mut parts[range]);
+                    Ok(())
+                })?;
+                *out = sum.total(&parts);
+            }
+        } else {
+            run::in_pieces(py, batch.len(), cost, |range, threads| {
+                let (times, bearings) = (times.skip(range.start), bearings.skip(range.start));
+                let weights = weights.map(|w| w.skip(range.start));
+                let out = &mut write[range.clone()];
+                if order == 0 {
+                    batch::fixed_target_sum(times, bearings, weights, method, threads, out)
+                } else {
+                    batch::discriminant_sum(times, bearings, weights, method, threads, out)
+                }
+                .map_err(|(trial, error)| at(range.start + trial, error))
+            })?;
+        }
+    }
+    Ok(out)
+}
+
+/// Indices and values (..., 5) of the quadruples with the largest |D|.
+#[pyfunction]
+fn bearing_best_quadruple<'py>(
+    py: Python<'py>,
+    times: &Bound<'py, PyAny>,
+    bearings: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let track = Track::new(times, bearings, None, 4)?;
+    let batch = &track.batch;
+    let out = batch.zeros(py, &[5]);
+    {
+        let (times, bearings) = (track.times.items()?, track.bearings.items()?);
+        let mut write = out.readwrite();
+        let write = write.as_slice_mut()?;
+        let cost = 4.0 * batch::discriminant_cost(track.m.min(200), Method::Direct);
+        run::in_pieces(py, batch.len(), cost, |range, threads| {
+            batch::best_quadruples(
+                times.skip(range.start),
+                bearings.skip(range.start),
+                threads,
+                &mut write[5 * range.start..5 * range.end],
+            )
+            .map_err(|(trial, error)| errors::input_at(&batch.place(range.start + trial), error))
+        })?;
+    }
+    Ok(out)
+}
+
+/// Gram matrices and determinants (..., 17).
+#[pyfunction]
+#[pyo3(signature = (times, bearings, weights))]
+fn bearing_gram<'py>(
+    py: Python<'py>,
+    times: &Bound<'py, PyAny>,
+    bearings: &Bound<'py, PyAny>,
+    weights: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let mut times = Input::new(times, "times", 1)?;
+    times.expect_entries()?;
+    times.expect_increasing("s")?;
+    let m = times.core_shape()[0];
+    // Whether these are finite shows in the sums, at no cost.
+    let mut bearings = Input::unchecked(bearings, "bearings", 1)?;
+    bearings.expect(&[Some(m)], "a bearing for each time")?;
+    let mut weights = weights.map(|w| Input::new(w, "weights", 1)).transpose()?;
+    if let Some(weights) = &weights {
+        weights.expect(&[Some(m)], "a weight for each bearing")?;
+        weights.expect_nonnegative()?;
+    }
+    let batch = match &mut weights {
+        Some(weights) => Batch::of(&mut [&mut times, &mut bearings, weights])?,
+        None => Batch::of(&mut [&mut times, &mut bearings])?,
+    };
+    let out = batch.zeros(py, &[GRAM_SIZE]);
+    let mut finite = true;
+    {
+        let (times, angles) = (times.items()?, bearings.items()?);
+        let weights = weights.as_ref().map(Input::items).transpose()?;
+        let mut write = out.readwrite();
+        let write = write.as_slice_mut()?;
+        run::in_pieces(py, batch.len(), 1.2 * m as f64, |range, threads| {
+            let out = &mut write[range.start * GRAM_SIZE..range.end * GRAM_SIZE];
+            batch::bearing_gram(
+                times.skip(range.start),
+                angles.skip(range.start),
+                weights.map(|w| w.skip(range.start)),
+                threads,
+                Path::Best,
+                out,
+            );
+            finite &= out.chunks_exact(GRAM_SIZE).all(|o| o[0].is_finite());
+            Ok(())
+        })?;
+    }
+    if !finite {
+        bearings.check_finite()?;
+    }
+    Ok(out)
+}
+
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_function(wrap_pyfunction!(bearing_best_quadruple, module)?)?;
+    module.add_function(wrap_pyfunction!(bearing_discriminant, module)?)?;
+    module.add_function(wrap_pyfunction!(bearing_discriminant_sum, module)?)?;
+    module.add_function(wrap_pyfunction!(bearing_gram, module)?)?;
     module.add_function(wrap_pyfunction!(bearing_rows, module)?)
 }

@@ -150,10 +150,19 @@ impl<'py> Input<'py> {
         Ok(())
     }
 
-    fn check_finite(&self) -> PyResult<()> {
+    /// Refuses NaN and infinity.
+    pub fn check_finite(&self) -> PyResult<()> {
         let data = self.slice()?;
-        // The sum of zero products is NaN iff an entry is NaN or infinite.
-        let sum: f64 = data.iter().map(|x| x * 0.0).sum();
+        // The sum of zero products is NaN iff an entry is NaN or infinite; by
+        // lanes, so that it runs at the speed of memory.
+        let (chunks, rest) = data.as_chunks::<16>();
+        let mut lanes = [0.0; 16];
+        for chunk in chunks {
+            for (lane, x) in lanes.iter_mut().zip(chunk) {
+                *lane += x * 0.0;
+            }
+        }
+        let sum: f64 = lanes.iter().sum::<f64>() + rest.iter().map(|x| x * 0.0).sum::<f64>();
         if sum == 0.0 {
             return Ok(());
         }

@@ -73,3 +73,14 @@ pub fn hypot<T: Real>(a: T, b: T) -> T {
     let ratio = small / large;
     large * (T::one() + ratio * ratio).sqrt()
 }
+
+/// The power of two next below a positive number (1 for anything else): scaling
+/// by it rounds nothing.
+#[cfg(feature = "std")]
+pub(crate) fn power_of_two(value: f64) -> f64 {
+    if value > 0.0 && value.is_normal() {
+        f64::from_bits(value.to_bits() & 0x7ff0_0000_0000_0000)
+    } else {
+        1.0
+    }
+}

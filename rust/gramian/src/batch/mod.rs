@@ -6,6 +6,9 @@
 //! and in the same order of operations on any number of threads, so results do
 //! not depend on it.
 
+mod bearings_discriminant;
+mod bearings_gram;
+mod bearings_quadruple;
 mod gram;
 mod maneuver;
 mod random;
@@ -13,6 +16,14 @@ pub mod simd;
 mod spine;
 mod threads;
 
+pub use bearings_discriminant::{
+    Method, Quadruples, cost as discriminant_cost, discriminant_sum, discriminants,
+    fixed_target_sum,
+};
+pub use bearings_gram::{GRAM_SIZE, bearing_gram};
+pub use bearings_quadruple::{
+    EXACT as EXACT_QUADRUPLES, Quadruple, best_quadruple, best_quadruples,
+};
 pub use gram::gram;
 pub use maneuver::{Paths, headings, path_size, trajectories};
 pub use random::{Stream, normals};
@@ -44,6 +55,11 @@ impl<'a> Items<'a> {
             size: data.len(),
             step: 0,
         }
+    }
+
+    /// Whether all trials share this input.
+    pub fn is_shared(&self) -> bool {
+        self.step == 0
     }
 
     /// The same input counted from trial `first` on.

@@ -59,3 +59,278 @@ impl Path {
         pulp::Arch::new().dispatch(kernel)
     }
 }
+
+/// Beyond this many radians [`sin_cos`] takes lane by lane what the standard
+/// library gives: three parts of pi/2 no longer reduce the angle exactly.
+const LARGEST_REDUCED: f64 = 1e6;
+
+// pi/2 in three parts. The first two have 33 bits, so that a quadrant number
+// below 2^20 times each is exact, with or without fused multiply-add.
+const HALF_PI: [f64; 3] = [
+    1.570_796_326_734_125_6,
+    6.077_100_506_303_966e-11,
+    2.022_266_248_795_950_6e-21,
+];
+
+// (sin r / r - 1) / r^2, (cos r - 1 + r^2 / 2) / r^4 for |r| <= pi/4 and
+// (atan q / q - 1) / q^2 for |q| <= tan(pi/8) as polynomials in the square,
+// interpolated at Chebyshev nodes in 60 digits: errors below 2e-17.
+const SIN: [f64; 6] = [
+    -0.166_666_666_666_666_65,
+    0.008_333_333_333_330_946,
+    -0.000_198_412_698_367_549_7,
+    2.755_731_610_068_303e-6,
+    -2.505_113_145_542_795e-8,
+    1.591_810_122_730_412e-10,
+];
+const COS: [f64; 6] = [
+    0.041_666_666_666_666_664,
+    -0.001_388_888_888_888_739_6,
+    2.480_158_729_876_343_3e-5,
+    -2.755_731_727_056_032_4e-7,
+    2.087_614_602_468_974_7e-9,
+    -1.138_261_486_856_432_5e-11,
+];
+const ATAN: [f64; 11] = [
+    -0.333_333_333_333_333_3,
+    0.199_999_999_999_955_2,
+    -0.142_857_142_846_662_75,
+    0.111_111_110_152_348_12,
+    -0.090_909_045_772_482_96,
+    0.076_921_831_704_848_5,
+    -0.066_645_111_608_591_65,
+    0.058_581_464_238_093_54,
+    -0.050_854_367_132_677_14,
+    0.039_231_282_023_743_306,
+    -0.019_176_426_315_546_867,
+];
+
+#[inline(always)]
+fn polynomial<S: pulp::Simd, const N: usize>(simd: S, c: &[f64; N], z: S::f64s) -> S::f64s {
+    let mut sum = simd.splat_f64s(c[N - 1]);
+    for &c in c[..N - 1].iter().rev() {
+        sum = simd.mul_add_e_f64s(sum, z, simd.splat_f64s(c));
+    }
+    sum
+}
+
+/// Sine and cosine of each lane, within 1.5 units in the last place.
+///
+/// A kernel calls this between its own vector operations; [`sin_cos_slice`] is
+/// for whole arrays. NaN and infinity give NaN.
+#[inline(always)]
+pub fn sin_cos<S: pulp::Simd>(simd: S, angle: S::f64s) -> (S::f64s, S::f64s) {
+    if !(simd.reduce_max_f64s(simd.abs_f64s(angle)) <= LARGEST_REDUCED) {
+        return by_lane(simd, angle);
+    }
+    // Adding 1.5 * 2^52 rounds to an integer that stands in the lowest bits.
+    let shifter = simd.splat_f64s(6_755_399_441_055_744.0);
+    let shifted = simd.mul_add_e_f64s(
+        angle,
+        simd.splat_f64s(core::f64::consts::FRAC_2_PI),
+        shifter,
+    );
+    let quadrant = simd.sub_f64s(shifted, shifter);
+    let mut r = angle;
+    for part in HALF_PI {
+        r = simd.negate_mul_add_e_f64s(quadrant, simd.splat_f64s(part), r);
+    }
+    let z = simd.mul_f64s(r, r);
+    let sin = simd.mul_add_e_f64s(simd.mul_f64s(r, z), polynomial(simd, &SIN, z), r);
+    let cos = simd.mul_add_e_f64s(
+        simd.mul_f64s(z, z),
+        polynomial(simd, &COS, z),
+        simd.mul_add_e_f64s(z, simd.splat_f64s(-0.5), simd.splat_f64s(1.0)),
+    );
+    let bits = simd.transmute_u64s_f64s(shifted);
+    let (zero, one, two) = (simd.splat_u64s(0), simd.splat_u64s(1), simd.splat_u64s(2));
+    let even = simd.equal_u64s(simd.and_u64s(bits, one), zero);
+    let (a, b) = (
+        simd.select_f64s(even, sin, cos),
+        simd.select_f64s(even, cos, sin),
+    );
+    let sin_positive = simd.equal_u64s(simd.and_u64s(bits, two), zero);
+    let next = simd.add_u64s(bits, one);
+    let cos_positive = simd.equal_u64s(simd.and_u64s(next, two), zero);
+    (
+        simd.select_f64s(sin_positive, a, simd.neg_f64s(a)),
+        simd.select_f64s(cos_positive, b, simd.neg_f64s(b)),
+    )
+}
+
+/// The rare way: the widest vector has 8 lanes.
+#[inline(never)]
+fn by_lane<S: pulp::Simd>(simd: S, angle: S::f64s) -> (S::f64s, S::f64s) {
+    let (mut sin, mut cos) = ([0.0; 8], [0.0; 8]);
+    let mut angles = [0.0; 8];
+    let lanes = S::F64_LANES.min(8);
+    simd.partial_store_f64s(&mut angles[..lanes], angle);
+    for lane in 0..lanes {
+        (sin[lane], cos[lane]) = angles[lane].sin_cos();
+    }
+    (
+        simd.partial_load_f64s(&sin[..lanes]),
+        simd.partial_load_f64s(&cos[..lanes]),
+    )
+}
+
+/// The angle of (x, y) against the x axis in [-pi, pi], lane by lane, within 2
+/// units in the last place; 0 for (0, 0) whatever the signs.
+#[inline(always)]
+pub fn atan2<S: pulp::Simd>(simd: S, y: S::f64s, x: S::f64s) -> S::f64s {
+    let zero = simd.splat_f64s(0.0);
+    let (ax, ay) = (simd.abs_f64s(x), simd.abs_f64s(y));
+    let steep = simd.greater_than_f64s(ay, ax);
+    let (small, large) = (simd.min_f64s(ax, ay), simd.max_f64s(ax, ay));
+    // Above tan(pi/8) turn by pi/4: atan q = pi/4 + atan((q - 1) / (q + 1)).
+    let turned = simd.greater_than_f64s(
+        small,
+        simd.mul_f64s(simd.splat_f64s(0.414_213_562_373_095_03), large),
+    );
+    let over = simd.select_f64s(turned, simd.sub_f64s(small, large), small);
+    let under = simd.select_f64s(turned, simd.add_f64s(small, large), large);
+    let nothing = simd.equal_f64s(large, zero);
+    let under = simd.select_f64s(nothing, simd.splat_f64s(1.0), under);
+    let q = simd.div_f64s(over, under);
+    let z = simd.mul_f64s(q, q);
+    let angle = simd.mul_add_e_f64s(simd.mul_f64s(q, z), polynomial(simd, &ATAN, z), q);
+    let quarter = simd.splat_f64s(core::f64::consts::FRAC_PI_4);
+    let angle = simd.select_f64s(turned, simd.add_f64s(quarter, angle), angle);
+    let half = simd.splat_f64s(core::f64::consts::FRAC_PI_2);
+    let angle = simd.select_f64s(steep, simd.sub_f64s(half, angle), angle);
+    let whole = simd.splat_f64s(core::f64::consts::PI);
+    let behind = simd.less_than_f64s(x, zero);
+    let angle = simd.select_f64s(behind, simd.sub_f64s(whole, angle), angle);
+    simd.select_f64s(simd.less_than_f64s(y, zero), simd.neg_f64s(angle), angle)
+}
+
+/// Sines and cosines of an array on the given path; the three have one length.
+pub fn sin_cos_slice(path: Path, angles: &[f64], sin: &mut [f64], cos: &mut [f64]) {
+    path.run(SinCos { angles, sin, cos });
+}
+
+struct SinCos<'a> {
+    angles: &'a [f64],
+    sin: &'a mut [f64],
+    cos: &'a mut [f64],
+}
+
+impl pulp::WithSimd for SinCos<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, simd: S) {
+        let (angles, rest) = S::as_simd_f64s(self.angles);
+        let (sin, sin_rest) = S::as_mut_simd_f64s(self.sin);
+        let (cos, cos_rest) = S::as_mut_simd_f64s(self.cos);
+        for ((&angle, sin), cos) in angles.iter().zip(sin).zip(cos) {
+            (*sin, *cos) = sin_cos(simd, angle);
+        }
+        if !rest.is_empty() {
+            let (s, c) = sin_cos(simd, simd.partial_load_f64s(rest));
+            simd.partial_store_f64s(sin_rest, s);
+            simd.partial_store_f64s(cos_rest, c);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use alloc::vec;
+    use alloc::vec::Vec;
+
+    use super::*;
+
+    fn ulps(given: f64, wanted: f64) -> f64 {
+        (given - wanted).abs() / (wanted.abs().max(f64::MIN_POSITIVE) * f64::EPSILON)
+    }
+
+    #[test]
+    fn sine_and_cosine_on_every_path() {
+        let mut angles: Vec<f64> = (-4000..4000).map(|k| f64::from(k) * 1.234_567e-3).collect();
+        angles.extend((-60..60).map(|k| f64::from(k) * core::f64::consts::FRAC_PI_4));
+        angles.extend([0.0, -0.0, 1e-300, 1e-9, 9.9e5, -9.9e5, 3e6, 1e22]);
+        for path in Path::available() {
+            let mut sin = vec![0.0; angles.len()];
+            let mut cos = vec![0.0; angles.len()];
+            sin_cos_slice(path, &angles, &mut sin, &mut cos);
+            for (i, &angle) in angles.iter().enumerate() {
+                let (s, c) = angle.sin_cos();
+                // Near a multiple of pi/2 the reduced angle carries what three
+                // parts of pi/2 leave.
+                assert!(
+                    ulps(sin[i], s) < 2.0 || (sin[i] - s).abs() < 1e-17,
+                    "{path:?} sin {angle} = {} not {s}",
+                    sin[i]
+                );
+                assert!(
+                    ulps(cos[i], c) < 2.0 || (cos[i] - c).abs() < 1e-17,
+                    "{path:?} cos {angle} = {} not {c}",
+                    cos[i]
+                );
+            }
+            let mut sin = [0.0; 3];
+            let mut cos = [0.0; 3];
+            let bad = [f64::NAN, f64::INFINITY, 1.0];
+            sin_cos_slice(path, &bad, &mut sin, &mut cos);
+            assert!(sin[0].is_nan() && cos[1].is_nan());
+            assert!(ulps(sin[2], 1.0_f64.sin()) < 2.0);
+        }
+    }
+
+    struct Atan2<'a>(&'a [f64], &'a [f64], &'a mut [f64]);
+
+    impl pulp::WithSimd for Atan2<'_> {
+        type Output = ();
+
+        #[inline(always)]
+        fn with_simd<S: pulp::Simd>(self, simd: S) {
+            let n = S::F64_LANES;
+            for ((y, x), out) in self
+                .0
+                .chunks(n)
+                .zip(self.1.chunks(n))
+                .zip(self.2.chunks_mut(n))
+            {
+                let angle = atan2(simd, simd.partial_load_f64s(y), simd.partial_load_f64s(x));
+                simd.partial_store_f64s(out, angle);
+            }
+        }
+    }
+
+    #[test]
+    fn arc_tangent_on_every_path() {
+        let (mut y, mut x) = (vec![], vec![]);
+        for k in 0..5000 {
+            let angle = f64::from(k) * 0.001_257;
+            let size = 10_f64.powi(k % 40 - 20);
+            y.push(size * angle.sin());
+            x.push(size * angle.cos());
+        }
+        for (a, b) in [
+            (0.0, 0.0),
+            (0.0, -1.0),
+            (1.0, 0.0),
+            (-1.0, 0.0),
+            (1.0, 1.0),
+            (-3.0, -3.0),
+        ] {
+            y.push(a);
+            x.push(b);
+        }
+        for path in Path::available() {
+            let mut out = vec![0.0; y.len()];
+            path.run(Atan2(&y, &x, &mut out));
+            for i in 0..y.len() {
+                let wanted = y[i].atan2(x[i]);
+                assert!(
+                    ulps(out[i], wanted) < 2.5,
+                    "{path:?} atan2({}, {}) = {} not {wanted}",
+                    y[i],
+                    x[i],
+                    out[i]
+                );
+            }
+        }
+    }
+}

@@ -9,8 +9,15 @@
 //! Li & Sheng 2009 (the pseudo-linear rows, their eq. 3); Xu et al. 2009, eq. 9
 //! (the rows of the nonlinear problem, weighted by 1 / (sigma r)).
 
+mod discriminant;
 mod rows;
 
+#[cfg(feature = "std")]
+pub(crate) use discriminant::middle;
+pub use discriminant::{
+    Form, check_track, discriminant, discriminant_sum, discriminant_sum_qr, fixed_target_sum,
+    fixed_target_sum_qr,
+};
 pub use rows::{bearing, position, push_rows, row};
 
 fn check_length(array: &'static str, given: usize, wanted: usize) -> Result<(), Error> {
@@ -49,6 +56,25 @@ pub enum Error {
         /// The number of times.
         wanted: usize,
     },
+    /// A sine in the denominator of the cotangent form is zero.
+    Cotangent {
+        /// The bearing that points along the first one's line.
+        other: usize,
+    },
+    /// Fewer bearings than the question needs.
+    TooFew {
+        /// How many there are.
+        given: usize,
+        /// How many are needed at least.
+        wanted: usize,
+    },
+    /// A weight that is negative.
+    Weight {
+        /// Which sample.
+        index: usize,
+        /// The value given.
+        given: f64,
+    },
     /// Times that do not increase.
     Times {
         /// The first time that is not later than the one before.
@@ -65,10 +91,11 @@ impl Error {
     #[must_use]
     pub fn at(mut self, sample: usize) -> Self {
         match &mut self {
-            Self::OnTarget { index } | Self::Sigma { index, .. } | Self::Times { index, .. } => {
-                *index = sample;
-            }
-            Self::Length { .. } => {}
+            Self::OnTarget { index }
+            | Self::Sigma { index, .. }
+            | Self::Times { index, .. }
+            | Self::Weight { index, .. } => *index = sample,
+            Self::Length { .. } | Self::Cotangent { .. } | Self::TooFew { .. } => {}
         }
         self
     }
@@ -92,6 +119,17 @@ impl core::fmt::Display for Error {
                 f,
                 "{array} has {given} entries: must have {wanted}, one for each time"
             ),
+            Self::Cotangent { other } => write!(
+                f,
+                "bearings[{other}] is on the line of bearings[0]: the cotangent form (13) needs \
+                 their sine nonzero; take the form (15)"
+            ),
+            Self::TooFew { given, wanted } => {
+                write!(f, "{given} bearings: at least {wanted} are needed")
+            }
+            Self::Weight { index, given } => {
+                write!(f, "weights[{index}] = {given}: must be >= 0 and finite")
+            }
             Self::Times {
                 index,
                 given,
