@@ -144,8 +144,8 @@ def discriminant_sum(
     """
     if order not in (0, 1):
         raise InputError(f"order = {order}: must be 0, a fixed target, or 1, constant velocity")
-    method = _one_of("method", method, get_args(Method))
-    return _core.bearing_discriminant_sum(times, bearings, weights, method, order)
+    how = _one_of("method", method, get_args(Method))
+    return _core.bearing_discriminant_sum(times, bearings, weights, how, order)
 
 
 @dataclass(frozen=True, eq=False)
@@ -415,7 +415,8 @@ def _relative_motion(t: Array, b: Array) -> Array:
     scale = np.hypot(*position[0])
     if scale == 0:
         scale = np.hypot(*position.T).max()
-    return np.concatenate([position[0], c[2:]]) / scale
+    motion: Array = np.concatenate([position[0], c[2:]]) / scale
+    return motion
 
 
 def _one_of(name: str, value: str, choices: tuple[str, ...]) -> str:
