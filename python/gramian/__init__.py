@@ -6,10 +6,8 @@ shape (K, n). A model makes rows; `analyze` says what they determine.
 
 from __future__ import annotations
 
-from importlib.metadata import version
-
 from gramian import bearings, bounds, maneuver, monte_carlo
-from gramian._core import set_threads
+from gramian._core import __version__, set_threads
 from gramian.analysis import Observability, Suggestion, analyze
 from gramian.bounds import crlb, crlb_std, gram
 from gramian.exceptions import (
@@ -34,6 +32,7 @@ __all__ = [
     "Suggestion",
     "UnobservableError",
     "WorkerError",
+    "__version__",
     "analyze",
     "bearings",
     "bounds",
@@ -45,5 +44,3 @@ __all__ = [
     "monte_carlo",
     "set_threads",
 ]
-
-__version__ = version("gramian")

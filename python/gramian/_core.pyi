@@ -8,6 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 
 _Array = NDArray[np.float64]
 
+__version__: str
+
 # spine
 def gram(rows: ArrayLike, weights: ArrayLike | None) -> _Array: ...
 def crlb_std(rows: ArrayLike, rtol: float | None) -> _Array: ...
