@@ -50,6 +50,40 @@ def bearing_rows(
     is_state: bool,
 ) -> _Array: ...
 
+# estimates from bearings. A record of `bearings_localize` holds the estimate
+# (n), the null direction (n), the covariance (n x n), then status, nullity,
+# iterations, chi2; one of `bearings_localize_trials` the error (n), the stated
+# deviations (n), then nees, chi2, status, iterations. Trial i there takes its
+# noise from (seed, first + i) alone, so a run may be cut anywhere. Statuses are
+# places in `gramian.bearings.STATUSES`; `gramian.bearings.localize_trials` is
+# the checked face.
+def bearings_localize(
+    times: ArrayLike,
+    observer: ArrayLike,
+    bearings: ArrayLike,
+    sigma: ArrayLike,
+    states: int,
+    prior: tuple[ArrayLike, ArrayLike] | None,
+    several: bool,
+    rtol: float | None,
+    max_iterations: int,
+    weak_ratio: float,
+) -> _Array: ...
+def bearings_localize_trials(
+    times: ArrayLike,
+    observer: ArrayLike,
+    truth: ArrayLike,
+    sigma: ArrayLike,
+    seed: int,
+    first: int,
+    trials: int,
+    prior: tuple[ArrayLike, ArrayLike] | None,
+    several: bool,
+    rtol: float | None,
+    max_iterations: int,
+    weak_ratio: float,
+) -> _Array: ...
+
 # maneuver
 def maneuver_heading(
     bearing: ArrayLike, range_: ArrayLike, step: ArrayLike, law: str, side: ArrayLike

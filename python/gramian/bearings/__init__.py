@@ -17,20 +17,34 @@ from gramian.bearings.discriminant import (
     gram_det,
     observable,
 )
+from gramian.bearings.localize import (
+    STATUSES,
+    Localization,
+    Trials,
+    localize,
+    localize_trials,
+    residuals,
+)
 from gramian.bearings.rows import NAMES, UNITS, problem, rows, simulate
 
 __all__ = [
     "NAMES",
+    "STATUSES",
     "UNITS",
+    "Localization",
     "ObservableVerdict",
     "Quadruple",
+    "Trials",
     "best_quadruple",
     "discriminant",
     "discriminant_sum",
     "gram",
     "gram_det",
+    "localize",
+    "localize_trials",
     "observable",
     "problem",
+    "residuals",
     "rows",
     "simulate",
 ]

@@ -3,6 +3,7 @@
 #![allow(missing_docs)] // The public face is python/gramian; see _core.pyi.
 
 mod bearings;
+mod bearings_localize;
 mod convert;
 mod errors;
 mod maneuver;
@@ -16,5 +17,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     spine::register(module)?;
     bearings::register(module)?;
+    bearings_localize::register(module)?;
     maneuver::register(module)
 }

@@ -8,8 +8,10 @@
 
 mod bearings_discriminant;
 mod bearings_gram;
+pub mod bearings_localize;
 mod bearings_quadruple;
 mod gram;
+mod lanes;
 mod maneuver;
 mod random;
 pub mod simd;
