@@ -262,7 +262,7 @@ def localize(
         names=names,
         units=units,
     )
-    if answer.status == "unobservable":
+    if answer.code.ndim == 0 and answer.status == "unobservable":
         raise _unobservable(answer)
     return answer
 

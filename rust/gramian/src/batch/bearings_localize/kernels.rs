@@ -283,7 +283,7 @@ fn powers<S: pulp::Simd>(time: Lanes<S>) -> [Lanes<S>; 3] {
     [time, square, square * time.times(1.0 / 3.0)]
 }
 
-/// The rows of the homogeneous pseudo-linear equations a_i h = 0 into `columns`
+/// The rows of the homogeneous pseudo-linear equations a h = 0 into `columns`
 /// (Li & Sheng 2009, eq. 3, with the observer's displacement as one more column),
 /// weighted; or, with `turned`, their derivative by the bearing, not weighted.
 pub struct PseudoLinear<'a, const N: usize> {
