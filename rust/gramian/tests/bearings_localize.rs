@@ -77,7 +77,7 @@ fn exact_bearings_give_the_exact_state() {
         .zip(observer.chunks(2))
         .map(|(&t, o)| bearing([o[0], o[1]], position(&TRUTH, t)))
         .collect();
-    let track = track(&times, &observer, &[1e-2]);
+    let track = track(&times, &observer, &[1e-3]);
     let mut out = vec![0.0; Layout { states: 4 }.size()];
     for path in Path::available() {
         localize(

@@ -108,7 +108,14 @@ impl<const N: usize> pulp::WithSimd for Exact<'_, N> {
                 let de = Lanes::load(simd, &rest[2 * blocks + i], part);
                 let dn = Lanes::load(simd, &rest[3 * blocks + i], part);
                 let (east, north) = place::<S, N>(&h, time, de, dn);
-                let range = east.mul_add(east, north * north).sqrt();
+                let square = east.mul_add(east, north * north);
+                // Closer than rounding is on it.
+                let square = square.choose_above(
+                    Lanes::splat(simd, 1e-28),
+                    square,
+                    Lanes::splat(simd, f64::NAN),
+                );
+                let range = square.sqrt();
                 (east / range).store(&mut sines[i], part);
                 (north / range).store(&mut cosines[i], part);
             }
