@@ -318,3 +318,24 @@ def test_a_run_on_a_terminal_shows_its_rate(monkeypatch):
     monkeypatch.setattr(sys, "stderr", quiet := io.StringIO())
     gm.monte_carlo.run(Level(10), 100, 1, mean)
     assert quiet.getvalue() == ""
+
+
+def test_a_sweep_goes_through_a_point_where_nothing_is_observable():
+    def turned(degrees):
+        way = np.where(
+            scene().times[:, None] < 300,
+            [0.0, 1.0],
+            [np.sin(np.radians(degrees)), np.cos(np.radians(degrees))],
+        )
+        path = 50 * np.vstack([[0, 0], np.cumsum(way[:-1], axis=0)])
+        return gm.monte_carlo.Bearings(scene().times, path, scene().target, SIGMA)
+
+    swept = gm.monte_carlo.sweep(turned, {"degrees": [0.0, 90.0]}, 500, 1)
+    assert np.isinf(swept.values("bound")[0]).all()
+    assert swept.values("failed").tolist() == [500, 0]
+    assert swept.results[0].failures[0].kind == "unobservable"
+    assert np.isnan(swept.values("rmse")[0]).all()
+    assert "nan" not in swept.summary()
+    swept.plot()
+    swept.plot("bound")
+    swept.plot("nees")

@@ -99,3 +99,13 @@ def maneuver_trajectory(
     standoff: ArrayLike,
     circles: bool,
 ) -> _Array: ...
+
+# monte_carlo
+def bearing_log_det_trials(
+    times: ArrayLike,
+    bearings: ArrayLike,
+    sigma: ArrayLike,
+    seed: int,
+    first: int,
+    trials: int,
+) -> _Array: ...

@@ -60,6 +60,29 @@ def plan(file: File, out: Out = None, json: Json = False) -> None:
 
 
 @app.command()
+def simulate(
+    file: File,
+    trials: Annotated[int, typer.Option(help="How many.")] = 1000,
+    seed: Annotated[int, typer.Option(help="Of the random numbers; any run can be repeated.")] = 1,
+    resume: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Keep finished trials here and go on from them.",
+            show_default=False,
+        ),
+    ] = None,
+    out: Out = None,
+    json: Json = False,
+) -> None:
+    """Estimate in many simulated trials and set the errors beside the bound."""
+    from gramian.scenario import load
+
+    report = load(file).simulate(trials, seed, resume=resume, progress=not json)
+    _finish(report, out, json)
+
+
+@app.command()
 def demo(
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="Where the scenarios and reports go.")

@@ -56,15 +56,19 @@ class Failure:
         return Failure(self.kind, self.count + other.count, early.first_trial, early.message)
 
 
-def chunk_size(trials: int, in_rust: bool) -> int:
+def chunk_size(trials: int, cost: float | None) -> int:
     """Return how many trials a chunk has: by the run alone, never by the workers.
 
     Small enough for many chunks, so that workers share and little is lost; large
-    enough to be worth a message between processes.
+    enough to be worth a message between processes. `cost` is roughly what a trial
+    takes in Rust, in seconds; None for a function in Python.
     """
-    least, most, chunks = (256, 32768, 32) if in_rust else (LEAF, 1024, 64)
-    size = least
-    while size < most and 2 * size * chunks <= trials:
+    least, most, chunks = LEAF, 1024, 64
+    if cost is not None:
+        most = max(LEAF, min(32768, int(0.5 / cost)))
+        least, chunks = min(256, most), 32
+    size = LEAF
+    while size < least or (2 * size <= most and 2 * size * chunks <= trials):
         size *= 2
     return size
 
@@ -105,6 +109,11 @@ class Task:
     keep: bool
 
     @property
+    def in_rust(self) -> bool:
+        """Whether no function of the user's has a part in it."""
+        return not (callable(self.estimator) or any(self.quantities.values()))
+
+    @property
     def dtype(self) -> np.dtype[np.void]:
         """The columns of the per-trial table."""
         columns: list[tuple[str, str]] = [("trial", "<i8"), ("status", "<i2")]
@@ -113,9 +122,13 @@ class Task:
             columns += [("nees", "<f8")]
         return np.dtype(columns + [(name, "<f8") for name in self.quantities])
 
+    def empty(self, trials: int) -> Table:
+        """Return a table of zeros."""
+        return np.zeros(trials, dtype=self.dtype)
+
     def run(self, first: int, trials: int) -> Chunk:
         """Simulate and estimate `trials` trials from `first` on."""
-        table = np.zeros(trials, dtype=self.dtype)
+        table = self.empty(trials)
         table["trial"] = np.arange(first, first + trials)
         notes = _Notes()
         measurements = None

@@ -39,8 +39,7 @@ def execute(
     elif workers is None:
         for span in spans:
             yield task.run(*span)
-    elif isinstance(task.estimator, str) or task.estimator is None:
-        # All of it runs in Rust, on threads.
+    elif task.in_rust:
         before = _core.set_threads(workers)
         try:
             for span in spans:

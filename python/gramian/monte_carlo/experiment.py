@@ -57,6 +57,8 @@ class Experiment(ABC):
         Names of estimators that `estimate` runs; the first is the default.
     quantities : tuple of str
         Names of numbers that `quantity` computes from a trial's measurements.
+    cost : float
+        What one trial of these takes, roughly, in seconds: sets the chunks.
 
     Examples
     --------
@@ -78,6 +80,7 @@ class Experiment(ABC):
 
     estimators: ClassVar[tuple[str, ...]] = ()
     quantities: ClassVar[tuple[str, ...]] = ()
+    cost: ClassVar[float] = 1e-5
     names: Any
     """The states, a sequence of str."""
     truth: Any

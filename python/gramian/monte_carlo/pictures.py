@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from gramian import plot
+from gramian.report import number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,6 +24,7 @@ __all__ = [
     "overview",
     "quantity_histogram",
     "rmse_and_bound",
+    "single",
     "sweep",
 ]
 
@@ -49,6 +51,13 @@ def overview(result: MonteCarloResult) -> Figure:
     return fig
 
 
+def single(result: MonteCarloResult, draw: Callable[..., None], **options: Any) -> Figure:
+    """Draw one picture of a run on a figure of its own."""
+    fig = plot.figure()
+    draw(result, fig.subplots(), **options)
+    return fig
+
+
 def error_cloud(result: MonteCarloResult, axes: Axes, states: tuple[int, int] = (0, 1)) -> None:
     """Draw the errors of two states with the 95 % ellipses of the errors and of the bound."""
     i, j = states
@@ -66,7 +75,17 @@ def error_cloud(result: MonteCarloResult, axes: Axes, states: tuple[int, int] = 
     axes.set_xlabel(_label(result, i, "error of "))
     axes.set_ylabel(_label(result, j, "error of "))
     shown = f"first {len(x)} of {result.used}" if len(x) < result.used else f"{len(x)}"
-    axes.set_title(f"{shown} trials", fontsize="medium")
+    # A few wild estimates must not shrink the rest to a dot: they are counted.
+    outside = np.zeros(len(x), dtype=bool)
+    for values, set_limits in ((x, axes.set_xlim), (y, axes.set_ylim)):
+        low, high = np.quantile(values, [0.005, 0.995])
+        margin = 0.5 * (high - low)
+        beyond = (values < low - margin) | (values > high + margin)
+        if beyond.any():
+            set_limits(low - margin, high + margin)
+            outside |= beyond
+    lost = f", {outside.sum()} outside the frame" if outside.any() else ""
+    axes.set_title(f"{shown} trials{lost}", fontsize="medium")
     axes.legend(fontsize="small")
 
 
@@ -109,7 +128,7 @@ def rmse_and_bound(result: MonteCarloResult, axes: Axes) -> None:
     for i in places[~known]:
         axes.text(i, 1.0, "not\nobservable", ha="center", va="bottom", color=plot.COLORS["bad"])
     labels = [
-        f"{name}\n{rmse:.3g} / {bound:.3g}"
+        f"{name}\n{number(rmse, 3)} / {number(bound, 3)}"
         for name, rmse, bound in zip(result.names, result.rmse, result.bound, strict=True)
     ]
     axes.set_xticks(places, labels, fontsize="small" if len(labels) < 7 else "xx-small")
@@ -142,7 +161,10 @@ def nees_histogram(result: MonteCarloResult, axes: Axes) -> None:
     axes.plot(
         x, chi2.pdf(x, nees.dof), color=plot.COLORS["target"], label=f"chi-square, {nees.dof}"
     )
-    axes.axvline(nees.mean, color="black", linewidth=1, label=f"mean {nees.mean:.3g}")
+    inside = nees.mean <= nees.edges[-1]
+    label = f"mean {nees.mean:.3g}" + ("" if inside else ", beyond the axis")
+    axes.axvline(min(nees.mean, nees.edges[-1]), color="black", linewidth=1.5, label=label)
+    axes.set_xlim(0, 1.02 * nees.edges[-1])
     axes.axvspan(*nees.band, color=plot.COLORS["good"], alpha=0.4, label="95 % band of the mean")
     top = max(density.max(), 0.2 / nees.dof**0.5)
     axes.set_ylim(0, 1.25 * top)
@@ -212,7 +234,7 @@ def _curve(result: SweepResult, what: str, state: str | None, axes: Axes, beside
         axes.plot(x, bound, "--", color=plot.COLORS["target"], label="bound")
         for place in x[~np.isfinite(bound)]:
             axes.axvline(place, color=plot.COLORS["bad"], linestyle=":")
-    if what in ("rmse", "std", "bound") and (y[np.isfinite(y)] > 0).all():
+    if what in ("rmse", "std", "bound") and (y[np.isfinite(y)] > 0).any():
         axes.set_yscale("log")
     if what == "efficiency":
         axes.axhline(1.0, color=plot.COLORS["target"], linestyle="--", label="bound")

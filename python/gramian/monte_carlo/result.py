@@ -225,7 +225,7 @@ class MonteCarloResult:
     @property
     def rate(self) -> float:
         """Trials a second, of those that this run did itself."""
-        return self.simulated / self.seconds
+        return self.simulated / self.seconds if self.seconds > 0 else 0.0
 
     @property
     def failed(self) -> int:
@@ -528,7 +528,8 @@ def _quantity(node: Moments) -> Quantity:
 
     mean = float(node.mean[0])
     std = float(np.sqrt(node.scatter[0, 0] / (count - 1))) if count > 1 else np.inf
-    half = float(t.ppf(0.5 + LEVEL / 2, count - 1)) * std / np.sqrt(count) if count > 1 else np.inf
+    reach = float(t.ppf(0.5 + LEVEL / 2, count - 1)) if count > 1 else np.inf
+    half = reach * std / float(np.sqrt(count))
     return Quantity(
         count, mean, (mean - half, mean + half), std, float(node.low[0]), float(node.high[0])
     )

@@ -30,7 +30,7 @@ from gramian.monte_carlo.resume import Manifest, Store, kept_chunk_size
 from gramian.monte_carlo.statistics import LEAF, Tree
 from gramian.problem import Problem
 
-__all__ = ["run"]
+__all__ = ["run", "unobservable"]
 
 Quantities = Iterable[str] | Mapping[str, Callable[[Any], Any]]
 
@@ -133,12 +133,6 @@ def run(
     if isinstance(chosen, str):
         _refuse_unobservable(experiment)
     edges, limit = nees_marks(len(experiment.names)) if chosen is not None else (None, np.nan)
-    python = callable(chosen) or any(wanted.values())
-    if chunk is not None:
-        size = _chunk(chunk)
-    else:
-        # A run that is resumed keeps its chunks, also when it is made longer.
-        size = (resume and kept_chunk_size(resume)) or chunk_size(trials, not python)
     task = Task(
         experiment,
         seed,
@@ -149,6 +143,12 @@ def run(
         limit,
         keep=table or resume is not None,
     )
+    if chunk is not None:
+        size = _chunk(chunk)
+    else:
+        # A run that is resumed keeps its chunks, also when it is made longer.
+        cost = experiment.cost if task.in_rust else None
+        size = (resume and kept_chunk_size(resume)) or chunk_size(trials, cost)
     spans = [(first, min(size, trials - first)) for first in range(0, trials, size)]
     total = _Total(table)
     store = None
@@ -378,6 +378,30 @@ def _estimator(
     if not callable(given):
         raise InputError(f"estimator is a {type(given).__name__}: must be a name or a function")
     return given
+
+
+def unobservable(
+    problem: Experiment | Problem, trials: int, seed: int, estimator: str | None, reason: str
+) -> MonteCarloResult:
+    """Return the result of a run that no built-in estimator can make: no estimate at all."""
+    experiment = as_experiment(problem)
+    chosen = estimator or experiment.estimators[0]
+    bound, covariance = bound_of(experiment)
+    return MonteCarloResult.of(
+        experiment,
+        seed=seed,
+        estimator=chosen,
+        bound=bound,
+        bound_covariance=covariance,
+        statistics=Statistics(None, {}, None, 0),
+        edges=None,
+        failures=(Failure("unobservable", trials, 0, reason),),
+        trials=trials,
+        sample=Task(experiment, seed, chosen, {}, None, None, np.nan, False).empty(0),
+        table=None,
+        seconds=0.0,
+        simulated=0,
+    )
 
 
 def _refuse_unobservable(experiment: Experiment) -> None:

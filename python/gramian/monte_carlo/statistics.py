@@ -81,32 +81,40 @@ def moments(values: Array, ok: NDArray[np.bool_]) -> Moments:
     leaves = 1
     while leaves * LEAF < trials:
         leaves *= 2
-    rows, weights = np.zeros((leaves * LEAF, d)), np.zeros((leaves * LEAF, 1))
     everything = bool(ok.all())
-    if everything:
-        rows[:trials] = values
-        weights[:trials] = 1.0
-    else:
-        rows[:trials][ok] = values[ok]
-        weights[:trials][ok] = 1.0
-    padded, weight = rows.reshape(leaves, LEAF, d), weights.reshape(leaves, LEAF, 1)
     full = everything and trials == leaves * LEAF
-    count = np.full(leaves, float(LEAF)) if full else _sum(weight)[:, 0]
-    mean = _sum(padded) / np.maximum(count, 1.0)[:, None]
-    deviation = padded - mean[:, None, :]
-    square = padded * padded
-    low, high = padded, padded
-    if not full:
-        deviation *= weight
-        low = np.where(weight > 0, padded, np.inf)
-        high = np.where(weight > 0, padded, -np.inf)
+    # State by state, so that each sum runs over neighbours in memory.
+    padded = np.zeros((d, leaves * LEAF))
+    weight = np.zeros(leaves * LEAF)
+    if everything:
+        padded[:, :trials] = values.T
+        weight[:trials] = 1.0
+    else:
+        padded[:, :trials][:, ok] = values[ok].T
+        weight[:trials][ok] = 1.0
+    columns, weights = padded.reshape(d, leaves, LEAF), weight.reshape(leaves, LEAF)
+    count = np.full(leaves, float(LEAF)) if full else _sum(weights)
+    mean = _sum(columns) / np.maximum(count, 1.0)
+    deviation = columns - mean[:, :, None]
+    if full:
+        low, high = columns.min(axis=-1), columns.max(axis=-1)
+    else:
+        deviation *= weights
+        low = np.where(weights > 0, columns, np.inf).min(axis=-1)
+        high = np.where(weights > 0, columns, -np.inf).max(axis=-1)
+    scatter = np.empty((leaves, d, d))
+    for i in range(d):
+        for j in range(i + 1):
+            scatter[:, i, j] = scatter[:, j, i] = _sum(deviation[i] * deviation[j])
+    columns *= columns
+    columns *= columns
     node = Moments(
         count,
-        mean,
-        _sum(deviation[..., :, None] * deviation[..., None, :]),
-        _sum(square * square),
-        low.min(axis=1),
-        high.max(axis=1),
+        mean.T,
+        scatter,
+        _sum(columns).T,
+        low.T,
+        high.T,
     )
     while leaves > 1:
         node = node._pick(slice(0, None, 2)).merge(node._pick(slice(1, None, 2)))
@@ -115,11 +123,11 @@ def moments(values: Array, ok: NDArray[np.bool_]) -> Moments:
 
 
 def _sum(values: Array) -> Array:
-    """Sum over the second axis, of length LEAF, by halves: one order on every machine."""
-    while values.shape[1] > 1:
-        half = values.shape[1] // 2
-        values = values[:, :half] + values[:, half:]
-    return values[:, 0]
+    """Sum over the last axis, of length LEAF, by halves: one order on every machine."""
+    while values.shape[-1] > 1:
+        half = values.shape[-1] // 2
+        values = values[..., :half] + values[..., half:]
+    return values[..., 0]
 
 
 class Tree:

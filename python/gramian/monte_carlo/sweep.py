@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gramian.exceptions import InputError
+from gramian.exceptions import InputError, UnobservableError
 from gramian.monte_carlo.chunks import Estimator
 from gramian.monte_carlo.experiment import Experiment
 from gramian.monte_carlo.result import MonteCarloResult
-from gramian.monte_carlo.run import Quantities, run
+from gramian.monte_carlo.run import Quantities, run, unobservable
 from gramian.problem import Problem
 
 if TYPE_CHECKING:
@@ -119,7 +119,11 @@ class SweepResult:
     def summary(self) -> str:
         """Return the table of all points as text."""
         columns = self._columns()
-        rows = [list(columns), *([f"{v:.4g}" for v in row] for row in zip(*columns.values()))]  # noqa: B905
+        # No number where there is no estimate.
+        texts = [
+            ["-" if np.isnan(v) else f"{v:.4g}" for v in values] for values in columns.values()
+        ]
+        rows = [list(columns), *map(list, zip(*texts, strict=True))]
         widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
         return "\n".join(
             "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True))
@@ -175,6 +179,11 @@ def sweep(
     -------
     SweepResult
 
+    Notes
+    -----
+    Where the states are not observable a built-in estimator gives no estimate:
+    the bound is `inf` there, and all trials count as failed.
+
     Examples
     --------
     >>> import gramian as gm
@@ -195,17 +204,23 @@ def sweep(
         if resume is not None:
             text = "_".join(f"{name}={value!r}" for name, value in point.items())
             place = Path(resume) / text.replace(os.sep, "-")
-        result = run(
-            make(**point),
-            trials,
-            seed,
-            estimator,
-            workers=workers,
-            executor=executor,
-            progress=progress,
-            resume=place,
-            quantities=quantities,
-        )
+        experiment = make(**point)
+        try:
+            result = run(
+                experiment,
+                trials,
+                seed,
+                estimator,
+                workers=workers,
+                executor=executor,
+                progress=progress,
+                resume=place,
+                quantities=quantities,
+            )
+        except UnobservableError as error:
+            # A point of the range where no estimate exists is an answer too.
+            name = estimator if isinstance(estimator, str) else None
+            result = unobservable(experiment, trials, seed, name, str(error))
         results.append(result)
     return SweepResult(MappingProxyType(grid), tuple(results))
 

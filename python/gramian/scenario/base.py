@@ -2,14 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pydantic import BaseModel, ConfigDict, PrivateAttr
 
 from gramian.exceptions import ScenarioError
 from gramian.report import Report
 
-__all__ = ["Scenario", "Section"]
+if TYPE_CHECKING:
+    from gramian.monte_carlo import Experiment
+
+__all__ = ["Scenario", "Section", "Simulation"]
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A Monte Carlo experiment, and what a report says of it beforehand."""
+
+    experiment: Experiment
+    title: str
+    subtitle: str
+    facts: Sequence[tuple[str, str]] = ()
 
 
 class Section(BaseModel):
@@ -57,10 +73,27 @@ class Scenario(Section):
         """Choose what to do so as to know more."""
         raise self._unsupported("plan")
 
-    def simulate(self, trials: int, seed: int, out: Path) -> Report:
-        """Check the estimator against its bound over simulated trials."""
-        del trials, seed, out
+    def experiment(self) -> Simulation:
+        """Return what `simulate` runs."""
         raise self._unsupported("simulate")
+
+    def simulate(
+        self, trials: int, seed: int, *, resume: Path | None = None, progress: bool = True
+    ) -> Report:
+        """Check the estimator against its bound over simulated trials."""
+        from gramian.monte_carlo.report import simulate
+
+        what = self.experiment()
+        return simulate(
+            what.experiment,
+            trials,
+            seed,
+            title=what.title,
+            subtitle=what.subtitle,
+            facts=what.facts,
+            resume=resume,
+            progress=progress,
+        )
 
     def _unsupported(self, command: str) -> ScenarioError:
         return ScenarioError(

@@ -23,7 +23,7 @@ from gramian.report import (
     number,
     tone_of,
 )
-from gramian.scenario.base import Scenario, Section
+from gramian.scenario.base import Scenario, Section, Simulation
 from gramian.scenario.files import read_columns
 
 if TYPE_CHECKING:
@@ -293,6 +293,42 @@ class BearingsScenario(Scenario):
             tables=tables,
             pictures=pictures,
             data=data,
+        )
+
+    def experiment(self) -> Simulation:
+        """Return the experiment of a target on the straight track nearest to this one."""
+        from gramian.monte_carlo import Bearings
+
+        geometry = self.geometry
+        if self.known:
+            raise self.mistake("known", "simulate estimates every state: give a [prior] instead")
+        priors: dict[str, float] = {}
+        for name, value in self.prior.items():
+            if name not in bearings.NAMES:
+                raise self.mistake(
+                    f"prior.{name}", "simulate takes what is known of x0, y0, vx and vy alone"
+                )
+            priors[name] = value if isinstance(value, float) else value.sigma
+        t = geometry.times - geometry.times[0]
+        design = np.stack([np.ones_like(t), t], axis=1)
+        line = np.linalg.lstsq(design, geometry.target, rcond=None)[0]
+        off = float(np.hypot(*(geometry.target - design @ line).T).max())
+        facts = []
+        if self.target is None:
+            facts.append(
+                (
+                    "simulated target",
+                    f"on the straight track nearest to the recorded one ({off:.0f} m off at most)",
+                )
+            )
+        return Simulation(
+            Bearings(geometry.times, geometry.observer, np.concatenate(line), self.sigma, priors),
+            title=f"{geometry.observer_name} -> {geometry.target_name}",
+            subtitle=(
+                f"{geometry.times.size} bearings over {self.window.duration:g} s, "
+                f"sigma {self.noise.bearing_deg:g} deg"
+            ),
+            facts=facts,
         )
 
     def _bound_history(self) -> tuple[Array, Array]:

@@ -7,6 +7,7 @@ mod bearings_localize;
 mod convert;
 mod errors;
 mod maneuver;
+mod monte_carlo;
 mod run;
 mod spine;
 
@@ -16,6 +17,7 @@ use pyo3::prelude::*;
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     spine::register(module)?;
+    monte_carlo::register(module)?;
     bearings::register(module)?;
     bearings_localize::register(module)?;
     maneuver::register(module)

@@ -9,6 +9,7 @@
 mod bearings_discriminant;
 mod bearings_gram;
 pub mod bearings_localize;
+mod bearings_log_det;
 mod bearings_quadruple;
 mod gram;
 mod lanes;
@@ -23,6 +24,7 @@ pub use bearings_discriminant::{
     fixed_target_sum,
 };
 pub use bearings_gram::{GRAM_SIZE, bearing_gram};
+pub use bearings_log_det::bearing_log_det_trials;
 pub use bearings_quadruple::{
     EXACT as EXACT_QUADRUPLES, Quadruple, best_quadruple, best_quadruples,
 };

@@ -1,0 +1,178 @@
+"""Monte Carlo: what the machinery costs beside its kernels, and estimators beside loops."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+from harness import OURS, Contest, Contestant, main
+
+import gramian as gm
+from gramian import _core
+
+TIMES = np.arange(60) * 10.0
+PATH = np.stack([np.where(TIMES < 300, 0, 5 * (TIMES - 300)), np.minimum(5 * TIMES, 1500)], axis=1)
+STATE = np.array([2000.0, 5000.0, -2.0, 1.0])
+SIGMA = float(np.radians(0.1))
+SCENE = gm.monte_carlo.Bearings(TIMES, PATH, STATE, SIGMA)
+
+
+def gram(trials: int, **options: Any) -> gm.monte_carlo.MonteCarloResult:
+    """A run of the log determinant of the Gram matrix, simulation included."""
+    return gm.monte_carlo.run(
+        SCENE, trials, 1, quantities=["gram_logdet"], progress=False, **options
+    )
+
+
+def maximum_likelihood(trials: int, **options: Any) -> gm.monte_carlo.MonteCarloResult:
+    """A run of the built-in estimator, simulation included."""
+    return gm.monte_carlo.run(SCENE, trials, 1, progress=False, **options)
+
+
+def overhead_contest(trials: int) -> Contest:
+    """The run against one call of the kernel that it is made of."""
+
+    def kernel() -> Any:
+        return _core.bearing_log_det_trials(TIMES, SCENE.exact, np.atleast_1d(SIGMA), 1, 0, trials)
+
+    return Contest(
+        f"Monte Carlo of bearings Gram + log det, {trials} trials, m = 60",
+        "trial",
+        trials,
+        [
+            Contestant(OURS, lambda: lambda: gram(trials)),
+            Contestant("the kernel alone", lambda: kernel),
+        ],
+        target="at most 1.2 times the kernel",
+    )
+
+
+def threads_contest(name: str, work: Callable[..., Any], trials: int) -> Contest:
+    """The same run on two threads and on one."""
+    return Contest(
+        f"Monte Carlo of bearings {name}, {trials} trials, two threads and one",
+        "trial",
+        trials,
+        [
+            Contestant(OURS, lambda: lambda: work(trials, workers=2)),
+            Contestant("one thread", lambda: lambda: work(trials, workers=1)),
+        ],
+        threads=2,
+        target="two threads at least 1.8 times one",
+    )
+
+
+def estimator_contest(trials: int, peer_trials: int) -> Contest:
+    """Maximum likelihood beside a loop over SciPy, and one over Stone Soup's Jacobians."""
+
+    @cache
+    def bearings() -> Any:
+        return SCENE.simulate(1, 0, peer_trials)
+
+    def scipy() -> Callable[[], Any]:
+        from scipy.optimize import least_squares
+
+        return lambda: [scipy_estimate(least_squares, z) for z in bearings()]
+
+    few = max(2, peer_trials // 20)
+
+    def stone_soup() -> Callable[[], Any]:
+        estimate = stone_soup_estimator()
+        return lambda: [estimate(z) for z in bearings()[:few]]
+
+    def error(found: Any) -> float:
+        """Largest distance from the most likely state, in deviations of the bound."""
+        best = gm.bearings.localize(TIMES, bearings()[:few], PATH, SIGMA).state
+        if isinstance(found, gm.monte_carlo.MonteCarloResult):
+            errors = [found.sample[f"error_{name}"][:few] for name in SCENE.names]
+            found = STATE + np.stack(errors, axis=1)
+        return float(np.abs((np.array(found[:few]) - best) / gm.crlb_std(SCENE.problem())).max())
+
+    return Contest(
+        "bearings maximum likelihood, simulation included, m = 60",
+        "trial",
+        trials,
+        [
+            Contestant(OURS, lambda: lambda: maximum_likelihood(trials)),
+            Contestant("SciPy least_squares in a loop", scipy, work=peer_trials),
+            Contestant("Gauss-Newton on Stone Soup's Jacobians", stone_soup, work=few),
+        ],
+        error=error,
+        target="80 000 trials a second; 400 times SciPy, 1000 times Stone Soup",
+    )
+
+
+def pseudo_linear(bearings: Any) -> Any:
+    """The usual start: Li & Sheng 2009, eq. (3), by least squares."""
+    s, c = np.sin(bearings), np.cos(bearings)
+    rows = np.stack([c, -s, TIMES * c, -TIMES * s], axis=1)
+    return np.linalg.lstsq(rows, PATH[:, 0] * c - PATH[:, 1] * s, rcond=None)[0]
+
+
+def wrapped(angle: Any) -> Any:
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def scipy_estimate(least_squares: Callable[..., Any], bearings: Any) -> Any:
+    """Levenberg-Marquardt with the analytic Jacobian."""
+
+    def offsets(state: Any) -> Any:
+        return (state[:2] + TIMES[:, None] * state[2:] - PATH).T
+
+    def residual(state: Any) -> Any:
+        x, y = offsets(state)
+        return wrapped(np.arctan2(x, y) - bearings) / SIGMA
+
+    def jacobian(state: Any) -> Any:
+        x, y = offsets(state)
+        a, b = y / (x * x + y * y) / SIGMA, -x / (x * x + y * y) / SIGMA
+        return np.stack([a, b, TIMES * a, TIMES * b], axis=1)
+
+    start = pseudo_linear(bearings)
+    return least_squares(residual, start, jacobian, method="lm", x_scale="jac").x
+
+
+def stone_soup_estimator(steps: int = 5) -> Callable[[Any], Any]:
+    """Gauss-Newton steps with the measurement model and Jacobian of Stone Soup."""
+    from stonesoup.models.measurement.nonlinear import Cartesian2DToBearing
+    from stonesoup.types.state import State, StateVector
+
+    models = [
+        Cartesian2DToBearing(
+            ndim_state=4,
+            mapping=(0, 2),
+            noise_covar=np.array([[SIGMA**2]]),
+            translation_offset=np.array([[place[0]], [place[1]]]),
+        )
+        for place in PATH
+    ]
+
+    def estimate(bearings: Sequence[float]) -> Any:
+        x = pseudo_linear(bearings)
+        for _ in range(steps):
+            rows, residuals = [], []
+            for t, model, bearing in zip(TIMES, models, bearings, strict=True):
+                at = State(StateVector([x[0] + t * x[2], x[2], x[1] + t * x[3], x[3]]))
+                d = np.asarray(model.jac(at), dtype=float)[0]
+                rows.append([d[0], d[2], t * d[0], t * d[2]])
+                # Its bearings are from the x axis, anticlockwise.
+                angle = float(model.function(at, noise=False)[0, 0])
+                residuals.append(wrapped(np.pi / 2 - bearing - angle))
+            x = x + np.linalg.lstsq(np.array(rows), np.array(residuals), rcond=None)[0]
+        return x
+
+    return estimate
+
+
+def contests(quick: bool) -> Iterator[Contest]:
+    """All contests of this part."""
+    yield overhead_contest(200_000 if quick else 1_000_000)
+    yield threads_contest("Gram + log det", gram, 200_000 if quick else 1_000_000)
+    yield estimator_contest(*((20_000, 40) if quick else (100_000, 200)))
+    yield threads_contest("maximum likelihood", maximum_likelihood, 20_000 if quick else 100_000)
+
+
+if __name__ == "__main__":
+    main(contests)

@@ -1,0 +1,154 @@
+"""The report of a simulated scenario."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from gramian.monte_carlo.experiment import Experiment
+from gramian.monte_carlo.result import MonteCarloResult
+from gramian.monte_carlo.run import run
+from gramian.report import Picture, Report, Table, Tone, number
+
+__all__ = ["report", "simulate"]
+
+
+def simulate(
+    experiment: Experiment,
+    trials: int,
+    seed: int,
+    *,
+    title: str,
+    subtitle: str,
+    facts: Sequence[tuple[str, str]] = (),
+    resume: str | os.PathLike[str] | None = None,
+    progress: bool = True,
+) -> Report:
+    """Run the experiment's own estimator and report its errors beside the bound."""
+    result = run(experiment, trials, seed, resume=resume, progress=progress)
+    return report(result, title=title, subtitle=subtitle, facts=facts)
+
+
+def report(
+    result: MonteCarloResult, *, title: str, subtitle: str, facts: Sequence[tuple[str, str]] = ()
+) -> Report:
+    """Return the report of a run: verdict, states, consistency, failures, pictures."""
+    headline, verdict = result.verdict.split(": ", 1)
+    tables = [_states(result)] if result.used else []
+    if result.failures:
+        tables.append(_failures(result))
+    return Report(
+        title=title,
+        subtitle=f"{subtitle}, {result.trials} trials, seed {result.seed}",
+        tone=_tone(result, headline),
+        headline=headline,
+        verdict=verdict,
+        facts=[*_facts(result), *facts],
+        tables=tables,
+        pictures=_pictures(result) if result.used else [],
+        data={"monte_carlo": result.to_dict()},
+    )
+
+
+def _tone(result: MonteCarloResult, headline: str) -> Tone:
+    if headline in ("NO ESTIMATE", "NOT OBSERVABLE"):
+        return "bad"
+    honest = result.nees is None or result.nees.consistent
+    return "good" if headline == "REACHES THE BOUND" and honest and not result.failed else "weak"
+
+
+def _facts(result: MonteCarloResult) -> list[tuple[str, str]]:
+    facts = []
+    if result.nees is not None:
+        low, high = result.nees.band
+        answer = "yes" if result.nees.consistent else "NO"
+        facts.append(
+            (
+                "is its covariance honest?",
+                f"{answer}: NEES {result.nees.mean:.4g}, expected {low:.4g} to {high:.4g}; "
+                f"{100 * result.nees.inside:.3g} % of the errors within the 95 % ellipsoid",
+            )
+        )
+    biased = [
+        f"{name} {bias:+.3g} {unit}".rstrip()
+        for name, unit, bias, (low, high) in zip(
+            result.names, result.units, result.bias, result.bias_interval, strict=True
+        )
+        if low > 0 or high < 0
+    ]
+    if result.used:
+        facts.append(("is it unbiased?", f"NO: {', '.join(biased)}" if biased else "yes, at 95 %"))
+    failed = f"{result.failed} of {result.trials}" if result.failed else "none"
+    facts.append(("trials without an estimate", failed))
+    facts.append(("speed", f"{result.rate:,.0f} trials/s"))
+    return facts
+
+
+def _states(result: MonteCarloResult) -> Table:
+    columns = ["state", "unit", "bias", "RMSE", "95 % of the RMSE"]
+    bounded = result.bound is not None and result.efficiency is not None
+    if bounded:
+        columns += ["bound", "RMSE / bound"]
+    rows = []
+    for i, name in enumerate(result.names):
+        low, high = result.rmse_interval[i]
+        row = [
+            name,
+            result.units[i],
+            number(result.bias[i], 3),
+            number(result.rmse[i]),
+            f"{number(low)} to {number(high)}",
+        ]
+        if result.bound is not None and result.efficiency is not None:
+            known = bool(np.isfinite(result.bound[i]))
+            row += [number(result.bound[i]), f"{result.efficiency[i]:.3f}" if known else "-"]
+        rows.append(row)
+    return Table("Errors beside the bound", columns, rows)
+
+
+def _failures(result: MonteCarloResult) -> Table:
+    rows = [
+        [f.kind, str(f.count), str(f.first_trial), f.message.strip().splitlines()[-1]]
+        for f in result.failures
+    ]
+    return Table(
+        "Trials that failed",
+        ["kind", "trials", "first trial", "what it said"],
+        rows,
+        "They are in no average.",
+    )
+
+
+def _pictures(result: MonteCarloResult) -> list[Picture]:
+    from gramian.monte_carlo import pictures
+
+    shown = [
+        Picture(
+            f"Errors of {result.names[i]} and {result.names[j]}",
+            "Each point is a trial. The solid ellipse holds 95 % of normal errors with this "
+            "spread, the dashed one is the bound's.",
+            partial(pictures.single, result, pictures.error_cloud, states=(i, j)),
+        )
+        for i, j in ((0, 1), (2, 3))
+        if j < len(result.names)
+    ]
+    shown.append(
+        Picture(
+            "RMSE against the bound",
+            "1 is the least that an unbiased estimator can have; bars are 95 % confidence.",
+            lambda: pictures.single(result, pictures.rmse_and_bound),
+        )
+    )
+    if result.nees is not None:
+        shown.append(
+            Picture(
+                "Is the covariance honest?",
+                "Squared errors over the covariance that the estimator claims: an honest one "
+                "follows the chi-square curve, a bold one lies to its right.",
+                lambda: pictures.single(result, pictures.nees_histogram),
+            )
+        )
+    return shown
