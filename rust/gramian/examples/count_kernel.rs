@@ -2,7 +2,7 @@
 //! `count_kernel NAME REPEATS`; without arguments it lists the names.
 #![allow(missing_docs, clippy::print_stdout)]
 
-#[path = "../benches/work.rs"]
+#[path = "../benches/work/mod.rs"]
 mod work;
 
 fn main() -> Result<(), String> {

@@ -8,8 +8,11 @@ use gramian::batch::{self, Items, Method, Stream, Target, Threads, simd::Path};
 /// A kernel, ready to be called.
 pub type Work = Box<dyn FnMut()>;
 
-/// Every kernel: its name and what makes its inputs.
-pub const ALL: &[(&str, fn() -> Work)] = &[
+/// What makes a kernel's inputs.
+pub type Make = fn() -> Work;
+
+/// Every kernel, by name.
+pub const ALL: &[(&str, Make)] = &[
     ("rows_gram_64x100x4", gram),
     ("rows_bounds_64x60x4", bounds),
     ("bearings_rows_64x100", bearing_rows),
