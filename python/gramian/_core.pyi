@@ -1,6 +1,7 @@
 # The extension module. Its functions take keywords by position only through the
 # thin faces of the package; the docstrings are there.
 
+from collections.abc import Sequence
 from typing import final
 
 import numpy as np
@@ -105,6 +106,77 @@ def bearing_log_det_trials(
     times: ArrayLike,
     bearings: ArrayLike,
     sigma: ArrayLike,
+    seed: int,
+    first: int,
+    trials: int,
+) -> _Array: ...
+
+# registration: `extras` are gain, position, attitude; `settings` the linearisations
+# at most, the tolerance, the noise share and the bend
+def registration_rows(
+    positions: ArrayLike,
+    sensors: ArrayLike,
+    sigma: ArrayLike,
+    biases: ArrayLike,
+    extras: tuple[bool, bool, bool],
+) -> _Array: ...
+def registration_fisher(
+    positions: ArrayLike,
+    sensors: ArrayLike,
+    sigma: ArrayLike,
+    biases: ArrayLike,
+    extras: tuple[bool, bool, bool],
+) -> _Array: ...
+def registration_eta(
+    positions: ArrayLike, sensors: ArrayLike, sigma: ArrayLike, biases: ArrayLike
+) -> _Array: ...
+def registration_running_eta(
+    positions: ArrayLike,
+    sensors: ArrayLike,
+    sigma: ArrayLike,
+    biases: ArrayLike,
+    window: int | None,
+) -> _Array: ...
+def registration_pair_degrees(
+    positions: ArrayLike,
+    sensors: ArrayLike,
+    sigma: ArrayLike,
+    instants: Sequence[tuple[int, int]],
+    whitened: bool,
+) -> _Array: ...
+def registration_reports(
+    positions: ArrayLike,
+    sensors: ArrayLike,
+    sigma: ArrayLike,
+    biases: ArrayLike,
+    extras: tuple[bool, bool, bool],
+) -> _Array: ...
+def registration_places(
+    reports: ArrayLike,
+    sensors: ArrayLike,
+    sigma: ArrayLike,
+    biases: ArrayLike,
+    extras: tuple[bool, bool, bool],
+) -> _Array: ...
+def registration_estimate(
+    reports: ArrayLike,
+    sensors: ArrayLike,
+    sigma: ArrayLike,
+    extras: tuple[bool, bool, bool],
+    prior: ArrayLike | None,
+    method: str,
+    settings: tuple[int, float, float, float],
+    keep_positions: bool,
+) -> _Array: ...
+def registration_estimate_trials(
+    positions: ArrayLike,
+    sensors: ArrayLike,
+    sigma: ArrayLike,
+    biases: ArrayLike,
+    extras: tuple[bool, bool, bool],
+    prior: ArrayLike | None,
+    method: str,
+    settings: tuple[int, float, float, float],
     seed: int,
     first: int,
     trials: int,

@@ -8,6 +8,7 @@ mod convert;
 mod errors;
 mod maneuver;
 mod monte_carlo;
+mod registration;
 mod run;
 mod spine;
 
@@ -20,5 +21,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     monte_carlo::register(module)?;
     bearings::register(module)?;
     bearings_localize::register(module)?;
-    maneuver::register(module)
+    maneuver::register(module)?;
+    registration::register(module)
 }

@@ -52,6 +52,7 @@ pub mod bearings;
 pub mod bound;
 pub mod information;
 pub mod maneuver;
+pub mod registration;
 pub mod rows;
 pub mod scalar;
 pub mod spectrum;

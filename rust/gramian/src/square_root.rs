@@ -121,9 +121,8 @@ pub fn triangularize<T: Real>(a: &mut [T], n: usize, work: &mut [T]) {
     }
 }
 
-/// Reflects rows `top..`, zero in all columns before `column`, so that this
-/// column vanishes below row `top`.
-fn reflect<T: Real>(a: &mut [T], n: usize, top: usize, column: usize, work: &mut [T]) {
+/// Reflects rows `top..` so that column `column` vanishes below row `top`.
+pub(crate) fn reflect<T: Real>(a: &mut [T], n: usize, top: usize, column: usize, work: &mut [T]) {
     let (head, tail) = a[top * n..].split_at_mut(n);
     let mut largest = head[column].abs();
     for row in tail.chunks_exact(n) {
@@ -133,14 +132,9 @@ fn reflect<T: Real>(a: &mut [T], n: usize, top: usize, column: usize, work: &mut
         return;
     }
     // Scaled, so that units however large or small neither overflow nor vanish.
-    let unit = T::one() / largest;
-    if !unit.is_finite() {
-        // Smaller than any normal number: nothing.
-        return;
-    }
-    let mut sum = (head[column] * unit) * (head[column] * unit);
+    let mut sum = (head[column] / largest) * (head[column] / largest);
     for row in tail.chunks_exact(n) {
-        let x = row[column] * unit;
+        let x = row[column] / largest;
         sum += x * x;
     }
     let norm = largest * sum.sqrt();
@@ -152,30 +146,26 @@ fn reflect<T: Real>(a: &mut [T], n: usize, top: usize, column: usize, work: &mut
     let v0 = head[column] - alpha;
     // H = I - v v^T / beta, with v = (v0, tail column) and beta = -alpha v0.
     let beta = -alpha * v0;
-    // Columns before `column` are zero in these rows already.
-    let head = &mut head[column..];
-    let work = &mut work[..head.len()];
-    for (w, &x) in work.iter_mut().zip(&*head) {
-        *w = v0 / beta * x;
+    let work = &mut work[..n];
+    for j in 0..n {
+        work[j] = v0 / beta * head[j];
     }
     for row in tail.chunks_exact(n) {
-        let row = &row[column..];
-        let v = row[0] / beta;
-        for (w, &x) in work.iter_mut().zip(row) {
-            *w += v * x;
+        let v = row[column] / beta;
+        for j in 0..n {
+            work[j] += v * row[j];
         }
     }
-    for (x, &w) in head.iter_mut().zip(&*work) {
-        *x -= v0 * w;
+    for j in 0..n {
+        head[j] -= v0 * work[j];
     }
-    head[0] = alpha;
+    head[column] = alpha;
     for row in tail.chunks_exact_mut(n) {
-        let row = &mut row[column..];
-        let v = row[0];
-        for (x, &w) in row.iter_mut().zip(&*work) {
-            *x -= v * w;
+        let v = row[column];
+        for j in 0..n {
+            row[j] -= v * work[j];
         }
-        row[0] = T::zero();
+        row[column] = T::zero();
     }
 }
 

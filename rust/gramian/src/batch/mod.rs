@@ -15,6 +15,7 @@ mod gram;
 mod lanes;
 mod maneuver;
 mod random;
+pub mod registration;
 pub mod simd;
 mod spine;
 mod threads;

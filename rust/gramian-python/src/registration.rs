@@ -1,0 +1,467 @@
+//! Registration biases of sensors.
+
+use gramian::batch::registration::{self as batch, Degree, Scene};
+use gramian::batch::simd::Path;
+use gramian::registration::estimate::{Method, Question};
+use gramian::registration::{Dimension, Layout};
+use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
+use pyo3::prelude::*;
+
+use crate::convert::{Batch, Input};
+use crate::errors::{InputError, input_at};
+use crate::run;
+
+/// Sensors, noise, biases and targets as they come from Python.
+struct Given<'py> {
+    layout: Layout,
+    sensors: Input<'py>,
+    sigma: Input<'py>,
+    biases: Input<'py>,
+    positions: Input<'py>,
+}
+
+/// Which biases there are beyond those of the measured quantities: gain,
+/// position, attitude.
+type Extras = (bool, bool, bool);
+
+/// Linearisations at most, tolerance, noise share, bend: see `Question`.
+type Settings = (usize, f64, f64, f64);
+
+fn layout_of(sensors: &Input<'_>, (gain, position, attitude): Extras) -> PyResult<Layout> {
+    let dimension = match sensors.core_shape()[1] {
+        2 => Dimension::Plane,
+        3 => Dimension::Space,
+        _ => {
+            sensors.expect(&[None, Some(2)], "east and north, or east, north and up")?;
+            Dimension::Plane
+        }
+    };
+    Ok(Layout {
+        dimension,
+        sensors: sensors.core_shape()[0],
+        gain,
+        position,
+        attitude,
+    })
+}
+
+impl<'py> Given<'py> {
+    /// `core` is the number of axes of one item of `targets`: 2 for positions,
+    /// 3 for reports.
+    fn new(
+        targets: (&Bound<'py, PyAny>, &'static str, usize),
+        sensors: &Bound<'py, PyAny>,
+        sigma: &Bound<'py, PyAny>,
+        biases: &Bound<'py, PyAny>,
+        extras: Extras,
+    ) -> PyResult<Self> {
+        let sensors = Input::new(sensors, "sensors", 2)?;
+        let layout = layout_of(&sensors, extras)?;
+        let (count, d) = (layout.sensors, layout.size());
+        let sigma = Input::new(sigma, "sigma", 2)?;
+        sigma.expect(&[Some(count), Some(d)], "one line for each sensor")?;
+        let biases = Input::new(biases, "biases", 1)?;
+        biases.expect(&[Some(layout.states())], "the biases of all sensors")?;
+        let (value, name, core) = targets;
+        let positions = Input::new(value, name, core)?;
+        if core == 2 {
+            positions.expect(&[None, Some(d)], "one position for each look")?;
+        } else {
+            let wanted = [None, Some(count), Some(d)];
+            positions.expect(&wanted, "for each look one line from each sensor")?;
+        }
+        positions.expect_entries()?;
+        Ok(Self {
+            layout,
+            sensors,
+            sigma,
+            biases,
+            positions,
+        })
+    }
+
+    fn batch(&mut self) -> PyResult<Batch> {
+        Batch::of(&mut [
+            &mut self.sensors,
+            &mut self.sigma,
+            &mut self.biases,
+            &mut self.positions,
+        ])
+    }
+
+    fn scene(&self) -> PyResult<Scene<'_>> {
+        Ok(Scene {
+            layout: self.layout,
+            sensors: self.sensors.items()?,
+            sigma: self.sigma.items()?,
+            biases: self.biases.items()?,
+            positions: self.positions.items()?,
+        })
+    }
+
+    fn looks(&self) -> usize {
+        self.positions.core_shape()[0]
+    }
+
+    /// A new array, `core` for each trial, that `kernel` fills.
+    fn fill(
+        mut self,
+        py: Python<'py>,
+        core: &[usize],
+        mut kernel: impl FnMut(
+            Scene<'_>,
+            gramian::batch::Threads,
+            &mut [f64],
+        ) -> Result<(), (usize, gramian::registration::Error)>
+        + Send,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let batch = self.batch()?;
+        let out = batch.zeros(py, core);
+        let size: usize = core.iter().product();
+        {
+            let scene = self.scene()?;
+            let mut write = out.readwrite();
+            let write = write.as_slice_mut()?;
+            let cost = 200.0 * scene.looks() as f64;
+            run::in_pieces(py, batch.len(), cost, |range, threads| {
+                let out = &mut write[range.start * size..range.end * size];
+                kernel(scene.skip(range.start), threads, out)
+                    .map_err(|(trial, error)| input_at(&batch.place(range.start + trial), error))
+            })?;
+        }
+        Ok(out)
+    }
+}
+
+/// Rows (..., K (N-1) d, n).
+#[pyfunction]
+fn registration_rows<'py>(
+    py: Python<'py>,
+    positions: &Bound<'py, PyAny>,
+    sensors: &Bound<'py, PyAny>,
+    sigma: &Bound<'py, PyAny>,
+    biases: &Bound<'py, PyAny>,
+    extras: Extras,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let given = Given::new((positions, "positions", 2), sensors, sigma, biases, extras)?;
+    let count = given.looks() * given.layout.sensors.saturating_sub(1) * given.layout.size();
+    let core = [count, given.layout.states()];
+    given.fill(py, &core, batch::rows)
+}
+
+/// Fisher information (..., n, n).
+#[pyfunction]
+fn registration_fisher<'py>(
+    py: Python<'py>,
+    positions: &Bound<'py, PyAny>,
+    sensors: &Bound<'py, PyAny>,
+    sigma: &Bound<'py, PyAny>,
+    biases: &Bound<'py, PyAny>,
+    extras: Extras,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let given = Given::new((positions, "positions", 2), sensors, sigma, biases, extras)?;
+    let n = given.layout.states();
+    given.fill(py, &[n, n], |scene, threads, out| {
+        batch::fisher(scene, threads, Path::Best, out)
+    })
+}
+
+/// eta (...) of whole tracks.
+#[pyfunction]
+fn registration_eta<'py>(
+    py: Python<'py>,
+    positions: &Bound<'py, PyAny>,
+    sensors: &Bound<'py, PyAny>,
+    sigma: &Bound<'py, PyAny>,
+    biases: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let simple = (false, false, false);
+    let given = Given::new((positions, "positions", 2), sensors, sigma, biases, simple)?;
+    given.fill(py, &[], batch::eta)
+}
+
+/// eta (..., K) along tracks.
+#[pyfunction]
+#[pyo3(signature = (positions, sensors, sigma, biases, window))]
+fn registration_running_eta<'py>(
+    py: Python<'py>,
+    positions: &Bound<'py, PyAny>,
+    sensors: &Bound<'py, PyAny>,
+    sigma: &Bound<'py, PyAny>,
+    biases: &Bound<'py, PyAny>,
+    window: Option<usize>,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let simple = (false, false, false);
+    let given = Given::new((positions, "positions", 2), sensors, sigma, biases, simple)?;
+    let core = [given.looks()];
+    given.fill(py, &core, |scene, threads, out| {
+        batch::running_eta(scene, window, threads, out)
+    })
+}
+
+/// Degrees (..., pairs) between two instants of two sensors in the plane.
+#[pyfunction]
+fn registration_pair_degrees<'py>(
+    py: Python<'py>,
+    positions: &Bound<'py, PyAny>,
+    sensors: &Bound<'py, PyAny>,
+    sigma: &Bound<'py, PyAny>,
+    instants: Vec<(usize, usize)>,
+    whitened: bool,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let simple = (false, false, false);
+    let none = PyArray1::<f64>::zeros(py, 4, false);
+    let given = Given::new((positions, "positions", 2), sensors, sigma, &none, simple)?;
+    let looks = given.looks();
+    for (place, &(i, j)) in instants.iter().enumerate() {
+        if i >= looks || j >= looks {
+            return Err(InputError::new_err(format!(
+                "instants[{place}] = ({i}, {j}): must be below {looks}, the number of looks"
+            )));
+        }
+    }
+    let instants: Vec<[usize; 2]> = instants.into_iter().map(|(i, j)| [i, j]).collect();
+    let degree = if whitened {
+        Degree::Pair
+    } else {
+        Degree::Paper
+    };
+    let core = [instants.len()];
+    given.fill(py, &core, |scene, threads, out| {
+        batch::pair_degrees(scene, degree, &instants, threads, out)
+    })
+}
+
+/// Reports (..., K, N, d) without noise.
+#[pyfunction]
+fn registration_reports<'py>(
+    py: Python<'py>,
+    positions: &Bound<'py, PyAny>,
+    sensors: &Bound<'py, PyAny>,
+    sigma: &Bound<'py, PyAny>,
+    biases: &Bound<'py, PyAny>,
+    extras: Extras,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let given = Given::new((positions, "positions", 2), sensors, sigma, biases, extras)?;
+    let core = [given.looks(), given.layout.sensors, given.layout.size()];
+    given.fill(py, &core, batch::reports)
+}
+
+/// Positions (..., K, N, d) where each sensor's reports put the target.
+#[pyfunction]
+fn registration_places<'py>(
+    py: Python<'py>,
+    reports: &Bound<'py, PyAny>,
+    sensors: &Bound<'py, PyAny>,
+    sigma: &Bound<'py, PyAny>,
+    biases: &Bound<'py, PyAny>,
+    extras: Extras,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let given = Given::new((reports, "reports", 3), sensors, sigma, biases, extras)?;
+    let core = given.positions.core_shape().to_vec();
+    given.fill(py, &core, |scene, threads, out| {
+        let Scene {
+            layout,
+            sensors,
+            biases,
+            positions,
+            ..
+        } = scene;
+        batch::places(layout, sensors, biases, positions, threads, out);
+        Ok(())
+    })
+}
+
+fn method_of(name: &str) -> PyResult<Method> {
+    match name {
+        "ls" => Ok(Method::LeastSquares),
+        "gls" => Ok(Method::Generalised),
+        "ml" => Ok(Method::MaximumLikelihood),
+        _ => Err(InputError::new_err(format!(
+            "method = {name:?}: must be \"ls\", \"gls\" or \"ml\""
+        ))),
+    }
+}
+
+/// What [`Question`] borrows.
+struct Asked<'py> {
+    layout: Layout,
+    sensors: Input<'py>,
+    sigma: Input<'py>,
+    prior: Option<Input<'py>>,
+    method: Method,
+    iterations: usize,
+    tolerance: f64,
+    noise_share: f64,
+    bend: f64,
+}
+
+impl<'py> Asked<'py> {
+    fn new(
+        sensors: &Bound<'py, PyAny>,
+        sigma: &Bound<'py, PyAny>,
+        extras: Extras,
+        prior: Option<&Bound<'py, PyAny>>,
+        method: &str,
+        (iterations, tolerance, noise_share, bend): Settings,
+    ) -> PyResult<Self> {
+        let sensors = Input::new(sensors, "sensors", 2)?;
+        sensors.expect(&[None, None], "one place for each sensor")?;
+        let layout = layout_of(&sensors, extras)?;
+        let sigma = Input::new(sigma, "sigma", 2)?;
+        let wanted = [Some(layout.sensors), Some(layout.size())];
+        sigma.expect(&wanted, "one line for each sensor")?;
+        for (input, name) in [(&sensors, "sensors"), (&sigma, "sigma")] {
+            if !input.batch_shape().is_empty() {
+                return Err(InputError::new_err(format!(
+                    "{name} has leading axes: estimates share their {name}"
+                )));
+            }
+        }
+        let prior = prior
+            .map(|value| Input::unchecked(value, "prior", 1))
+            .transpose()?;
+        if let Some(prior) = &prior {
+            prior.expect(&[Some(layout.states())], "a deviation for each bias")?;
+            prior.expect_positive("")?;
+        }
+        Ok(Self {
+            layout,
+            sensors,
+            sigma,
+            prior,
+            method: method_of(method)?,
+            iterations,
+            tolerance,
+            noise_share,
+            bend,
+        })
+    }
+
+    fn question(&self) -> PyResult<Question<'_, f64>> {
+        Ok(Question {
+            layout: self.layout,
+            sensors: self.sensors.slice()?,
+            sigma: self.sigma.slice()?,
+            prior: self.prior.as_ref().map(Input::slice).transpose()?,
+            method: self.method,
+            iterations: self.iterations,
+            tolerance: self.tolerance,
+            noise_share: self.noise_share,
+            bend: self.bend,
+        })
+    }
+}
+
+/// Answers (..., size) from reports (..., K, N, d): see
+/// `gramian::batch::registration::answer_size`.
+#[pyfunction]
+#[pyo3(signature = (reports, sensors, sigma, extras, prior, method, settings, keep_positions))]
+#[allow(clippy::too_many_arguments)]
+fn registration_estimate<'py>(
+    py: Python<'py>,
+    reports: &Bound<'py, PyAny>,
+    sensors: &Bound<'py, PyAny>,
+    sigma: &Bound<'py, PyAny>,
+    extras: Extras,
+    prior: Option<&Bound<'py, PyAny>>,
+    method: &str,
+    settings: Settings,
+    keep_positions: bool,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let asked = Asked::new(sensors, sigma, extras, prior, method, settings)?;
+    let layout = asked.layout;
+    let mut reports = Input::new(reports, "reports", 3)?;
+    let wanted = [None, Some(layout.sensors), Some(layout.size())];
+    reports.expect(&wanted, "for each look one line from each sensor")?;
+    reports.expect_entries()?;
+    let looks = reports.core_shape()[0];
+    let size = batch::answer_size(&layout, if keep_positions { looks } else { 0 });
+    let trials = Batch::of(&mut [&mut reports])?;
+    let out = trials.zeros(py, &[size]);
+    {
+        let (question, reports) = (asked.question()?, reports.items()?);
+        let mut write = out.readwrite();
+        let write = write.as_slice_mut()?;
+        run::in_pieces(py, trials.len(), 3000.0 * looks as f64, |range, threads| {
+            batch::estimate(
+                &question,
+                reports.skip(range.start),
+                keep_positions,
+                threads,
+                &mut write[range.start * size..range.end * size],
+            )
+            .map_err(|(trial, error)| input_at(&trials.place(range.start + trial), error))
+        })?;
+    }
+    Ok(out)
+}
+
+/// Answers (trials, size) of trials `first..first + trials` under `seed`:
+/// simulated and estimated in one pass.
+#[pyfunction]
+#[pyo3(signature = (positions, sensors, sigma, biases, extras, prior, method, settings, seed, first, trials))]
+#[allow(clippy::too_many_arguments)]
+fn registration_estimate_trials<'py>(
+    py: Python<'py>,
+    positions: &Bound<'py, PyAny>,
+    sensors: &Bound<'py, PyAny>,
+    sigma: &Bound<'py, PyAny>,
+    biases: &Bound<'py, PyAny>,
+    extras: Extras,
+    prior: Option<&Bound<'py, PyAny>>,
+    method: &str,
+    settings: Settings,
+    seed: u64,
+    first: u64,
+    trials: usize,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let asked = Asked::new(sensors, sigma, extras, prior, method, settings)?;
+    let layout = asked.layout;
+    let positions = Input::new(positions, "positions", 2)?;
+    positions.expect(&[None, Some(layout.size())], "one position for each look")?;
+    positions.expect_entries()?;
+    let biases = Input::new(biases, "biases", 1)?;
+    biases.expect(&[Some(layout.states())], "the biases of all sensors")?;
+    if !(positions.batch_shape().is_empty() && biases.batch_shape().is_empty()) {
+        return Err(InputError::new_err(
+            "positions and biases have leading axes: all trials share them",
+        ));
+    }
+    let size = batch::answer_size(&layout, 0);
+    let out = PyArray2::zeros(py, [trials, size], false);
+    {
+        let question = asked.question()?;
+        let (positions, biases) = (positions.slice()?, biases.slice()?);
+        let mut write = out.readwrite();
+        let write = write.as_slice_mut()?;
+        let cost = 3000.0 * positions.len() as f64;
+        run::in_pieces(py, trials, cost, |range, threads| {
+            batch::estimate_trials(
+                &question,
+                positions,
+                biases,
+                (seed, first + range.start as u64),
+                threads,
+                &mut write[range.start * size..range.end * size],
+            )
+            .map_err(|(trial, error)| {
+                let place = format!("in trial {}: ", first + (range.start + trial) as u64);
+                input_at(&place, error)
+            })
+        })?;
+    }
+    Ok(out)
+}
+
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_function(wrap_pyfunction!(registration_rows, module)?)?;
+    module.add_function(wrap_pyfunction!(registration_fisher, module)?)?;
+    module.add_function(wrap_pyfunction!(registration_eta, module)?)?;
+    module.add_function(wrap_pyfunction!(registration_running_eta, module)?)?;
+    module.add_function(wrap_pyfunction!(registration_pair_degrees, module)?)?;
+    module.add_function(wrap_pyfunction!(registration_reports, module)?)?;
+    module.add_function(wrap_pyfunction!(registration_places, module)?)?;
+    module.add_function(wrap_pyfunction!(registration_estimate, module)?)?;
+    module.add_function(wrap_pyfunction!(registration_estimate_trials, module)?)
+}
