@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 # Tests never fetch more threads than there are cores, and fail on rustc warnings.
 export CARGO_TERM_COLOR ?= auto
 
-.PHONY: demo test lint format rust-test python-test no-std-check bench bench-quick docs clean
+.PHONY: demo test lint format rust-test python-test no-std-check bench bench-quick bench-check bench-record docs clean
 
 demo: $(VENV)/.installed
 	$(BIN)/gramian demo --out out/demo
@@ -39,7 +39,12 @@ python-test: $(VENV)/.installed
 
 bench bench-quick: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet '.[bench]'
+	cargo bench -p gramian
 	$(BIN)/python benches/run.py $(if $(filter bench-quick,$@),--quick)
+
+# What moved since the counts were recorded; `make bench-record` records anew.
+bench-check bench-record: $(VENV)/.installed
+	$(BIN)/python benches/check.py $(if $(filter bench-record,$@),--record)
 
 docs:
 	cargo doc -p gramian --no-deps --features parallel,dense

@@ -41,21 +41,36 @@ pub fn decompose<T: Real>(
     v: &mut [T],
     work: &mut [T],
 ) {
+    let mut largest = T::zero();
     for j in 0..n {
         for i in 0..n {
-            work[j * n + i] = r[i * n + j] * scale[j];
+            let value = r[i * n + j] * scale[j];
+            largest = largest.max(value.abs());
+            work[j * n + i] = value;
             v[j * n + i] = if i == j { T::one() } else { T::zero() };
         }
     }
+    if largest == T::zero() {
+        s[..n].fill(T::zero());
+        return;
+    }
+    // With entries up to 1 no square overflows, and what underflows is far
+    // below rounding.
+    for value in &mut work[..n * n] {
+        *value /= largest;
+    }
     orthogonalize(work, v, n);
     for j in 0..n {
-        s[j] = norm(&work[j * n..(j + 1) * n]);
+        let column = &work[j * n..(j + 1) * n];
+        s[j] = largest * dot(column, column).sqrt();
     }
     sort_descending(s, v, n);
 }
 
-fn norm<T: Real>(x: &[T]) -> T {
-    x.iter().fold(T::zero(), |norm, &value| hypot(norm, value))
+fn dot<T: Real>(x: &[T], y: &[T]) -> T {
+    x.iter()
+        .zip(y)
+        .fold(T::zero(), |sum, (&xi, &yi)| sum + xi * yi)
 }
 
 /// Rotates pairs of the n columns in `w` until all are orthogonal, and the
@@ -79,20 +94,13 @@ fn orthogonalize<T: Real>(w: &mut [T], v: &mut [T], n: usize) {
 fn rotate_pair<T: Real>(w: &mut [T], v: &mut [T], n: usize, p: usize, q: usize) -> bool {
     let (left, right) = w.split_at_mut(q * n);
     let (x, y) = (&mut left[p * n..(p + 1) * n], &mut right[..n]);
-    let (a, b) = (norm(x), norm(y));
-    if a == T::zero() || b == T::zero() {
+    let (alpha, beta, gamma) = (dot(x, x), dot(y, y), dot(x, y));
+    let size = alpha.sqrt() * beta.sqrt();
+    // Also where a column is zero.
+    if gamma.abs() <= T::EPSILON * size {
         return false;
     }
-    // The cosine between the columns, and their ratio: both free of scale.
-    let cosine = x
-        .iter()
-        .zip(y.iter())
-        .fold(T::zero(), |sum, (&xi, &yi)| sum + (xi / a) * (yi / b));
-    if cosine.abs() <= T::EPSILON {
-        return false;
-    }
-    let two = T::one() + T::one();
-    let zeta = (b / a - a / b) / (two * cosine);
+    let zeta = (beta - alpha) / (gamma + gamma);
     let t = T::one() / (zeta.abs() + (T::one() + zeta * zeta).sqrt());
     let t = if zeta < T::zero() { -t } else { t };
     let c = T::one() / (T::one() + t * t).sqrt();

@@ -121,7 +121,8 @@ pub fn triangularize<T: Real>(a: &mut [T], n: usize, work: &mut [T]) {
     }
 }
 
-/// Reflects rows `top..` so that column `column` vanishes below row `top`.
+/// Reflects rows `top..`, zero in all columns before `column`, so that this
+/// column vanishes below row `top`.
 pub(crate) fn reflect<T: Real>(a: &mut [T], n: usize, top: usize, column: usize, work: &mut [T]) {
     let (head, tail) = a[top * n..].split_at_mut(n);
     let mut largest = head[column].abs();
@@ -132,9 +133,14 @@ pub(crate) fn reflect<T: Real>(a: &mut [T], n: usize, top: usize, column: usize,
         return;
     }
     // Scaled, so that units however large or small neither overflow nor vanish.
-    let mut sum = (head[column] / largest) * (head[column] / largest);
+    let unit = T::one() / largest;
+    if !unit.is_finite() {
+        // Smaller than any normal number: nothing.
+        return;
+    }
+    let mut sum = (head[column] * unit) * (head[column] * unit);
     for row in tail.chunks_exact(n) {
-        let x = row[column] / largest;
+        let x = row[column] * unit;
         sum += x * x;
     }
     let norm = largest * sum.sqrt();
@@ -146,26 +152,30 @@ pub(crate) fn reflect<T: Real>(a: &mut [T], n: usize, top: usize, column: usize,
     let v0 = head[column] - alpha;
     // H = I - v v^T / beta, with v = (v0, tail column) and beta = -alpha v0.
     let beta = -alpha * v0;
-    let work = &mut work[..n];
-    for j in 0..n {
-        work[j] = v0 / beta * head[j];
+    // Columns before `column` are zero in these rows already.
+    let head = &mut head[column..];
+    let work = &mut work[..head.len()];
+    for (w, &x) in work.iter_mut().zip(&*head) {
+        *w = v0 / beta * x;
     }
     for row in tail.chunks_exact(n) {
-        let v = row[column] / beta;
-        for j in 0..n {
-            work[j] += v * row[j];
+        let row = &row[column..];
+        let v = row[0] / beta;
+        for (w, &x) in work.iter_mut().zip(row) {
+            *w += v * x;
         }
     }
-    for j in 0..n {
-        head[j] -= v0 * work[j];
+    for (x, &w) in head.iter_mut().zip(&*work) {
+        *x -= v0 * w;
     }
-    head[column] = alpha;
+    head[0] = alpha;
     for row in tail.chunks_exact_mut(n) {
-        let v = row[column];
-        for j in 0..n {
-            row[j] -= v * work[j];
+        let row = &mut row[column..];
+        let v = row[0];
+        for (x, &w) in row.iter_mut().zip(&*work) {
+            *x -= v * w;
         }
-        row[column] = T::zero();
+        row[0] = T::zero();
     }
 }
 

@@ -1,0 +1,80 @@
+"""Compare the kernels' instruction counts with the recorded ones.
+
+    python benches/check.py [--record]
+
+Counts are by callgrind on fixed inputs: the same on a busy machine and an idle
+one. Callgrind has no AVX-512, so what is counted is the AVX2 path. Exit status 1
+when a kernel moved by more than 3 %.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+HERE = Path(__file__).parent
+RECORD = HERE / "instructions.json"
+TOLERANCE = 0.03
+
+
+def build() -> Path:
+    """Build the program that runs one kernel, and return its path."""
+    command = ["cargo", "build", "--release", "-p", "gramian", "--example", "count_kernel"]
+    command += ["--message-format=json"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=HERE.parent, check=False)
+    if done.returncode:
+        sys.exit(done.stderr)
+    messages = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+    return Path(next(m["executable"] for m in messages if m.get("executable")))
+
+
+def instructions(program: Path, name: str, repeats: int) -> int:
+    """Count the instructions of a run."""
+    with tempfile.NamedTemporaryFile() as out:
+        command = ["valgrind", "--tool=callgrind", f"--callgrind-out-file={out.name}"]
+        command += [str(program), name, str(repeats)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    found = re.search(r"Collected\s*:\s*(\d+)", done.stderr)
+    if done.returncode or not found:
+        sys.exit(f"{' '.join(command)} failed:\n{done.stderr}")
+    return int(found.group(1))
+
+
+def main() -> None:
+    program = build()
+    names = subprocess.run([program], capture_output=True, text=True, check=True).stdout.split()
+
+    def count(name: str) -> int:
+        # The difference leaves out what making the inputs takes.
+        return instructions(program, name, 3) - instructions(program, name, 2)
+
+    with ThreadPoolExecutor(2) as pool:
+        counts = dict(zip(names, pool.map(count, names), strict=True))
+    known = json.loads(RECORD.read_text()) if RECORD.exists() else {}
+    table = Table("kernel", "instructions", "recorded", "moved")
+    moved = []
+    for name, value in counts.items():
+        before = known.get(name)
+        change = value / before - 1 if before else None
+        if change is not None and abs(change) > TOLERANCE:
+            moved.append(name)
+        shown = "new" if change is None else f"{change:+.1%}"
+        table.add_row(name, f"{value:,}", f"{before:,}" if before else "", shown)
+    Console().print(table)
+    if "--record" in sys.argv:
+        RECORD.write_text(json.dumps(counts, indent=1) + "\n")
+        return
+    if moved:
+        sys.exit(f"moved by more than {TOLERANCE:.0%}: {', '.join(moved)}")
+
+
+if __name__ == "__main__":
+    main()
