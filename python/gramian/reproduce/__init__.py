@@ -10,7 +10,9 @@ from gramian.report import Report
 __all__ = ["PAPERS", "reproduce"]
 
 #: The papers that can be reproduced, and the module of each: its `run()` returns a `Report`.
-PAPERS: dict[str, str] = {}
+PAPERS: dict[str, str] = {
+    "yang-yin-2012": "gramian.reproduce.yang_yin_2012",
+}
 
 
 def reproduce(name: str) -> Report:

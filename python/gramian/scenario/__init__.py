@@ -17,6 +17,8 @@ __all__ = ["MODELS", "Scenario", "load"]
 #: The models that a scenario file can name, and where each is.
 MODELS = {
     "bearings": "gramian.scenario.bearings:BearingsScenario",
+    "inertial": "gramian.scenario.inertial:InertialScenario",
+    "linear": "gramian.scenario.linear:LinearScenario",
 }
 
 

@@ -6,6 +6,7 @@ mod bearings;
 mod bearings_localize;
 mod convert;
 mod errors;
+mod linear;
 mod maneuver;
 mod monte_carlo;
 mod registration;
@@ -22,5 +23,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     bearings::register(module)?;
     bearings_localize::register(module)?;
     maneuver::register(module)?;
-    registration::register(module)
+    registration::register(module)?;
+    linear::register(module)
 }

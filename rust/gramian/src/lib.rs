@@ -51,6 +51,7 @@ extern crate std;
 pub mod bearings;
 pub mod bound;
 pub mod information;
+pub mod linear;
 pub mod maneuver;
 pub mod registration;
 pub mod rows;

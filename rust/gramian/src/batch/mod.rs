@@ -13,6 +13,7 @@ mod bearings_log_det;
 mod bearings_quadruple;
 mod gram;
 mod lanes;
+mod linear;
 mod maneuver;
 mod random;
 pub mod registration;
@@ -30,6 +31,9 @@ pub use bearings_quadruple::{
     EXACT as EXACT_QUADRUPLES, Quadruple, best_quadruple, best_quadruples,
 };
 pub use gram::gram;
+pub use linear::{
+    Span, gramian_cost, linear_cost, linear_gramian, linear_levels, observability_matrix,
+};
 pub use maneuver::{Paths, headings, path_size, trajectories};
 pub use random::{Stream, normals};
 pub use spine::{Target, bearing_rows, crlb_std};

@@ -1,0 +1,29 @@
+"""Linear systems x' = A x, y = C x: what their outputs tell of the state, and how well.
+
+Every function takes A and C as arrays, or in place of A a state-space object of
+SciPy or python-control (anything with attributes ``A`` and ``C``), or a `System`.
+"""
+
+from gramian.linear.degrees import Degree, Information, degree, information
+from gramian.linear.level import BatchLevels, Levels, batch_levels, levels, observability_matrix
+from gramian.linear.systems import System
+from gramian.linear.windows import Piecewise, gramian, piecewise, problem, rows, transition
+
+__all__ = [
+    "BatchLevels",
+    "Degree",
+    "Information",
+    "Levels",
+    "Piecewise",
+    "System",
+    "batch_levels",
+    "degree",
+    "gramian",
+    "information",
+    "levels",
+    "observability_matrix",
+    "piecewise",
+    "problem",
+    "rows",
+    "transition",
+]

@@ -1,0 +1,337 @@
+//! Linear systems.
+
+use gramian::batch::{self, Span, simd::Path};
+use gramian::linear::analysis::Analysis;
+use gramian::linear::piecewise;
+use gramian::linear::window;
+use gramian::spectrum;
+use gramian::square_root::triangularize;
+use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
+use pyo3::prelude::*;
+
+use crate::convert::{Batch, Input};
+use crate::errors::InputError;
+use crate::{errors, run};
+
+/// A (..., n, n) and C (..., p, n) that fit each other.
+fn system<'py>(
+    a: &Bound<'py, PyAny>,
+    c: &Bound<'py, PyAny>,
+) -> PyResult<(Input<'py>, Input<'py>, usize, usize)> {
+    let a = Input::new(a, "A", 2)?;
+    a.expect_entries()?;
+    let n = a.core_shape()[1];
+    a.expect(
+        &[Some(n), Some(n)],
+        "square, a row and a column for each state",
+    )?;
+    let c = Input::new(c, "C", 2)?;
+    c.expect_entries()?;
+    c.expect(&[None, Some(n)], "a column for each state of A")?;
+    let p = c.core_shape()[0];
+    Ok((a, c, n, p))
+}
+
+fn expect_rtol(rtol: Option<f64>) -> PyResult<()> {
+    match rtol {
+        Some(rtol) if !(rtol > 0.0 && rtol < 1.0) => Err(InputError::new_err(format!(
+            "rtol = {rtol}: must be between 0 and 1"
+        ))),
+        _ => Ok(()),
+    }
+}
+
+/// (..., (order + 1) p, n)
+#[pyfunction]
+fn observability_matrix<'py>(
+    py: Python<'py>,
+    a: &Bound<'py, PyAny>,
+    c: &Bound<'py, PyAny>,
+    order: Option<usize>,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let (mut a, mut c, n, p) = system(a, c)?;
+    let order = order.unwrap_or(n - 1);
+    let batch = Batch::of(&mut [&mut a, &mut c])?;
+    let out = batch.zeros(py, &[(order + 1) * p, n]);
+    {
+        let (a, c) = (a.items()?, c.items()?);
+        let mut write = out.readwrite();
+        let write = write.as_slice_mut()?;
+        let size = (order + 1) * p * n;
+        run::in_pieces(py, batch.len(), (size * n) as f64, |range, threads| {
+            let (a, c) = (a.skip(range.start), c.skip(range.start));
+            let out = &mut write[range.start * size..range.end * size];
+            batch::observability_matrix(a, c, n, order, threads, Path::Best, out).map_err(|trial| {
+                InputError::new_err(format!(
+                    "{}C A^{order} is not finite: levels do without powers of A",
+                    batch.place(range.start + trial)
+                ))
+            })
+        })?;
+    }
+    Ok(out)
+}
+
+/// (..., 2, n): ranks of `O_0` .. `O_{n-1}`; levels of the states.
+#[pyfunction]
+fn linear_levels<'py>(
+    py: Python<'py>,
+    a: &Bound<'py, PyAny>,
+    c: &Bound<'py, PyAny>,
+    rtol: Option<f64>,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let (mut a, mut c, n, p) = system(a, c)?;
+    expect_rtol(rtol)?;
+    let batch = Batch::of(&mut [&mut a, &mut c])?;
+    let out = batch.zeros(py, &[2, n]);
+    {
+        let (a, c) = (a.items()?, c.items()?);
+        let mut write = out.readwrite();
+        let write = write.as_slice_mut()?;
+        run::in_pieces(
+            py,
+            batch.len(),
+            batch::linear_cost(n, p),
+            |range, threads| {
+                let (a, c) = (a.skip(range.start), c.skip(range.start));
+                let out = &mut write[range.start * 2 * n..range.end * 2 * n];
+                batch::linear_levels(a, c, n, rtol, threads, Path::Best, out);
+                Ok(())
+            },
+        )?;
+    }
+    Ok(out)
+}
+
+/// (..., n, n) of outputs whitened by the caller. `duration` is a time, or a
+/// number of samples where `discrete`.
+#[pyfunction]
+fn linear_gramian<'py>(
+    py: Python<'py>,
+    a: &Bound<'py, PyAny>,
+    c: &Bound<'py, PyAny>,
+    q: Option<&Bound<'py, PyAny>>,
+    duration: f64,
+    samples: Option<usize>,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let (mut a, mut c, n, _) = system(a, c)?;
+    let mut q = q.map(|q| Input::new(q, "Q", 2)).transpose()?;
+    if let Some(q) = &q {
+        q.expect(&[Some(n), Some(n)], "a covariance of the states")?;
+    }
+    let batch = match &mut q {
+        Some(q) => Batch::of(&mut [&mut a, &mut c, q])?,
+        None => Batch::of(&mut [&mut a, &mut c])?,
+    };
+    let span = samples.map_or(Span::Duration(duration), Span::Samples);
+    let out = batch.zeros(py, &[n, n]);
+    {
+        let (a, c) = (a.items()?, c.items()?);
+        let q = q.as_ref().map(Input::items).transpose()?;
+        let mut write = out.readwrite();
+        let write = write.as_slice_mut()?;
+        run::in_pieces(py, batch.len(), batch::gramian_cost(n), |range, threads| {
+            batch::linear_gramian(
+                a.skip(range.start),
+                c.skip(range.start),
+                q.map(|q| q.skip(range.start)),
+                n,
+                span,
+                threads,
+                &mut write[range.start * n * n..range.end * n * n],
+            )
+            .map_err(|(trial, error)| errors::input_at(&batch.place(range.start + trial), error))
+        })?;
+    }
+    Ok(out)
+}
+
+/// e^(A duration), (n, n).
+#[pyfunction]
+fn linear_transition<'py>(
+    py: Python<'py>,
+    a: &Bound<'py, PyAny>,
+    duration: f64,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let a = Input::new(a, "A", 2)?;
+    let n = a.core_shape()[1];
+    a.expect(
+        &[Some(n), Some(n)],
+        "square, a row and a column for each state",
+    )?;
+    let a = a.slice()?;
+    let e = run::detached(py, |_| window::transition(a, n, duration))?
+        .map_err(|error| errors::input_at("", error))?;
+    PyArray1::from_vec(py, e).reshape([n, n])
+}
+
+/// Singular values (n,), descending, and right singular vectors (n, n) in rows.
+#[pyfunction]
+fn right_singular<'py>(
+    py: Python<'py>,
+    rows: &Bound<'py, PyAny>,
+) -> PyResult<(Bound<'py, PyArray1<f64>>, Matrix<'py>)> {
+    let rows = Input::new(rows, "rows", 2)?;
+    rows.expect_entries()?;
+    let (count, n) = (rows.core_shape()[0], rows.core_shape()[1]);
+    rows.expect(&[Some(count), Some(n)], "one row for each measurement")?;
+    let mut a = rows.slice()?.to_vec();
+    a.resize(count.max(n) * n, 0.0);
+    let (values, vectors) = run::detached(py, |_| {
+        let (mut s, mut v) = (vec![0.0; n], vec![0.0; n * n]);
+        let mut work = vec![0.0; n * n];
+        triangularize(&mut a, n, &mut work[..n]);
+        spectrum::decompose(&a, n, &vec![1.0; n], &mut s, &mut v, &mut work);
+        (s, v)
+    })?;
+    Ok((
+        PyArray1::from_vec(py, values),
+        PyArray1::from_vec(py, vectors).reshape([n, n])?,
+    ))
+}
+
+type Matrix<'py> = Bound<'py, PyArray2<f64>>;
+type Ranks<'py> = Bound<'py, PyArray1<usize>>;
+
+/// Piecewise constant A (segments, n, n), C (segments, p, n): ranks alone, of the
+/// stripped and the total matrix, whether each kernel rests, the null space.
+#[pyfunction]
+fn piecewise_ranks<'py>(
+    py: Python<'py>,
+    a: &Bound<'py, PyAny>,
+    c: &Bound<'py, PyAny>,
+    durations: &Bound<'py, PyAny>,
+    rtol: Option<f64>,
+) -> PyResult<(Ranks<'py>, Ranks<'py>, Ranks<'py>, Vec<bool>, Matrix<'py>)> {
+    let (a, c, n, p) = system(a, c)?;
+    expect_rtol(rtol)?;
+    let durations = Input::new(durations, "durations", 1)?;
+    durations.expect_entries()?;
+    durations.expect_positive("s")?;
+    let count = durations.core_shape()[0];
+    if a.batch_shape() != [count] || c.batch_shape() != [count] {
+        return Err(InputError::new_err(format!(
+            "durations has {count} entries: A must be ({count}, {n}, {n}) and C ({count}, {p}, {n})"
+        )));
+    }
+    let (a, c, durations) = (a.slice()?, c.slice()?, durations.slice()?);
+    let found = run::detached(py, |_| piecewise::Piecewise::new(a, c, durations, n, rtol))?
+        .map_err(|error| errors::input_at("", error))?;
+    let ranks = |ranks: Vec<usize>| PyArray1::from_vec(py, ranks);
+    Ok((
+        ranks(found.alone),
+        ranks(found.stripped),
+        ranks(found.total),
+        found.kernel_rests,
+        columns(py, &found.null_space, n)?,
+    ))
+}
+
+/// Vectors as the columns of an array (n, count).
+fn columns<'py>(
+    py: Python<'py>,
+    vectors: &[Vec<f64>],
+    n: usize,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let flat: Vec<f64> = (0..n)
+        .flat_map(|i| vectors.iter().map(move |vector| vector[i]))
+        .collect();
+    PyArray1::from_vec(py, flat).reshape([n, vectors.len()])
+}
+
+/// Levels of one system: see `gramian::linear::analysis::Analysis`.
+#[pyclass(frozen)]
+struct LinearAnalysis {
+    inner: Analysis<f64>,
+    n: usize,
+}
+
+#[pymethods]
+impl LinearAnalysis {
+    #[new]
+    fn new(
+        py: Python<'_>,
+        a: &Bound<'_, PyAny>,
+        c: &Bound<'_, PyAny>,
+        rtol: Option<f64>,
+    ) -> PyResult<Self> {
+        let (a, c, n, p) = system(a, c)?;
+        expect_rtol(rtol)?;
+        a.expect(&[Some(n), Some(n)], "one system")?;
+        let (a, c) = (a.slice()?, c.slice()?);
+        if a.len() != n * n || c.len() != p * n {
+            return Err(InputError::new_err(
+                "A and C have leading axes: must be one system",
+            ));
+        }
+        let inner = run::detached(py, |_| Analysis::new(a, c, n, rtol))?;
+        Ok(Self { inner, n })
+    }
+
+    #[getter]
+    fn rtol(&self) -> f64 {
+        self.inner.rtol()
+    }
+
+    /// The weakest coupling that counted and the strongest that did not.
+    #[getter]
+    fn margins(&self) -> (f64, f64) {
+        let found = self.inner.found();
+        (found.weakest, found.rejected)
+    }
+
+    fn ranks(&self) -> Vec<usize> {
+        self.inner.ranks().to_vec()
+    }
+
+    fn state_levels(&self) -> Vec<Option<usize>> {
+        self.inner.state_levels()
+    }
+
+    fn level_of(
+        &self,
+        combination: &Bound<'_, PyAny>,
+        tolerance: Option<f64>,
+    ) -> PyResult<Option<usize>> {
+        let combination = self.combination(combination)?;
+        Ok(self.inner.level_of(combination.slice()?, tolerance))
+    }
+
+    fn residuals(&self, combination: &Bound<'_, PyAny>) -> PyResult<Vec<f64>> {
+        let combination = self.combination(combination)?;
+        Ok(self.inner.residuals(combination.slice()?))
+    }
+
+    fn null_space<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        columns(py, &self.inner.null_space(), self.n)
+    }
+
+    fn combinations<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyArray2<f64>>>> {
+        self.inner
+            .combinations()
+            .iter()
+            .map(|level| columns(py, level, self.n))
+            .collect()
+    }
+}
+
+impl LinearAnalysis {
+    fn combination<'py>(&self, value: &Bound<'py, PyAny>) -> PyResult<Input<'py>> {
+        let combination = Input::new(value, "combination", 1)?;
+        combination.expect(&[Some(self.n)], "a coefficient for each state")?;
+        if combination.slice()?.iter().all(|&x| x == 0.0) {
+            return Err(InputError::new_err("combination is zero: it says nothing"));
+        }
+        Ok(combination)
+    }
+}
+
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_function(wrap_pyfunction!(observability_matrix, module)?)?;
+    module.add_function(wrap_pyfunction!(linear_levels, module)?)?;
+    module.add_function(wrap_pyfunction!(linear_gramian, module)?)?;
+    module.add_function(wrap_pyfunction!(linear_transition, module)?)?;
+    module.add_function(wrap_pyfunction!(right_singular, module)?)?;
+    module.add_function(wrap_pyfunction!(piecewise_ranks, module)?)?;
+    module.add_class::<LinearAnalysis>()
+}

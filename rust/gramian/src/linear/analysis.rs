@@ -1,0 +1,330 @@
+//! Levels of one system whose size is known at run time, with everything that
+//! can be read from its staircase form.
+
+use alloc::vec;
+use alloc::vec::Vec;
+
+use super::scaling::{self, Systems, Work, dot};
+use super::staircase::{self, Found, Staircase};
+use crate::scalar::Real;
+
+/// Ranks, levels, kernel and determined combinations of a system.
+#[derive(Clone, Debug)]
+pub struct Analysis<T> {
+    n: usize,
+    /// What a balanced state is multiplied by to give the physical one.
+    scale: Vec<T>,
+    /// Orthonormal directions in balanced states, those of level 0 first.
+    basis: Vec<T>,
+    ranks: Vec<usize>,
+    found: Found<T>,
+    rtol: T,
+}
+
+impl<T: Real> Analysis<T> {
+    /// Analyses A (n x n) and C (p x n), row-major. Couplings below `rtol` of the
+    /// balanced norms count as zero; by default
+    /// [`default_rtol`](staircase::`default_rtol`).
+    pub fn new(a: &[T], c: &[T], n: usize, rtol: Option<T>) -> Self {
+        let mut forms = Self::of_segments(a, c, n, c.len().checked_div(n).unwrap_or(0), rtol);
+        forms.swap_remove(0)
+    }
+
+    /// The same for several systems A (segments, n, n), C (segments, p, n), all
+    /// in the same balanced states.
+    pub fn of_segments(a: &[T], c: &[T], n: usize, p: usize, rtol: Option<T>) -> Vec<Self> {
+        let (mut a, mut c) = (a.to_vec(), c.to_vec());
+        let scale = balance(&mut a, &mut c, n);
+        let rtol = rtol.unwrap_or_else(|| staircase::default_rtol(n));
+        let mut rows = vec![T::zero(); n.max(p) * n];
+        let (mut v, mut w) = (vec![T::zero(); n], vec![T::zero(); n]);
+        a.chunks_exact(n * n)
+            .zip(c.chunks_exact(p * n))
+            .map(|(a, c)| {
+                let mut basis = vec![T::zero(); n * n];
+                let mut ranks = vec![0; n];
+                let form = Staircase {
+                    n,
+                    stride: n,
+                    a,
+                    c,
+                    basis: &mut basis,
+                    rows: &mut rows,
+                };
+                let found = form.reduce(rtol, &mut v, &mut w, &mut ranks);
+                Self {
+                    n,
+                    scale: scale.clone(),
+                    basis,
+                    ranks,
+                    found,
+                    rtol,
+                }
+            })
+            .collect()
+    }
+
+    /// Rank of `O_k` for k = 0..n.
+    pub fn ranks(&self) -> &[usize] {
+        &self.ranks
+    }
+
+    /// The rank of the whole observability matrix.
+    pub fn rank(&self) -> usize {
+        self.ranks.last().copied().unwrap_or(0)
+    }
+
+    /// How clear the rank decisions were.
+    pub fn found(&self) -> Found<T> {
+        self.found
+    }
+
+    /// The tolerance they were made with.
+    pub fn rtol(&self) -> T {
+        self.rtol
+    }
+
+    /// What a balanced state is multiplied by to give the physical one.
+    pub fn scale(&self) -> &[T] {
+        &self.scale
+    }
+
+    /// The directions that span the row space of the observability matrix, in
+    /// balanced states.
+    pub fn row_space(&self) -> &[T] {
+        &self.basis[..self.rank() * self.n]
+    }
+
+    /// The directions that no derivative of the output sees, in balanced states.
+    pub fn kernel(&self) -> &[T] {
+        &self.basis[self.rank() * self.n..]
+    }
+
+    /// The level of each state.
+    pub fn state_levels(&self) -> Vec<Option<usize>> {
+        let mut levels = vec![None; self.n];
+        let touch = self.found.touch(self.rtol);
+        staircase::state_levels(
+            &self.basis,
+            self.n,
+            self.n,
+            &self.ranks,
+            touch,
+            |i, level| {
+                levels[i] = level;
+            },
+        );
+        levels
+    }
+
+    /// The part of combination^T x, relative to the whole in balanced states,
+    /// that `O_k` leaves open, for k = 0..n.
+    pub fn residuals(&self, combination: &[T]) -> Vec<T> {
+        let n = self.n;
+        let scaled: Vec<T> = combination
+            .iter()
+            .zip(&self.scale)
+            .map(|(&c, &d)| c * d)
+            .collect();
+        let whole = dot(&scaled, &scaled);
+        let mut left = T::zero();
+        // From the last direction on, so that small parts are not lost.
+        let mut tails = vec![T::zero(); n + 1];
+        for k in (0..n).rev() {
+            let part = dot(&self.basis[k * n..(k + 1) * n], &scaled);
+            left += part * part;
+            tails[k] = left;
+        }
+        self.ranks
+            .iter()
+            .map(|&rank| (tails[rank] / whole).sqrt())
+            .collect()
+    }
+
+    /// The level of a combination: the first k that leaves no more than
+    /// `tolerance` of it open; by default what rounding explains.
+    pub fn level_of(&self, combination: &[T], tolerance: Option<T>) -> Option<usize> {
+        let tolerance = tolerance.unwrap_or_else(|| self.found.touch(self.rtol));
+        self.residuals(combination)
+            .iter()
+            .position(|&left| left <= tolerance)
+    }
+
+    /// Basis of the combinations that no derivative determines, in physical
+    /// units: each has a state with coefficient 1 that the others do not have.
+    pub fn null_space(&self) -> Vec<Vec<T>> {
+        reduced_null_space(self.kernel(), &self.scale, self.found.touch(self.rtol)).0
+    }
+
+    /// What `O_k` determines beyond `O_{k-1}`, for each k up to the last that adds
+    /// something: combinations of the physical states, each with a state of
+    /// coefficient 1 that none of the others, here or before, contains.
+    pub fn combinations(&self) -> Vec<Vec<Vec<T>>> {
+        let n = self.n;
+        let touch = self.found.touch(self.rtol);
+        // The states that parametrise the kernel do not serve as leaders.
+        let (_, free) = reduced_null_space(self.kernel(), &self.scale, touch);
+        let mut leaders: Vec<usize> = Vec::new();
+        let mut reduced: Vec<Vec<T>> = Vec::new();
+        let mut levels = Vec::new();
+        let mut first = 0;
+        for &rank in &self.ranks {
+            if rank == first {
+                break;
+            }
+            let block: Vec<Vec<T>> = (first..rank)
+                .map(|k| {
+                    let mut row = self.basis[k * n..(k + 1) * n].to_vec();
+                    for (leader, known) in leaders.iter().zip(&reduced) {
+                        let factor = row[*leader];
+                        scaling::add(&mut row, -factor, known);
+                    }
+                    row
+                })
+                .collect();
+            let allowed = |i: usize| !free.contains(&i) && !leaders.contains(&i);
+            let (block, found) = reduce(block, allowed);
+            leaders.extend(&found);
+            reduced.extend(block.iter().cloned());
+            levels.push(
+                block
+                    .into_iter()
+                    .zip(&found)
+                    .map(|(row, &leader)| {
+                        let lead = self.scale[leader];
+                        row.iter()
+                            .zip(&self.scale)
+                            .map(|(&x, &scale)| {
+                                if x.abs() <= touch {
+                                    T::zero()
+                                } else {
+                                    x / scale * lead
+                                }
+                            })
+                            .collect()
+                    })
+                    .collect(),
+            );
+            first = rank;
+        }
+        levels
+    }
+}
+
+/// Centers and balances the systems in place; returns the states'
+/// factors.
+pub(super) fn balance<T: Real>(a: &mut [T], c: &mut [T], n: usize) -> Vec<T> {
+    let outputs = c.len().checked_div(n).unwrap_or(0);
+    let mut states = vec![T::zero(); n];
+    for block in a.chunks_exact_mut(n * n) {
+        staircase::center(block, n, n, &mut states);
+    }
+    let mut output_scales = vec![T::zero(); outputs];
+    let (mut pattern, mut see) = (vec![T::zero(); n * n], vec![T::zero(); outputs * n]);
+    let (mut state, mut output) = (vec![T::zero(); 5 * n], vec![T::zero(); 4 * outputs]);
+    let systems = Systems { a, c, n, stride: n };
+    let work = Work {
+        pattern: &mut pattern,
+        outputs_see: &mut see,
+        state: &mut state,
+        output: &mut output,
+    };
+    let balance = scaling::balance(systems, work, &mut states, &mut output_scales);
+    balance.apply(&states, &output_scales, a, c);
+    states
+}
+
+/// The kernel directions `null` (rows, balanced) in physical units, reduced;
+/// and the states that lead them.
+pub(super) fn reduced_null_space<T: Real>(
+    null: &[T],
+    scale: &[T],
+    touch: T,
+) -> (Vec<Vec<T>>, Vec<usize>) {
+    let rows = null.chunks_exact(scale.len()).map(<[T]>::to_vec).collect();
+    let (rows, leaders) = reduce(rows, |_| true);
+    let physical = rows
+        .into_iter()
+        .zip(&leaders)
+        .map(|(row, &leader)| {
+            row.iter()
+                .zip(scale)
+                .map(|(&x, &d)| {
+                    if x.abs() <= touch {
+                        T::zero()
+                    } else {
+                        x * d / scale[leader]
+                    }
+                })
+                .collect()
+        })
+        .collect();
+    (physical, leaders)
+}
+
+/// Gauss-Jordan elimination of independent rows: each gets a leading column,
+/// 1 there and 0 in the other rows; rows in the order of their leaders. A leader
+/// is the first allowed column that is within a factor of a thousand of the best:
+/// three digits of sixteen for leaders that neither rounding nor a unit changes.
+fn reduce<T: Real>(
+    mut rows: Vec<Vec<T>>,
+    allowed: impl Fn(usize) -> bool,
+) -> (Vec<Vec<T>>, Vec<usize>) {
+    let mut leaders: Vec<usize> = Vec::new();
+    for k in 0..rows.len() {
+        let columns = rows[k].len();
+        let largest = |i: usize| {
+            rows[k..]
+                .iter()
+                .map(|row| row[i].abs())
+                .fold(T::zero(), |x, y| if y > x { y } else { x })
+        };
+        let best_of = |pick: &dyn Fn(usize) -> bool| {
+            (0..columns)
+                .filter(|i| pick(*i) && !leaders.contains(i))
+                .map(&largest)
+                .fold(T::zero(), |x, y| if y > x { y } else { x })
+        };
+        let any = best_of(&|_| true);
+        let wanted = best_of(&allowed);
+        // Without a good allowed column any other will do.
+        let (restrict, best) = if wanted > T::of(1e-3) * any {
+            (true, wanted)
+        } else {
+            (false, any)
+        };
+        let column = (0..columns).find(|&i| {
+            !leaders.contains(&i) && (!restrict || allowed(i)) && largest(i) >= T::of(1e-3) * best
+        });
+        let Some(column) = column.filter(|_| best > T::zero()) else {
+            continue;
+        };
+        let mut pivot = k;
+        for r in k + 1..rows.len() {
+            if rows[r][column].abs() > rows[pivot][column].abs() {
+                pivot = r;
+            }
+        }
+        rows.swap(k, pivot);
+        leaders.push(column);
+        let lead = rows[k][column];
+        for x in &mut rows[k] {
+            *x /= lead;
+        }
+        let leading = rows[k].clone();
+        for (r, row) in rows.iter_mut().enumerate() {
+            if r != k {
+                let factor = row[column];
+                scaling::add(row, -factor, &leading);
+                row[column] = T::zero();
+            }
+        }
+    }
+    let mut order: Vec<usize> = (0..leaders.len()).collect();
+    order.sort_by_key(|&k| leaders[k]);
+    let sorted = order
+        .iter()
+        .map(|&k| core::mem::take(&mut rows[k]))
+        .collect();
+    (sorted, order.iter().map(|&k| leaders[k]).collect())
+}

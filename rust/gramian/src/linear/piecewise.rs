@@ -1,0 +1,158 @@
+//! Systems that are constant by segments: what each segment adds.
+//!
+//! # Source
+//! Goshen-Meskin & Bar-Itzhack 1992, Observability analysis of piece-wise
+//! constant systems, IEEE Trans. Aerospace and Electronic Systems 28.
+
+use alloc::vec;
+use alloc::vec::Vec;
+
+use super::analysis::{Analysis, reduced_null_space};
+use super::scaling::dot;
+use super::window::{Overflow, transition};
+use crate::scalar::Real;
+use crate::spectrum;
+use crate::square_root::rotate_in;
+
+/// Ranks of a piecewise constant system, segment by segment.
+#[derive(Clone, Debug)]
+pub struct Piecewise<T> {
+    /// The rank of each segment alone.
+    pub alone: Vec<usize>,
+    /// The rank of the stripped observability matrix [`Q_1`; ..; `Q_j`].
+    pub stripped: Vec<usize>,
+    /// The rank of the total observability matrix [`Q_1`; `Q_2` `Phi_1`; ..].
+    pub total: Vec<usize>,
+    /// Whether the kernel of each segment lies in the kernel of its A: where all
+    /// do, the stripped matrix has the kernel of the total one (their theorem 1).
+    pub kernel_rests: Vec<bool>,
+    /// The kernel of the total matrix in physical units, for the state at the
+    /// beginning.
+    pub null_space: Vec<Vec<T>>,
+}
+
+impl<T: Real> Piecewise<T> {
+    /// Analyses A (segments, n, n), C (segments, p, n) with a duration each.
+    ///
+    /// # Errors
+    /// [`Overflow`] where a transition leaves the range of the numbers.
+    pub fn new(
+        a: &[T],
+        c: &[T],
+        durations: &[T],
+        n: usize,
+        rtol: Option<T>,
+    ) -> Result<Self, Overflow> {
+        let p = c.len() / (n * durations.len());
+        let forms = Analysis::of_segments(a, c, n, p, rtol);
+        let scale = forms[0].scale();
+        // Directions of different segments are compared with the accuracy that
+        // the worst determined of them has.
+        let touch = forms.iter().fold(T::zero(), |touch, form| {
+            touch.max(form.found().touch(form.rtol()))
+        });
+        let mut found = Self {
+            alone: Vec::new(),
+            stripped: Vec::new(),
+            total: Vec::new(),
+            kernel_rests: Vec::new(),
+            null_space: Vec::new(),
+        };
+        let (mut stripped, mut total) = (Joined::new(n), Joined::new(n));
+        // From the beginning to the beginning of the segment, balanced.
+        let mut before: Option<Vec<T>> = None;
+        for (j, form) in forms.iter().enumerate() {
+            let a = &a[j * n * n..(j + 1) * n * n];
+            let balanced: Vec<T> = (0..n * n)
+                .map(|k| a[k] * scale[k % n] / scale[k / n])
+                .collect();
+            for row in form.row_space().chunks_exact(n) {
+                stripped.push(row);
+                match &before {
+                    None => total.push(row),
+                    Some(phi) => total.push(&through(row, phi)),
+                }
+            }
+            found.alone.push(form.rank());
+            found.stripped.push(stripped.rank(touch));
+            found.total.push(total.rank(touch));
+            found.kernel_rests.push(form.kernel_rests(&balanced, touch));
+            let step: Vec<T> = transition(a, n, durations[j])?
+                .iter()
+                .enumerate()
+                .map(|(k, &x)| x * scale[k % n] / scale[k / n])
+                .collect();
+            before = Some(match before {
+                None => step,
+                Some(phi) => step
+                    .chunks_exact(n)
+                    .flat_map(|row| through(row, &phi))
+                    .collect(),
+            });
+        }
+        let null = total.kernel(touch);
+        found.null_space = reduced_null_space(&null, scale, touch).0;
+        Ok(found)
+    }
+}
+
+impl<T: Real> Analysis<T> {
+    fn kernel_rests(&self, a: &[T], touch: T) -> bool {
+        let n = self.scale().len();
+        let size = a
+            .chunks_exact(n)
+            .fold(T::zero(), |size, row| size.max(dot(row, row)));
+        self.kernel().chunks_exact(n).all(|v| {
+            a.chunks_exact(n)
+                .all(|row| dot(row, v).abs() <= touch * size.sqrt())
+        })
+    }
+}
+
+/// row Phi
+fn through<T: Real>(row: &[T], phi: &[T]) -> Vec<T> {
+    let n = row.len();
+    let mut out = vec![T::zero(); n];
+    for (&factor, line) in row.iter().zip(phi.chunks_exact(n)) {
+        super::scaling::add(&mut out, factor, line);
+    }
+    out
+}
+
+/// The triangular factor of directions joined so far.
+struct Joined<T> {
+    n: usize,
+    factor: Vec<T>,
+}
+
+impl<T: Real> Joined<T> {
+    fn new(n: usize) -> Self {
+        Self {
+            n,
+            factor: vec![T::zero(); n * n],
+        }
+    }
+
+    fn push(&mut self, row: &[T]) {
+        let norm = dot(row, row).sqrt();
+        let mut row: Vec<T> = row.iter().map(|&x| x / norm).collect();
+        rotate_in(&mut self.factor, &mut row);
+    }
+
+    fn decomposed(&self) -> (Vec<T>, Vec<T>) {
+        let n = self.n;
+        let (ones, mut values) = (vec![T::one(); n], vec![T::zero(); n]);
+        let (mut vectors, mut work) = (vec![T::zero(); n * n], vec![T::zero(); n * n]);
+        spectrum::decompose(&self.factor, n, &ones, &mut values, &mut vectors, &mut work);
+        (values, vectors)
+    }
+
+    fn rank(&self, touch: T) -> usize {
+        spectrum::rank(&self.decomposed().0, touch)
+    }
+
+    fn kernel(&self, touch: T) -> Vec<T> {
+        let (values, mut vectors) = self.decomposed();
+        vectors.split_off(spectrum::rank(&values, touch) * self.n)
+    }
+}

@@ -1,0 +1,351 @@
+//! What a finite window of outputs tells of the state at its beginning: the
+//! observability Gramian, of stable and unstable systems, with or without
+//! process noise.
+//!
+//! A window is a map from the information J about the state at its end to that
+//! at its beginning,
+//!     J0 = H + Phi^T J (I + G J)^-1 Phi,
+//! with Phi the transition, G the noise it gathers and H what its own outputs
+//! tell. Two windows in a row are one; so a short one is doubled as often as it
+//! takes, sums of positive terms only. Nothing is assumed of the eigenvalues.
+//!
+//! # Source
+//! Van Loan 1978, Computing integrals involving the matrix exponential, IEEE
+//! Trans. Automatic Control 23 (the short window); Anderson 1978, Second-order
+//! convergent algorithms for the steady-state Riccati equation (doubling).
+
+use alloc::vec;
+use alloc::vec::Vec;
+
+use super::analysis::balance;
+use super::scaling::add;
+use crate::scalar::Real;
+
+/// A window of a system of n states, matrices n x n row-major.
+#[derive(Clone, Debug)]
+pub struct Window<T> {
+    n: usize,
+    /// The transition from the beginning to the end.
+    pub transition: Vec<T>,
+    /// Covariance of the process noise gathered on the way.
+    pub noise: Vec<T>,
+    /// Information of the outputs in the window about the state at its
+    /// beginning: the Gramian.
+    pub gramian: Vec<T>,
+}
+
+/// The window is too long: its transition or Gramian exceeds the numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Overflow;
+
+impl core::fmt::Display for Overflow {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(
+            "the Gramian is not a finite number: the window is too long for a system that grows this fast",
+        )
+    }
+}
+
+impl core::error::Error for Overflow {}
+
+impl<T: Real> Window<T> {
+    /// One sample and the step after it: outputs `c` (whitened, p x n),
+    /// x[k+1] = `phi` x[k] with noise covariance `q` if given.
+    pub fn sample(phi: &[T], c: &[T], q: Option<&[T]>, n: usize) -> Self {
+        Self {
+            n,
+            transition: phi.to_vec(),
+            noise: q.map_or_else(|| vec![T::zero(); n * n], <[T]>::to_vec),
+            gramian: information(c, n),
+        }
+    }
+
+    /// The window of x' = A x with whitened outputs `c` (noise density 1) and
+    /// process noise density `q` if given, over `duration`.
+    ///
+    /// # Errors
+    /// [`Overflow`].
+    pub fn continuous(
+        a: &[T],
+        c: &[T],
+        q: Option<&[T]>,
+        n: usize,
+        duration: T,
+    ) -> Result<Self, Overflow> {
+        let (mut scaled_a, mut scaled_c) = (a.to_vec(), c.to_vec());
+        let scale = balance(&mut scaled_a, &mut scaled_c, n);
+        let v = information(c, n);
+        let at = |i: usize, j: usize| a[i * n + j] * scale[j] / scale[i];
+        let v_at = |i: usize, j: usize| v[i * n + j] * scale[i] * scale[j];
+        let q_at = |i: usize, j: usize| q.map_or(T::zero(), |q| q[i * n + j] / scale[i] / scale[j]);
+        let (norm_a, norm_v, norm_q) = (norm(n, at), norm(n, v_at), norm(n, q_at));
+        // Information in units that make its part of the block as small as the
+        // rest: x and J x are of different kinds.
+        let unit = if norm_v == T::zero() {
+            T::one()
+        } else if norm_q > T::zero() {
+            (norm_q / norm_v).sqrt()
+        } else {
+            norm_a.max(T::one() / duration) / norm_v
+        };
+        let rate = norm_a + (norm_v * unit).max(norm_q / unit);
+        let mut halvings = 0;
+        let mut step = duration;
+        while rate * step > T::of(0.5) && halvings < 2000 {
+            step /= T::of(2.0);
+            halvings += 1;
+        }
+        let m = 2 * n;
+        let mut block = vec![T::zero(); m * m];
+        for i in 0..n {
+            for j in 0..n {
+                block[i * m + j] = -at(i, j) * step;
+                block[i * m + n + j] = q_at(i, j) / unit * step;
+                block[(n + i) * m + j] = v_at(i, j) * unit * step;
+                block[(n + i) * m + n + j] = at(j, i) * step;
+            }
+        }
+        let e = series(&block, m);
+        let part = |top: usize, left: usize| -> Vec<T> {
+            (0..n)
+                .flat_map(|i| e[(top + i) * m + left..(top + i) * m + left + n].to_vec())
+                .collect()
+        };
+        let (e11, e12, e21) = (part(0, 0), part(0, n), part(n, 0));
+        let mut identity = vec![T::zero(); n * n];
+        for i in 0..n {
+            identity[i * n + i] = T::one();
+        }
+        let transition = solve(e11.clone(), identity, n).ok_or(Overflow)?;
+        let noise = solve(e11, e12, n).ok_or(Overflow)?;
+        let mut window = Self {
+            n,
+            gramian: multiply(&e21, &transition, n),
+            transition,
+            noise,
+        };
+        window.symmetrize();
+        for _ in 0..halvings {
+            window = window.then(&window)?;
+        }
+        for i in 0..n {
+            for j in 0..n {
+                window.transition[i * n + j] *= scale[i] / scale[j];
+                window.noise[i * n + j] *= scale[i] * scale[j] * unit;
+                window.gramian[i * n + j] /= scale[i] * scale[j] * unit;
+            }
+        }
+        window.checked()
+    }
+
+    /// This window and `next` after it, as one.
+    ///
+    /// # Errors
+    /// [`Overflow`].
+    pub fn then(&self, next: &Self) -> Result<Self, Overflow> {
+        let n = self.n;
+        let (mut through, mut noise) = (self.transition.clone(), self.noise.clone());
+        if noise.iter().any(|&x| x != T::zero()) {
+            let mut m = multiply(&noise, &next.gramian, n);
+            for i in 0..n {
+                m[i * n + i] += T::one();
+            }
+            through = solve(m.clone(), through, n).ok_or(Overflow)?;
+            noise = solve(m, noise, n).ok_or(Overflow)?;
+        }
+        let mut gramian = multiply(
+            &transpose(&self.transition, n),
+            &multiply(&next.gramian, &through, n),
+            n,
+        );
+        add(&mut gramian, T::one(), &self.gramian);
+        let turned = multiply(&next.transition, &noise, n);
+        let mut noise = multiply(&turned, &transpose(&next.transition, n), n);
+        add(&mut noise, T::one(), &next.noise);
+        let mut window = Self {
+            n,
+            transition: multiply(&next.transition, &through, n),
+            noise,
+            gramian,
+        };
+        window.symmetrize();
+        window.checked()
+    }
+
+    /// This window `count` times in a row.
+    ///
+    /// # Errors
+    /// [`Overflow`].
+    pub fn repeated(&self, mut count: usize) -> Result<Option<Self>, Overflow> {
+        let mut doubled = self.clone();
+        let mut all: Option<Self> = None;
+        while count > 0 {
+            if count % 2 == 1 {
+                all = Some(match all {
+                    None => doubled.clone(),
+                    Some(all) => all.then(&doubled)?,
+                });
+            }
+            count /= 2;
+            if count > 0 {
+                doubled = doubled.then(&doubled)?;
+            }
+        }
+        Ok(all)
+    }
+
+    fn symmetrize(&mut self) {
+        let (n, half) = (self.n, T::of(0.5));
+        for matrix in [&mut self.gramian, &mut self.noise] {
+            for i in 0..n {
+                for j in 0..i {
+                    let mean = (matrix[i * n + j] + matrix[j * n + i]) * half;
+                    matrix[i * n + j] = mean;
+                    matrix[j * n + i] = mean;
+                }
+            }
+        }
+    }
+
+    fn checked(self) -> Result<Self, Overflow> {
+        let finite = self
+            .gramian
+            .iter()
+            .chain(&self.noise)
+            .all(nalgebra::ComplexField::is_finite);
+        if finite { Ok(self) } else { Err(Overflow) }
+    }
+}
+
+/// e^(A duration), n x n.
+///
+/// # Errors
+/// [`Overflow`].
+pub fn transition<T: Real>(a: &[T], n: usize, duration: T) -> Result<Vec<T>, Overflow> {
+    let (mut scaled, mut none) = (a.to_vec(), Vec::new());
+    let scale = balance(&mut scaled, &mut none, n);
+    let at = |i: usize, j: usize| a[i * n + j] * scale[j] / scale[i];
+    let rate = norm(n, at);
+    let (mut halvings, mut step) = (0, duration);
+    while rate * step.abs() > T::of(0.5) && halvings < 2000 {
+        step /= T::of(2.0);
+        halvings += 1;
+    }
+    let mut small = vec![T::zero(); n * n];
+    for i in 0..n {
+        for j in 0..n {
+            small[i * n + j] = at(i, j) * step;
+        }
+    }
+    let mut e = series(&small, n);
+    for _ in 0..halvings {
+        e = multiply(&e, &e, n);
+    }
+    for i in 0..n {
+        for j in 0..n {
+            e[i * n + j] *= scale[i] / scale[j];
+        }
+    }
+    if e.iter().all(nalgebra::ComplexField::is_finite) {
+        Ok(e)
+    } else {
+        Err(Overflow)
+    }
+}
+
+/// The largest sum of magnitudes in a row or column, whichever is less.
+fn norm<T: Real>(n: usize, at: impl Fn(usize, usize) -> T) -> T {
+    let largest = |sum: &dyn Fn(usize) -> T| {
+        (0..n)
+            .map(sum)
+            .fold(T::zero(), |x, y| if y > x { y } else { x })
+    };
+    let rows = largest(&|i| (0..n).fold(T::zero(), |sum, j| sum + at(i, j).abs()));
+    let columns = largest(&|j| (0..n).fold(T::zero(), |sum, i| sum + at(i, j).abs()));
+    rows.min(columns)
+}
+
+/// e^M for a norm up to about one: 24 terms of the series.
+fn series<T: Real>(m: &[T], n: usize) -> Vec<T> {
+    let mut e = vec![T::zero(); n * n];
+    for i in 0..n {
+        e[i * n + i] = T::one();
+    }
+    for k in (1..=24).rev() {
+        e = multiply(m, &e, n);
+        for x in &mut e {
+            *x /= T::of(f64::from(k));
+        }
+        for i in 0..n {
+            e[i * n + i] += T::one();
+        }
+    }
+    e
+}
+
+/// c^T c
+fn information<T: Real>(c: &[T], n: usize) -> Vec<T> {
+    let mut v = vec![T::zero(); n * n];
+    for row in c.chunks_exact(n) {
+        for i in 0..n {
+            add(&mut v[i * n..(i + 1) * n], row[i], row);
+        }
+    }
+    v
+}
+
+fn multiply<T: Real>(a: &[T], b: &[T], n: usize) -> Vec<T> {
+    let mut product = vec![T::zero(); n * n];
+    for (row, out) in a.chunks_exact(n).zip(product.chunks_exact_mut(n)) {
+        for (&factor, b) in row.iter().zip(b.chunks_exact(n)) {
+            add(out, factor, b);
+        }
+    }
+    product
+}
+
+fn transpose<T: Real>(a: &[T], n: usize) -> Vec<T> {
+    (0..n * n).map(|k| a[k % n * n + k / n]).collect()
+}
+
+/// M^-1 B by elimination with row pivots; `None` where M is singular.
+fn solve<T: Real>(mut m: Vec<T>, mut b: Vec<T>, n: usize) -> Option<Vec<T>> {
+    for k in 0..n {
+        let mut pivot = k;
+        for i in k + 1..n {
+            if m[i * n + k].abs() > m[pivot * n + k].abs() {
+                pivot = i;
+            }
+        }
+        if !(m[pivot * n + k].abs() > T::zero()) {
+            return None;
+        }
+        for j in 0..n {
+            m.swap(k * n + j, pivot * n + j);
+            b.swap(k * n + j, pivot * n + j);
+        }
+        for i in 0..n {
+            if i == k {
+                continue;
+            }
+            let factor = m[i * n + k] / m[k * n + k];
+            if factor == T::zero() {
+                continue;
+            }
+            for j in k..n {
+                let x = m[k * n + j];
+                m[i * n + j] -= factor * x;
+            }
+            for j in 0..n {
+                let x = b[k * n + j];
+                b[i * n + j] -= factor * x;
+            }
+        }
+    }
+    for i in 0..n {
+        for j in 0..n {
+            b[i * n + j] /= m[i * n + i];
+        }
+    }
+    Some(b)
+}

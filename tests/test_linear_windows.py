@@ -1,0 +1,188 @@
+"""Gramians and piecewise constant systems against independent results."""
+
+import numpy as np
+import pytest
+import scipy.integrate
+import scipy.linalg
+
+import gramian as gm
+
+CV_A, CV_C = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[1.0, 0.0]])
+
+
+def stable(seed, n=4, p=2):
+    rng = np.random.default_rng(seed)
+    a = rng.normal(size=(n, n))
+    return a - (np.linalg.eigvals(a).real.max() + 0.5) * np.eye(n), rng.normal(size=(p, n))
+
+
+def test_infinite_window_of_stable_systems_is_that_of_scipy():
+    for seed in range(5):
+        a, c = stable(seed)
+        found = gm.linear.gramian(a, c, window=200.0)
+        assert np.allclose(found, scipy.linalg.solve_continuous_lyapunov(a.T, -c.T @ c), rtol=1e-9)
+        phi = scipy.linalg.expm(0.1 * a)
+        discrete = gm.linear.gramian(phi, c, window=400.0, dt=0.1)
+        expected = scipy.linalg.solve_discrete_lyapunov(phi.T, c.T @ c)
+        assert np.allclose(discrete, expected, rtol=1e-9)
+
+
+def test_infinite_window_is_that_published_by_python_control():
+    # Its tests of gram(sys, "o"), testGramWo and testGramWo2: 6 decimals printed.
+    a = np.array([[1.0, -2.0], [3.0, -4.0]])
+    c = np.array([[4.0, 5.0], [6.0, 7.0]])
+    found = gm.linear.gramian(a, c, window=60.0)
+    assert np.allclose(found, [[257.5, -94.5], [-94.5, 56.5]], rtol=1e-12)
+    found = gm.linear.gramian(gm.linear.transition(a, 0.2), c, window=60.0, dt=0.2)
+    expected = [[1305.369179, -440.046414], [-440.046414, 333.034844]]
+    assert np.abs(found - expected).max() < 1e-6
+    found = gm.linear.gramian(a, [[6.0, 8.0]], window=60.0)
+    assert np.allclose(found, [[198, -72], [-72, 44]], rtol=1e-12)
+
+
+@pytest.mark.parametrize("shift", [-2.0, 0.0, 1.0])
+def test_finite_window_is_the_integral_to_ten_digits(shift):
+    rng = np.random.default_rng(7)
+    a, c = rng.normal(size=(4, 4)) + shift * np.eye(4), rng.normal(size=(2, 4))
+
+    def integrand(t):
+        e = c @ scipy.linalg.expm(a * t)
+        return (e.T @ e).ravel()
+
+    expected, _ = scipy.integrate.quad_vec(integrand, 0, 3.0, epsabs=0, epsrel=1e-13)
+    found = gm.linear.gramian(a, c, window=3.0)
+    assert np.abs(found.ravel() - expected).max() < 1e-10 * np.abs(expected).max()
+
+
+def test_constant_velocity_which_control_refuses():
+    found = gm.linear.gramian(CV_A, CV_C, window=3.0)
+    assert np.allclose(found, [[3, 4.5], [4.5, 9]], rtol=1e-14)
+    found = gm.linear.gramian([[1, 1], [0, 1]], CV_C, window=4.0, dt=1.0)
+    assert found.tolist() == [[5, 10], [10, 30]]
+
+
+def test_window_of_the_inertial_example_against_its_rows():
+    sins = gm.inertial.static_base(0.6)
+    rows = gm.linear.rows(sins, window=100.0, dt=1.0)
+    phi = gm.linear.transition(sins.A, 1.0)
+    j = gm.linear.gramian(phi, sins.C, window=100.0, dt=1.0, R=sins.noise**2)
+    scale = np.outer(sins.prior, sins.prior)
+    assert np.allclose(j * scale, rows.T @ rows * scale, rtol=1e-9, atol=1e-9)
+
+
+def test_units_do_not_spoil_the_gramian():
+    rng = np.random.default_rng(1)
+    a, c = stable(3)
+    one = gm.linear.gramian(a, c, window=2.0)
+    for _ in range(10):
+        d, time = 10.0 ** rng.uniform(-9, 9, 4), 10.0 ** rng.uniform(-6, 6)
+        other = gm.linear.gramian(a * d / d[:, None] * time, c * d, window=2.0 / time)
+        # In a unit of time the integral is in that unit.
+        assert np.allclose(other / np.outer(d, d) * time, one, rtol=1e-9)
+
+
+def test_process_noise_in_discrete_time_by_joint_covariance():
+    rng = np.random.default_rng(4)
+    phi, c = rng.normal(size=(3, 3)), rng.normal(size=(1, 3))
+    root = rng.normal(size=(3, 3))
+    q, r, steps = root @ root.T, 0.3, 6
+    # y = O x0 + M w + v: the information is O^T cov^-1 O.
+    powers = [np.linalg.matrix_power(phi, k) for k in range(steps)]
+    o = np.vstack([c @ power for power in powers])
+    m = np.zeros((steps, 3 * (steps - 1)))
+    for k in range(steps):
+        for i in range(k):
+            m[k, 3 * i : 3 * i + 3] = (c @ powers[k - 1 - i])[0]
+    covariance = m @ np.kron(np.eye(steps - 1), q) @ m.T + r * np.eye(steps)
+    expected = o.T @ np.linalg.solve(covariance, o)
+    found = gm.linear.gramian(phi, c, window=steps - 1.0, dt=1.0, R=r, Q=q)
+    assert np.allclose(found, expected, rtol=1e-10)
+
+
+def test_process_noise_in_continuous_time_by_the_riccati_equation():
+    a, c = stable(2)
+    q = np.diag([0.5, 0.0, 1.0, 0.2])
+
+    def rate(_, j):
+        j = j.reshape(4, 4)
+        return (a.T @ j + j @ a + c.T @ c - j @ q @ j).ravel()
+
+    solved = scipy.integrate.solve_ivp(rate, (0, 3.0), np.zeros(16), rtol=1e-11, atol=1e-13)
+    found = gm.linear.gramian(a, c, window=3.0, Q=q)
+    assert np.allclose(found.ravel(), solved.y[:, -1], rtol=1e-8, atol=1e-10)
+
+
+def test_batches_of_gramians():
+    a = np.stack([stable(k)[0] for k in range(6)])
+    c = stable(0)[1]
+    found = gm.linear.gramian(a, c, window=1.0)
+    assert found.shape == (6, 4, 4)
+    assert np.array_equal(found[4], gm.linear.gramian(a[4], c, window=1.0))
+
+
+def test_transition_is_that_of_scipy():
+    rng = np.random.default_rng(9)
+    for size in (0.1, 1.0, 10.0):
+        a = size * rng.normal(size=(5, 5))
+        expected = scipy.linalg.expm(a)
+        assert (
+            np.abs(gm.linear.transition(a, 1.0) - expected).max() < 1e-11 * np.abs(expected).max()
+        )
+
+
+def test_piecewise_ranks_of_goshen_meskin():
+    # A bias that only a change of the system tells from the state: y = x + b u.
+    a = np.zeros((3, 3, 3))
+    a[0, 0, 1] = a[1, 0, 1] = a[2, 0, 1] = 1.0
+    a[1, 0, 2], a[2, 0, 2] = 1.0, 1.0
+    c = np.array([[1.0, 0, 0]])
+    found = gm.linear.piecewise(a, c, [1.0, 1.0, 1.0], ["x", "v", "b"])
+    assert found.segment_ranks == (2, 2, 2)
+    assert found.stripped_ranks == (2, 3, 3)
+    assert found.total_ranks == (2, 3, 3)
+    assert found.kernel_rests == (True, True, True)
+    assert found.null_space.shape == (3, 0)
+    assert np.linalg.matrix_rank(found.stripped_matrix()) == 3
+    assert np.linalg.matrix_rank(found.rows(dt=0.1)) == 3
+
+
+def test_stripped_rank_can_exceed_the_total_where_a_kernel_moves():
+    # The first segment does not see x2 and moves it into x1's place unseen.
+    a = np.zeros((2, 3, 3))
+    a[0, 1, 2] = 1.0
+    c = np.zeros((2, 1, 3))
+    c[0, 0, 0], c[1, 0, 1] = 1.0, 1.0
+    found = gm.linear.piecewise(a, c, [2.0, 1.0], ["x0", "x1", "x2"])
+    assert found.kernel_rests[0] is False
+    assert found.total_ranks == (1, 2)
+    # What is not seen: x1 + 2 x2 is, at the beginning of the second segment.
+    assert np.allclose(found.null_space.T, [[0, 1, -0.5]])
+
+
+def test_piecewise_with_one_segment_is_levels():
+    sins = gm.inertial.static_base(0.4)
+    found = gm.linear.piecewise([sins.A], sins.C, [60.0], sins.names)
+    assert found.total_ranks == (12,)
+    assert np.allclose(found.null_space, gm.linear.levels(sins).null_space, rtol=1e-9, atol=1e-12)
+
+
+BAD = [
+    (lambda: gm.linear.gramian(CV_A, CV_C, window=0.0), "window = 0"),
+    (lambda: gm.linear.gramian(CV_A, CV_C, window=1.0, dt=-1.0), "dt = -1"),
+    (lambda: gm.linear.gramian(100 * np.eye(2), CV_C, window=100.0), "too long for a system"),
+    (lambda: gm.linear.gramian(CV_A, CV_C, window=1.0, R=[[1, 2], [3, 4]]), "R has shape"),
+    (lambda: gm.linear.gramian(CV_A, CV_C, window=1.0, Q=-np.eye(2)), "Q has a negative"),
+    (lambda: gm.linear.gramian(CV_A, CV_C, window=1.0, Q=[[1, 2], [0, 1]]), "Q is not symmetric"),
+    (lambda: gm.linear.gramian(CV_A, CV_C, window=1.0, Q=np.eye(3)), "Q has shape"),
+    (lambda: gm.linear.rows(CV_A, CV_C, window=1.0, dt=0.1, time="often"), "time = 'often'"),
+    (lambda: gm.linear.rows(100 * np.eye(2), CV_C, window=99.0, dt=1.0), "exceed the numbers"),
+    (lambda: gm.linear.piecewise(CV_A, CV_C, [1.0]), r"A has shape \(2, 2\)"),
+    (lambda: gm.linear.piecewise([CV_A], CV_C, [1.0, 2.0]), "durations has 2 entries"),
+    (lambda: gm.linear.piecewise([CV_A], CV_C, [0.0]), r"durations\[0\] = 0 s: must be > 0"),
+]
+
+
+@pytest.mark.parametrize(("call", "message"), BAD)
+def test_bad_input_is_named(call, message):
+    with pytest.raises(gm.InputError, match=message):
+        call()
