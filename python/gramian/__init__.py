@@ -6,7 +6,7 @@ shape (K, n). A model makes rows; `analyze` says what they determine.
 
 from __future__ import annotations
 
-from gramian import bearings, bounds, inertial, linear, maneuver, monte_carlo, registration
+from gramian import bearings, bounds, dipole, inertial, linear, maneuver, monte_carlo, registration
 from gramian._core import __version__, set_threads
 from gramian.analysis import Observability, Suggestion, analyze
 from gramian.bounds import crlb, crlb_std, gram
@@ -38,6 +38,7 @@ __all__ = [
     "bounds",
     "crlb",
     "crlb_std",
+    "dipole",
     "from_function",
     "gram",
     "inertial",

@@ -85,6 +85,55 @@ def bearings_localize_trials(
     weak_ratio: float,
 ) -> _Array: ...
 
+# dipole
+def dipole_field(position: ArrayLike, moment: ArrayLike) -> _Array: ...
+def dipole_jacobian(position: ArrayLike, moment: ArrayLike) -> _Array: ...
+def dipole_measure(
+    times: ArrayLike,
+    position: ArrayLike,
+    velocity: ArrayLike,
+    moment: ArrayLike,
+    sensors: ArrayLike,
+    ambient: tuple[float, float, float] | None,
+) -> _Array: ...
+def dipole_rows(
+    times: ArrayLike,
+    position: ArrayLike,
+    velocity: ArrayLike,
+    moment: ArrayLike,
+    sigma: ArrayLike,
+    sensors: ArrayLike,
+    ambient: tuple[float, float, float] | None,
+) -> _Array: ...
+def dipole_fisher(
+    times: ArrayLike,
+    position: ArrayLike,
+    velocity: ArrayLike,
+    moment: ArrayLike,
+    sigma: ArrayLike,
+    sensors: ArrayLike,
+) -> _Array: ...
+def dipole_localize(
+    times: ArrayLike,
+    field: ArrayLike,
+    sensors: Sequence[Sequence[float]],
+    exact: Sequence[float],
+    prior: Sequence[Sequence[float]],
+    options: object,
+) -> _Array: ...
+def dipole_localize_trials(
+    times: ArrayLike,
+    state: Sequence[float],
+    sigma: float,
+    sensors: Sequence[Sequence[float]],
+    exact: Sequence[float],
+    prior: Sequence[Sequence[float]],
+    options: object,
+    seed: int,
+    first: int,
+    trials: int,
+) -> _Array: ...
+
 # maneuver
 def maneuver_heading(
     bearing: ArrayLike, range_: ArrayLike, step: ArrayLike, law: str, side: ArrayLike

@@ -11,6 +11,7 @@ __all__ = ["PAPERS", "reproduce"]
 
 #: The papers that can be reproduced, and the module of each: its `run()` returns a `Report`.
 PAPERS: dict[str, str] = {
+    "dai-2020": "gramian.reproduce.dai_2020",
     "yang-yin-2012": "gramian.reproduce.yang_yin_2012",
 }
 

@@ -17,6 +17,7 @@ __all__ = ["MODELS", "Scenario", "load"]
 #: The models that a scenario file can name, and where each is.
 MODELS = {
     "bearings": "gramian.scenario.bearings:BearingsScenario",
+    "dipole": "gramian.scenario.dipole:DipoleScenario",
     "inertial": "gramian.scenario.inertial:InertialScenario",
     "linear": "gramian.scenario.linear:LinearScenario",
 }

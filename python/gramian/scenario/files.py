@@ -6,6 +6,7 @@ import csv
 import math
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,11 @@ __all__ = ["read_columns"]
 
 
 def read_columns(
-    path: Path, numbers: Mapping[str, str], texts: Mapping[str, str] | None = None
+    path: Path,
+    numbers: Mapping[str, str],
+    texts: Mapping[str, str] | None = None,
+    *,
+    missing: Literal["raise", "nan"] = "raise",
 ) -> tuple[dict[str, NDArray[np.float64]], dict[str, NDArray[np.str_]]]:
     """Read columns of a CSV file with a header line.
 
@@ -25,6 +30,8 @@ def read_columns(
     path : Path
     numbers, texts : mapping of str to str
         What each column is called here -> its name in the file.
+    missing : {"raise", "nan"}
+        What to do about empty and "nan" cells of numbers.
 
     Returns
     -------
@@ -59,6 +66,9 @@ def read_columns(
                     )
                 for meaning, column in numbers.items():
                     cell = row[header.index(column)]
+                    if missing == "nan" and cell.strip().lower() in ("", "nan"):
+                        values[meaning].append(math.nan)
+                        continue
                     values[meaning].append(_number(cell, f"{path}:{reader.line_num}: {column}"))
                 for meaning, column in texts.items():
                     words[meaning].append(row[header.index(column)].strip())

@@ -5,6 +5,7 @@
 mod bearings;
 mod bearings_localize;
 mod convert;
+mod dipole;
 mod errors;
 mod linear;
 mod maneuver;
@@ -21,6 +22,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     spine::register(module)?;
     monte_carlo::register(module)?;
     bearings::register(module)?;
+    dipole::register(module)?;
     bearings_localize::register(module)?;
     maneuver::register(module)?;
     registration::register(module)?;

@@ -11,6 +11,7 @@ mod bearings_gram;
 pub mod bearings_localize;
 mod bearings_log_det;
 mod bearings_quadruple;
+mod dipole;
 mod gram;
 mod lanes;
 mod linear;
@@ -29,6 +30,10 @@ pub use bearings_gram::{GRAM_SIZE, bearing_gram};
 pub use bearings_log_det::bearing_log_det_trials;
 pub use bearings_quadruple::{
     EXACT as EXACT_QUADRUPLES, Quadruple, best_quadruple, best_quadruples,
+};
+pub use dipole::{
+    Passes, Simulated, TrialError, dipole_field, dipole_fisher, dipole_jacobian, dipole_localize,
+    dipole_localize_trials, dipole_localized_size, dipole_measure, dipole_rows, localize_cost,
 };
 pub use gram::gram;
 pub use linear::{

@@ -1,0 +1,389 @@
+//! A moving magnetic dipole.
+
+use gramian::batch::{self, Items, Passes, Simulated, simd::Path};
+use gramian::dipole::localize::{Background, Knowledge, Loss, Options};
+use gramian::dipole::{Pass, Sensing};
+use numpy::{PyArray2, PyArrayDyn, PyArrayMethods};
+use pyo3::prelude::*;
+
+use crate::convert::{Batch, Input};
+use crate::errors::InputError;
+use crate::{errors, run};
+
+/// Fields (..., 3).
+#[pyfunction]
+fn dipole_field<'py>(
+    py: Python<'py>,
+    position: &Bound<'py, PyAny>,
+    moment: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    over_places(py, position, moment, &[3], batch::dipole_field)
+}
+
+/// Derivatives (..., 2, 3, 3): by position, then by moment.
+#[pyfunction]
+fn dipole_jacobian<'py>(
+    py: Python<'py>,
+    position: &Bound<'py, PyAny>,
+    moment: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    over_places(py, position, moment, &[2, 3, 3], batch::dipole_jacobian)
+}
+
+type OverPlaces = fn(
+    Items<'_>,
+    Items<'_>,
+    batch::Threads,
+    &mut [f64],
+) -> Result<(), (usize, gramian::dipole::Error)>;
+
+fn over_places<'py>(
+    py: Python<'py>,
+    position: &Bound<'py, PyAny>,
+    moment: &Bound<'py, PyAny>,
+    core: &[usize],
+    kernel: OverPlaces,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let mut position = vector(position, "position")?;
+    let mut moment = vector(moment, "moment")?;
+    let batch = Batch::of(&mut [&mut position, &mut moment])?;
+    let out = batch.zeros(py, core);
+    let size: usize = core.iter().product();
+    {
+        let (position, moment) = (position.items()?, moment.items()?);
+        let mut write = out.readwrite();
+        let write = write.as_slice_mut()?;
+        run::in_pieces(py, batch.len(), 20.0, |range, threads| {
+            let out = &mut write[range.start * size..range.end * size];
+            let (position, moment) = (position.skip(range.start), moment.skip(range.start));
+            kernel(position, moment, threads, out).map_err(|(trial, error)| {
+                errors::input_at(&batch.place(range.start + trial), error.at(0))
+            })
+        })?;
+    }
+    Ok(out)
+}
+
+fn vector<'py>(value: &Bound<'py, PyAny>, name: &'static str) -> PyResult<Input<'py>> {
+    let input = Input::new(value, name, 1)?;
+    input.expect(&[Some(3)], "x, y, z")?;
+    Ok(input)
+}
+
+/// The arguments that all functions of passes share.
+struct PassInputs<'py> {
+    times: Input<'py>,
+    position: Input<'py>,
+    velocity: Input<'py>,
+    moment: Input<'py>,
+    sigma: Option<Input<'py>>,
+    sensors: Input<'py>,
+    batch: Batch,
+}
+
+impl<'py> PassInputs<'py> {
+    fn new(
+        times: &Bound<'py, PyAny>,
+        [position, velocity, moment]: [&Bound<'py, PyAny>; 3],
+        sigma: Option<&Bound<'py, PyAny>>,
+        sensors: &Bound<'py, PyAny>,
+    ) -> PyResult<Self> {
+        let mut times = Input::new(times, "times", 1)?;
+        times.expect_entries()?;
+        times.expect_increasing("s")?;
+        let samples = times.core_shape()[0];
+        let mut position = vector(position, "r0")?;
+        let mut velocity = vector(velocity, "v")?;
+        let mut moment = vector(moment, "m")?;
+        let mut sigma = sigma.map(|s| Input::new(s, "sigma", 1)).transpose()?;
+        if let Some(sigma) = &sigma {
+            if sigma.core_shape() != [1] {
+                let meaning = "one standard deviation, or one for each time";
+                sigma.expect(&[Some(samples)], meaning)?;
+            }
+            sigma.expect_positive("T")?;
+        }
+        let mut sensors = Input::new(sensors, "sensors", 2)?;
+        sensors.expect(&[None, Some(3)], "a position x, y, z for each sensor")?;
+        sensors.expect_entries()?;
+        let mut inputs = vec![
+            &mut times,
+            &mut position,
+            &mut velocity,
+            &mut moment,
+            &mut sensors,
+        ];
+        inputs.extend(&mut sigma);
+        let batch = Batch::of(&mut inputs)?;
+        Ok(Self {
+            times,
+            position,
+            velocity,
+            moment,
+            sigma,
+            sensors,
+            batch,
+        })
+    }
+
+    fn samples(&self) -> usize {
+        self.times.core_shape()[0]
+    }
+
+    fn sensors(&self) -> usize {
+        self.sensors.core_shape()[0]
+    }
+
+    fn passes(&self) -> PyResult<Passes<'_>> {
+        Ok(Passes {
+            times: self.times.items()?,
+            position: self.position.items()?,
+            velocity: self.velocity.items()?,
+            moment: self.moment.items()?,
+            sigma: match &self.sigma {
+                Some(sigma) => sigma.items()?,
+                None => Items::shared(&[]),
+            },
+            sensors: self.sensors.items()?,
+        })
+    }
+
+    /// Runs a kernel that writes `core` numbers for each trial.
+    fn run(
+        &self,
+        py: Python<'py>,
+        core: &[usize],
+        cost: f64,
+        kernel: impl Fn(
+            &Passes<'_>,
+            batch::Threads,
+            &mut [f64],
+        ) -> Result<(), (usize, gramian::dipole::Error)>
+        + Send
+        + Sync,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let out = self.batch.zeros(py, core);
+        let size: usize = core.iter().product();
+        let (passes, batch) = (self.passes()?, &self.batch);
+        {
+            let mut write = out.readwrite();
+            let write = write.as_slice_mut()?;
+            run::in_pieces(py, self.batch.len(), cost, |range, threads| {
+                let out = &mut write[range.start * size..range.end * size];
+                kernel(&passes.skip(range.start), threads, out).map_err(|(trial, error)| {
+                    errors::input_at(&batch.place(range.start + trial), error)
+                })
+            })?;
+        }
+        Ok(out)
+    }
+}
+
+fn sensing(ambient: Option<[f64; 3]>) -> Sensing<f64> {
+    ambient.map_or(Sensing::Vector, Sensing::TotalField)
+}
+
+/// What the sensors measure (..., K, S, channels), without noise.
+#[pyfunction]
+fn dipole_measure<'py>(
+    py: Python<'py>,
+    times: &Bound<'py, PyAny>,
+    position: &Bound<'py, PyAny>,
+    velocity: &Bound<'py, PyAny>,
+    moment: &Bound<'py, PyAny>,
+    sensors: &Bound<'py, PyAny>,
+    ambient: Option<[f64; 3]>,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let inputs = PassInputs::new(times, [position, velocity, moment], None, sensors)?;
+    let sensing = sensing(ambient);
+    let core = [inputs.samples(), inputs.sensors(), sensing.channels()];
+    let cost = (20 * inputs.samples() * inputs.sensors()) as f64;
+    inputs.run(py, &core, cost, |passes, threads, out| {
+        batch::dipole_measure(passes, &sensing, threads, out)
+    })
+}
+
+/// Whitened rows (..., K * S * channels, 9).
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+fn dipole_rows<'py>(
+    py: Python<'py>,
+    times: &Bound<'py, PyAny>,
+    position: &Bound<'py, PyAny>,
+    velocity: &Bound<'py, PyAny>,
+    moment: &Bound<'py, PyAny>,
+    sigma: &Bound<'py, PyAny>,
+    sensors: &Bound<'py, PyAny>,
+    ambient: Option<[f64; 3]>,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let inputs = PassInputs::new(times, [position, velocity, moment], Some(sigma), sensors)?;
+    let sensing = sensing(ambient);
+    let samples = inputs.samples() * inputs.sensors();
+    let core = [samples * sensing.channels(), 9];
+    inputs.run(py, &core, (40 * samples) as f64, |passes, threads, out| {
+        batch::dipole_rows(passes, &sensing, threads, out)
+    })
+}
+
+/// Fisher information (..., 9, 9) of three-component sensors.
+#[pyfunction]
+fn dipole_fisher<'py>(
+    py: Python<'py>,
+    times: &Bound<'py, PyAny>,
+    position: &Bound<'py, PyAny>,
+    velocity: &Bound<'py, PyAny>,
+    moment: &Bound<'py, PyAny>,
+    sigma: &Bound<'py, PyAny>,
+    sensors: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let inputs = PassInputs::new(times, [position, velocity, moment], Some(sigma), sensors)?;
+    let cost = (inputs.sensors() * (200 + inputs.samples())) as f64;
+    inputs.run(py, &[9, 9], cost, |passes, threads, out| {
+        batch::dipole_fisher(passes, threads, Path::Best, out)
+    })
+}
+
+/// Of eleven numbers those that are known exactly (not NaN), and of eleven pairs
+/// (mean, sigma) those that are known so.
+fn knowledge(exact: [f64; 11], prior: [[f64; 2]; 11]) -> Knowledge {
+    Knowledge {
+        exact: exact.map(|x| (!x.is_nan()).then_some(x)),
+        prior: prior.map(|[mean, sigma]| (!mean.is_nan()).then_some((mean, sigma))),
+    }
+}
+
+#[derive(FromPyObject)]
+struct PyOptions {
+    background: String,
+    loss: String,
+    sigma: Option<f64>,
+    origin: Option<f64>,
+    starts: usize,
+}
+
+impl PyOptions {
+    fn options(&self) -> PyResult<Options> {
+        Ok(Options {
+            background: match self.background.as_str() {
+                "none" => Background::None,
+                "median" => Background::Median,
+                "fit" => Background::Fit,
+                other => return Err(unknown("background", other)),
+            },
+            loss: match self.loss.as_str() {
+                "gaussian" => Loss::Gaussian,
+                "huber" => Loss::Huber,
+                other => return Err(unknown("loss", other)),
+            },
+            sigma: self.sigma,
+            origin: self.origin,
+            starts: self.starts,
+            ..Options::default()
+        })
+    }
+}
+
+fn unknown(name: &str, given: &str) -> PyErr {
+    InputError::new_err(format!("{name} = {given:?} is not one of the choices"))
+}
+
+/// Locates: see `batch::dipole_localize` for what (..., size) holds.
+#[pyfunction]
+#[allow(clippy::needless_pass_by_value)] // Arguments are extracted into values.
+fn dipole_localize<'py>(
+    py: Python<'py>,
+    times: &Bound<'py, PyAny>,
+    field: &Bound<'py, PyAny>,
+    sensors: Vec<[f64; 3]>,
+    exact: [f64; 11],
+    prior: [[f64; 2]; 11],
+    options: PyOptions,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let mut times = Input::new(times, "times", 1)?;
+    times.expect_entries()?;
+    times.expect_increasing("s")?;
+    let samples = times.core_shape()[0];
+    let mut field = Input::new(field, "field", 3)?;
+    let wanted = [Some(samples), Some(sensors.len()), Some(3)];
+    field.expect(&wanted, "three components for each time and sensor")?;
+    let batch = Batch::of(&mut [&mut times, &mut field])?;
+    let size = batch::dipole_localized_size(samples, sensors.len());
+    let out = batch.zeros(py, &[size]);
+    let (knowledge, options) = (knowledge(exact, prior), options.options()?);
+    {
+        let (times, field) = (times.items()?, field.items()?);
+        let mut write = out.readwrite();
+        let write = write.as_slice_mut()?;
+        let cost = batch::localize_cost(field.get(0).len());
+        run::in_pieces(py, batch.len(), cost, |range, threads| {
+            batch::dipole_localize(
+                times.skip(range.start),
+                field.skip(range.start),
+                &sensors,
+                &knowledge,
+                &options,
+                threads,
+                &mut write[range.start * size..range.end * size],
+            )
+            .map_err(|(trial, error)| errors::input_at(&batch.place(range.start + trial), error))
+        })?;
+    }
+    Ok(out)
+}
+
+/// Simulates and locates: (trials, 11), see `batch::dipole_localize_trials`.
+#[pyfunction]
+#[allow(clippy::too_many_arguments, clippy::needless_pass_by_value)]
+fn dipole_localize_trials<'py>(
+    py: Python<'py>,
+    times: &Bound<'py, PyAny>,
+    state: [f64; 9],
+    sigma: f64,
+    sensors: Vec<[f64; 3]>,
+    exact: [f64; 11],
+    prior: [[f64; 2]; 11],
+    options: PyOptions,
+    seed: u64,
+    first: u64,
+    trials: usize,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let times = Input::new(times, "times", 1)?;
+    times.expect_entries()?;
+    times.expect_increasing("s")?;
+    let out = PyArray2::zeros(py, [trials, 11], false);
+    let (knowledge, options) = (knowledge(exact, prior), options.options()?);
+    let pass = Pass::of(&state);
+    let times = times.slice()?;
+    {
+        let mut write = out.readwrite();
+        let write = write.as_slice_mut()?;
+        let cost = batch::localize_cost(3 * times.len() * sensors.len());
+        run::in_pieces(py, trials, cost, |range, threads| {
+            let simulated = Simulated {
+                times,
+                pass: &pass,
+                sensors: &sensors,
+                sigma,
+                seed,
+                first: first + range.start as u64,
+            };
+            let out = &mut write[range.start * 11..range.end * 11];
+            batch::dipole_localize_trials(&simulated, &knowledge, &options, threads, out).map_err(
+                |(trial, error)| {
+                    errors::input_at(&format!("trial {}: ", range.start + trial), error)
+                },
+            )
+        })?;
+    }
+    Ok(out)
+}
+
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_function(wrap_pyfunction!(dipole_field, module)?)?;
+    module.add_function(wrap_pyfunction!(dipole_jacobian, module)?)?;
+    module.add_function(wrap_pyfunction!(dipole_measure, module)?)?;
+    module.add_function(wrap_pyfunction!(dipole_rows, module)?)?;
+    module.add_function(wrap_pyfunction!(dipole_fisher, module)?)?;
+    module.add_function(wrap_pyfunction!(dipole_localize, module)?)?;
+    module.add_function(wrap_pyfunction!(dipole_localize_trials, module)?)
+}

@@ -1,0 +1,395 @@
+//! Locating a passing dipole from the field it makes.
+//!
+//! [`localize`] finds position, velocity and moment from a recording and what is
+//! known beforehand. It starts from the shape of the field (see `starts`), adds
+//! turns of it at random, and improves the best by separable least squares (see
+//! `separable`). It does not ask whether the answer is unique: that is a
+//! question to the rows at the answer.
+
+mod columns;
+mod data;
+mod knowledge;
+mod separable;
+mod starts;
+
+use alloc::vec;
+use alloc::vec::Vec;
+
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+
+use data::Data;
+pub use knowledge::{Contradiction, Knowledge, MOMENT, SPEED};
+use separable::{Fitter, Point, Record};
+use starts::Shape;
+
+use crate::batch::Stream;
+
+/// What is done about a constant field in the record.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Background {
+    /// Nothing: it was removed.
+    None,
+    /// The median of each channel is taken off.
+    Median,
+    /// A constant is fitted to each channel.
+    Fit,
+}
+
+/// How residuals count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Loss {
+    /// By their squares.
+    Gaussian,
+    /// By their squares up to 1.345 sigma, by their size beyond (Huber 1964).
+    /// Spikes, single samples far from their neighbours, do not count at all.
+    Huber,
+}
+
+/// Choices of [`localize`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// What is done about a constant field.
+    pub background: Background,
+    /// How residuals count.
+    pub loss: Loss,
+    /// Standard deviation of each number of the field, T; estimated if `None`.
+    pub sigma: Option<f64>,
+    /// The instant of the state; the first time if `None`.
+    pub origin: Option<f64>,
+    /// How many of the most promising starts are followed.
+    pub starts: usize,
+    /// Most rounds of the last improvement.
+    pub rounds: u32,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            background: Background::None,
+            loss: Loss::Gaussian,
+            sigma: None,
+            origin: None,
+            starts: 12,
+            rounds: 200,
+        }
+    }
+}
+
+/// One answer of [`localize`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Solution {
+    /// (r0, v, m).
+    pub state: [f64; 9],
+    /// Sum of squared residuals over sigma^2, priors included.
+    pub cost: f64,
+}
+
+/// The answer of [`localize`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Located {
+    /// The best.
+    pub best: Solution,
+    /// The best near the mirror image of it, where knowledge allows one.
+    pub mirror: Option<Solution>,
+    /// Residuals (K, S, 3), T.
+    pub residuals: Vec<f64>,
+    /// Background (S, 3), T.
+    pub background: Vec<f64>,
+    /// Weights (K, S, 3) between 0 and 1 that the loss gave.
+    pub weights: Vec<f64>,
+    /// The standard deviation used or estimated, T.
+    pub sigma: f64,
+    /// Whether the last improvement ended by itself.
+    pub converged: bool,
+    /// Rounds of the last improvement.
+    pub iterations: u32,
+}
+
+/// Locates a dipole. `times` increase; `field` is (K, S, 3) in tesla, finite;
+/// positions are in the frame of `sensors`.
+///
+/// # Errors
+/// [`Error`] for knowledge that contradicts itself, and where no pass explains
+/// the field (a field of zeros).
+pub fn localize(
+    times: &[f64],
+    field: &[f64],
+    sensors: &[[f64; 3]],
+    knowledge: &Knowledge,
+    options: &Options,
+) -> Result<Located, Error> {
+    knowledge.check().map_err(Error::Contradiction)?;
+    let channels = 3 * sensors.len();
+    if times.is_empty() || field.len() != times.len() * channels {
+        return Err(Error::Length {
+            given: field.len(),
+            wanted: times.len() * channels,
+        });
+    }
+    let mut data = Data::new(times, field, channels, options);
+    let thin = data.thinned();
+    let shapes = data.shapes(sensors, options);
+    let mut sigma = match options.sigma {
+        Some(sigma) => sigma,
+        None => data.first_sigma(&shapes),
+    };
+    if shapes.is_empty() || !(sigma > 0.0 && sigma.is_finite()) {
+        return Err(Error::NoField);
+    }
+    let mut best = {
+        let mut fitter = Fitter::new(thin.record(sensors, options), knowledge);
+        fitter.set_weights(thin.counts.iter().map(|w| w.sqrt() / sigma));
+        search(&mut fitter, &shapes, sensors, knowledge, options)?
+    };
+    let record = Record {
+        times: &data.times,
+        sensors,
+        field: &data.field,
+        offsets: options.background == Background::Fit,
+    };
+    let mut fitter = Fitter::new(record, knowledge);
+    let mut weights = data.counts.clone();
+    let mut residuals = vec![0.0; field.len()];
+    // With all given, one round; otherwise until sigma and weights settle.
+    let rounds = match (options.loss, options.sigma) {
+        (Loss::Huber, _) => 30,
+        (Loss::Gaussian, None) => 3,
+        (Loss::Gaussian, Some(_)) => 1,
+    };
+    let mut offsets = Vec::new();
+    for round in 0..rounds {
+        let before = best;
+        fitter.set_weights(weights.iter().map(|w| w.sqrt() / sigma));
+        let start = fitter.evaluate(&best.place);
+        best = fitter.refine(&start, options.rounds);
+        offsets = fitter.residuals(&best, &mut residuals);
+        let moved = (0..6)
+            .map(|i| (best.place[i] - before.place[i]).abs() / (1e-300 + best.place[i].abs()))
+            .fold(0.0, f64::max);
+        if (round > 0 && moved < 1e-9) || round + 1 == rounds {
+            break;
+        }
+        if options.sigma.is_none() {
+            let found = data.sigma(&residuals, &offsets, knowledge, options);
+            // Exact data have no noise to weigh by.
+            sigma = found.max(1e-12 * sigma).max(f64::MIN_POSITIVE);
+        }
+        if options.loss == Loss::Huber {
+            data.huber(&residuals, sigma, &mut weights);
+        }
+    }
+    let mut mirror = mirrored(&mut fitter, &best, sensors, knowledge, options);
+    if let Some(other) = &mut mirror
+        && other.cost < best.cost * (1.0 - 1e-9)
+    {
+        core::mem::swap(other, &mut best);
+        offsets = fitter.residuals(&best, &mut residuals);
+    }
+    drop(fitter);
+    for (level, offset) in data.background.iter_mut().zip(&offsets) {
+        *level += offset;
+    }
+    let solution = |point: &Point| Solution {
+        state: point.state(),
+        cost: point.cost,
+    };
+    Ok(Located {
+        best: solution(&best),
+        mirror: mirror.as_ref().map(solution),
+        residuals,
+        background: data.background,
+        weights,
+        sigma,
+        converged: best.converged,
+        iterations: best.iterations,
+    })
+}
+
+/// Follows the most promising starts and returns the best end.
+fn search(
+    fitter: &mut Fitter<'_>,
+    shapes: &[(usize, Shape)],
+    sensors: &[[f64; 3]],
+    knowledge: &Knowledge,
+    options: &Options,
+) -> Result<Point, Error> {
+    let mut starts: Vec<Point> = Vec::new();
+    let mut add = |fitter: &mut Fitter<'_>, sensor: &[f64; 3], shape: &Shape| {
+        for (size, side) in sizes(shape, sensor, sensors, knowledge) {
+            let mut place = [0.0; 6];
+            for i in 0..3 {
+                place[i] = sensor[i] + side * size * shape.position[i];
+                place[3 + i] = side * size * shape.velocity[i];
+            }
+            knowledge.project(&mut place);
+            let point = fitter.evaluate(&place);
+            if point.cost.is_finite() {
+                starts.push(point);
+            }
+        }
+    };
+    for (s, shape) in shapes {
+        add(fitter, &sensors[*s], shape);
+    }
+    // The same passes turned at random: where the field says little of the frame.
+    for (index, (s, shape)) in shapes.iter().enumerate().take(4 * sensors.len()) {
+        let mut random = Stream::new(0, index as u64);
+        for _ in 0..options.starts {
+            let turn = UnitQuaternion::from_quaternion(Quaternion::new(
+                random.normal(),
+                random.normal(),
+                random.normal(),
+                random.normal(),
+            ));
+            let turned = |x: &[f64; 3]| -> [f64; 3] { (turn * Vector3::from(*x)).into() };
+            let other = Shape {
+                position: turned(&shape.position),
+                velocity: turned(&shape.velocity),
+                moment: turned(&shape.moment),
+                misfit: shape.misfit,
+            };
+            add(fitter, &sensors[*s], &other);
+        }
+    }
+    starts.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    starts.truncate(options.starts.max(1));
+    let mut ends: Vec<Point> = starts
+        .iter()
+        .map(|start| fitter.refine(start, 12))
+        .collect();
+    ends.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    ends.iter()
+        .take(3)
+        .map(|end| fitter.refine(end, options.rounds))
+        .min_by(|a, b| a.cost.total_cmp(&b.cost))
+        .ok_or(Error::NoField)
+}
+
+/// Sizes (and sides: 1, or -1 for the mirror image) that knowledge suggests for
+/// a pass at a closest distance of 1 from `sensor`.
+fn sizes(
+    shape: &Shape,
+    sensor: &[f64; 3],
+    sensors: &[[f64; 3]],
+    knowledge: &Knowledge,
+) -> Vec<(f64, f64)> {
+    let known = |i: usize| knowledge.exact[i].or(knowledge.prior[i].map(|(mean, _)| mean));
+    let length = |x: &[f64; 3]| x.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let mut out: Vec<(f64, f64)> = Vec::new();
+    let mut push = |size: f64, sides: &[f64]| {
+        if size.is_finite() && size > 0.0 {
+            for &side in sides {
+                let near = |o: &(f64, f64)| o.1 == side && (o.0 / size).ln().abs() < 0.02;
+                if !out.iter().any(near) {
+                    out.push((size, side));
+                }
+            }
+        }
+    };
+    for i in 0..6 {
+        let (own, from) = if i < 3 {
+            (shape.position[i], sensor[i])
+        } else {
+            (shape.velocity[i - 3], 0.0)
+        };
+        if let Some(value) = known(i) {
+            let size = (value - from) / own;
+            push(size.abs(), &[size.signum()]);
+        }
+    }
+    for i in 6..9 {
+        if let Some(value) = known(i) {
+            push((value / shape.moment[i - 6]).cbrt(), &[1.0, -1.0]);
+        }
+    }
+    if let Some(value) = known(SPEED) {
+        push(value / length(&shape.velocity), &[1.0, -1.0]);
+    }
+    if let Some(value) = known(MOMENT) {
+        push((value / length(&shape.moment)).cbrt(), &[1.0, -1.0]);
+    }
+    if sensors.len() > 1 {
+        let baseline = sensors
+            .iter()
+            .map(|s| length(&core::array::from_fn(|i| s[i] - sensor[i])))
+            .fold(0.0, f64::max);
+        for k in 0..12 {
+            push(
+                baseline * 10.0_f64.powf(-1.0 + 0.3 * f64::from(k)),
+                &[1.0, -1.0],
+            );
+        }
+    }
+    if out.is_empty() {
+        // Nothing tells the size: any does, and the rows will say so.
+        out.push((1.0, 1.0));
+    }
+    out
+}
+
+/// The best point near the mirror image, `None` where knowledge excludes it or
+/// it is no other point.
+fn mirrored(
+    fitter: &mut Fitter<'_>,
+    best: &Point,
+    sensors: &[[f64; 3]],
+    knowledge: &Knowledge,
+    options: &Options,
+) -> Option<Point> {
+    let count = sensors.len() as f64;
+    let mut place = best.place;
+    for i in 0..3 {
+        let center: f64 = sensors.iter().map(|s| s[i]).sum::<f64>() / count;
+        place[i] = 2.0 * center - place[i];
+        place[3 + i] = -place[3 + i];
+        if knowledge.exact[i].is_some_and(|x| x != center)
+            || knowledge.exact[3 + i].is_some_and(|x| x != 0.0)
+        {
+            return None;
+        }
+    }
+    knowledge.project(&mut place);
+    let start = fitter.evaluate(&place);
+    let end = fitter.refine(&start, options.rounds);
+    let (mut apart, mut size, mut reach) = (0.0_f64, 0.0_f64, 0.0_f64);
+    for i in 0..6 {
+        apart += (end.place[i] - best.place[i]).powi(2);
+        size += best.place[i].powi(2);
+        reach += end.place[i].powi(2);
+    }
+    // Where nothing fits, the search flees to where the field vanishes.
+    let near = reach < 1e4 * size;
+    (end.cost.is_finite() && apart > 1e-6 * size && near).then_some(end)
+}
+
+/// What can be wrong with the input of [`localize`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Error {
+    /// Knowledge that contradicts itself.
+    Contradiction(Contradiction),
+    /// A field of the wrong length.
+    Length {
+        /// Its length.
+        given: usize,
+        /// The length it must have.
+        wanted: usize,
+    },
+    /// A field in which there is nothing to locate.
+    NoField,
+}
+
+impl core::fmt::Display for Error {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Contradiction(error) => error.fmt(f),
+            Self::Length { given, wanted } => {
+                write!(f, "field has {given} numbers: must have {wanted}")
+            }
+            Self::NoField => {
+                write!(f, "the field is constant: there is no pass in it to locate")
+            }
+        }
+    }
+}
+
+impl core::error::Error for Error {}
