@@ -57,7 +57,7 @@ fn power_of_two<T: Real>(exponent: T) -> T {
         500.0
     };
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-    let biased = (1023.0 + exponent.double().clamp(-limit, limit).round()) as u64;
+    let biased = (1023.0 + exponent.round().double().clamp(-limit, limit)) as u64;
     T::of(f64::from_bits(biased << 52))
 }
 
