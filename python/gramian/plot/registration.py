@@ -61,7 +61,7 @@ def geometry(
     axes.set_xlabel("east, km")
     axes.set_ylabel("north, km")
     axes.grid(alpha=0.3)
-    fig.legend(loc="outside upper center", ncols=4, fontsize="small", frameon=False)
+    fig.legend(loc="outside upper center", ncols=3, fontsize="small", frameon=False)
     return fig
 
 
@@ -87,7 +87,9 @@ def degrees(
             shown = 10 * np.log10(np.where(shown > 0, shown, np.nan))
         axes.plot(times, shown, color=color, linewidth=1.6, label=name)
     if decibels != "yes":
-        axes.set_ylim(bottom=0)
+        # A degree of 0 to rounding must look like one.
+        largest = max((float(np.max(v, initial=0.0)) for _, v in curves.values()), default=0.0)
+        axes.set_ylim(0, 1.08 * max(largest, 0.05))
     axes.set_xlabel("time, s")
     axes.set_ylabel(ylabel)
     axes.grid(alpha=0.3)
@@ -131,7 +133,6 @@ def field(answer: Field) -> Figure:
             xytext=(7, 5),
             textcoords="offset points",
             weight="bold",
-            color="white",
         )
     axes.set_aspect("equal")
     axes.set_xlabel("east, km")

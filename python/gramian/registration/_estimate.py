@@ -80,7 +80,7 @@ class Estimate:
         """Probability of a larger chi-square: small when reports and model disagree."""
         from scipy.stats import chi2
 
-        value: Array = np.asarray(chi2.sf(self.chi_square, self.dof))
+        value: Array = chi2.sf(self.chi_square, self.dof)
         return value
 
     def __getitem__(self, name: str) -> Array:

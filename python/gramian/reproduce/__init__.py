@@ -13,6 +13,7 @@ __all__ = ["PAPERS", "reproduce"]
 PAPERS: dict[str, str] = {
     "dai-2020": "gramian.reproduce.dai_2020",
     "yang-yin-2012": "gramian.reproduce.yang_yin_2012",
+    "zhu-2013": "gramian.reproduce.zhu_2013",
 }
 
 

@@ -20,6 +20,7 @@ MODELS = {
     "dipole": "gramian.scenario.dipole:DipoleScenario",
     "inertial": "gramian.scenario.inertial:InertialScenario",
     "linear": "gramian.scenario.linear:LinearScenario",
+    "registration": "gramian.scenario.registration:RegistrationScenario",
 }
 
 

@@ -333,6 +333,11 @@ fn eta_of(factor: &[f64], n: usize, sensors: usize, looks: usize) -> f64 {
     if looks == 0 {
         return 0.0;
     }
+    // Of rows that are orthonormal look by look: anything below this is rounding.
+    let floor = 32.0 * f64::EPSILON * looks as f64;
+    if (0..n).any(|i| factor[i * n + i].abs() <= floor) {
+        return 0.0;
+    }
     let log: f64 = (0..n).map(|i| factor[i * n + i].abs().ln()).sum();
     let spread = sensors as f64 / (sensors as f64 - 1.0);
     // Rounding must not lift a perfect spread above 1.
