@@ -25,24 +25,37 @@ from gramian.bearings.localize import (
     localize_trials,
     residuals,
 )
+from gramian.bearings.monitor import Monitor, MonitorAnswer
 from gramian.bearings.rows import NAMES, UNITS, problem, rows, simulate
+from gramian.bearings.test import (
+    ObservabilityTest,
+    family_figure,
+    observability_test,
+    power_figure,
+)
 
 __all__ = [
     "NAMES",
     "STATUSES",
     "UNITS",
     "Localization",
+    "Monitor",
+    "MonitorAnswer",
+    "ObservabilityTest",
     "ObservableVerdict",
     "Quadruple",
     "Trials",
     "best_quadruple",
     "discriminant",
     "discriminant_sum",
+    "family_figure",
     "gram",
     "gram_det",
     "localize",
     "localize_trials",
+    "observability_test",
     "observable",
+    "power_figure",
     "problem",
     "residuals",
     "rows",

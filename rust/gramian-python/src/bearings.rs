@@ -1,9 +1,9 @@
 //! Bearings-only target motion.
 
 use gramian::batch::simd::Path;
-use gramian::batch::{self, GRAM_SIZE, Items, Method, Quadruples, Target};
-use gramian::bearings::{Error, Form};
-use numpy::{PyArrayDyn, PyArrayMethods};
+use gramian::batch::{self, GRAM_SIZE, Items, Method, Quadruples, TEST_SIZE, Target};
+use gramian::bearings::{Error, Form, Monitor};
+use numpy::{PyArray1, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 
 use crate::convert::{Batch, Input};
@@ -292,10 +292,98 @@ fn bearing_gram<'py>(
     Ok(out)
 }
 
+/// Statistic, p-value and relative motion (..., 6).
+#[pyfunction]
+fn bearing_test<'py>(
+    py: Python<'py>,
+    times: &Bound<'py, PyAny>,
+    bearings: &Bound<'py, PyAny>,
+    sigma: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let Track {
+        mut times,
+        mut bearings,
+        m,
+        ..
+    } = Track::new(times, bearings, None, 4)?;
+    let mut sigma = Input::new(sigma, "sigma", 1)?;
+    if sigma.core_shape() != [1] {
+        sigma.expect(
+            &[Some(m)],
+            "one standard deviation, or one for each bearing",
+        )?;
+    }
+    sigma.expect_positive("rad")?;
+    let batch = Batch::of(&mut [&mut times, &mut bearings, &mut sigma])?;
+    let out = batch.zeros(py, &[TEST_SIZE]);
+    {
+        let (times, bearings, sigma) = (times.items()?, bearings.items()?, sigma.items()?);
+        let mut write = out.readwrite();
+        let write = write.as_slice_mut()?;
+        run::in_pieces(
+            py,
+            batch.len(),
+            300.0 + 25.0 * m as f64,
+            |range, threads| {
+                batch::observability_tests(
+                    times.skip(range.start),
+                    bearings.skip(range.start),
+                    sigma.skip(range.start),
+                    threads,
+                    Path::Best,
+                    &mut write[range.start * TEST_SIZE..range.end * TEST_SIZE],
+                )
+                .map_err(|(trial, error)| {
+                    errors::input_at(&batch.place(range.start + trial), error)
+                })
+            },
+        )?;
+    }
+    Ok(out)
+}
+
+/// Observability while the bearings arrive.
+#[pyclass(module = "gramian._core")]
+struct BearingMonitor(Monitor<f64>);
+
+#[pymethods]
+impl BearingMonitor {
+    #[new]
+    fn new() -> Self {
+        Self(Monitor::new())
+    }
+
+    #[pyo3(signature = (time, bearing, sigma, distance))]
+    fn push(&mut self, time: f64, bearing: f64, sigma: f64, distance: Option<f64>) -> PyResult<()> {
+        self.0
+            .push(time, bearing, sigma, distance)
+            .map_err(|error| errors::input_at("", error))
+    }
+
+    /// Count, rank, and det, logdet, singular value, statistic, dof, p-value,
+    /// bounds (4), relative motion (4).
+    fn answer<'py>(&self, py: Python<'py>) -> (u32, usize, Bound<'py, PyArray1<f64>>) {
+        let a = self.0.answer();
+        let mut numbers = vec![
+            a.determinant,
+            a.log_determinant,
+            a.singular_value,
+            a.statistic,
+            a.dof,
+            a.p_value,
+        ];
+        numbers.extend(a.crlb_std);
+        numbers.extend(a.relative_motion);
+        (a.count, a.rank, PyArray1::from_vec(py, numbers))
+    }
+}
+
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(bearing_best_quadruple, module)?)?;
     module.add_function(wrap_pyfunction!(bearing_discriminant, module)?)?;
     module.add_function(wrap_pyfunction!(bearing_discriminant_sum, module)?)?;
     module.add_function(wrap_pyfunction!(bearing_gram, module)?)?;
-    module.add_function(wrap_pyfunction!(bearing_rows, module)?)
+    module.add_function(wrap_pyfunction!(bearing_rows, module)?)?;
+    module.add_function(wrap_pyfunction!(bearing_test, module)?)?;
+    module.add_class::<BearingMonitor>()
 }

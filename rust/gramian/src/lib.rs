@@ -50,6 +50,7 @@ extern crate std;
 
 pub mod bearings;
 pub mod bound;
+pub mod chi_square;
 pub mod dipole;
 pub mod information;
 pub mod linear;

@@ -46,6 +46,12 @@ impl<T: Real, const N: usize> SquareRoot<T, N> {
         self.count
     }
 
+    /// The same factor with another count: of rows that were changed in place.
+    pub(crate) fn with_count(mut self, count: u32) -> Self {
+        self.count = count;
+        self
+    }
+
     /// Adds the information of another factor of the same states.
     pub fn merge(&mut self, other: &Self) {
         let count = self.count.saturating_add(other.count);

@@ -9,7 +9,7 @@
 
 use core::convert::Infallible;
 
-use super::simd::{Path, sin_cos};
+use super::simd::{Path, sin_cos, sin_products};
 use super::{Items, Threads};
 
 /// Gram matrices (trials, 4, 4) of unit rows at the first time, each row
@@ -28,20 +28,29 @@ pub fn bearing_gram(
     let m = times.get(0).len();
     let shared = times.is_shared() && weights.is_none_or(|w| w.is_shared());
     let common = shared.then(|| moments(times.get(0), weights.map(|w| w.get(0))));
-    let each = |trial: usize, out: &mut [f64]| -> Result<(), Infallible> {
-        let (times, weights) = (times.get(trial), weights.map(|w| w.get(trial)));
-        let moments = common.unwrap_or_else(|| moments(times, weights));
+    let trials = out.len() / GRAM_SIZE;
+    let group = |first: usize, out: &mut [f64]| {
         path.run(Kernel {
-            times,
-            bearings: bearings.get(trial),
-            weights,
-            moments,
+            times: times.skip(first),
+            bearings: bearings.skip(first),
+            weights: weights.map(|w| w.skip(first)),
+            common,
             out,
         });
+    };
+    // In groups, since what follows the sums takes a vector of trials at once.
+    let (whole, rest) = out.split_at_mut(trials / GROUP * GROUP * GRAM_SIZE);
+    let each = |index: usize, out: &mut [f64]| -> Result<(), Infallible> {
+        group(index * GROUP, out);
         Ok(())
     };
-    let Ok(()) = threads.over(out, GRAM_SIZE, 1.0 * m as f64, each);
+    let cost = GROUP as f64 * (15.0 + 1.5 * m as f64);
+    let Ok(()) = threads.over(whole, GROUP * GRAM_SIZE, cost, each);
+    group(trials / GROUP * GROUP, rest);
 }
+
+/// Trials that are finished together.
+const GROUP: usize = 8;
 
 /// Numbers for each trial: the matrix and its determinant.
 pub const GRAM_SIZE: usize = 17;
@@ -60,11 +69,21 @@ fn moments(times: &[f64], weights: Option<&[f64]>) -> [f64; 3] {
 }
 
 struct Kernel<'a> {
-    times: &'a [f64],
-    bearings: &'a [f64],
-    weights: Option<&'a [f64]>,
-    moments: [f64; 3],
+    times: Items<'a>,
+    bearings: Items<'a>,
+    weights: Option<Items<'a>>,
+    common: Option<[f64; 3]>,
     out: &'a mut [f64],
+}
+
+/// Sums of up to eight trials, the trial as last index.
+#[derive(Default)]
+struct Group {
+    moments: [[f64; GROUP]; 3],
+    square: [[f64; GROUP]; 3],
+    product: [[f64; GROUP]; 3],
+    turn: [f64; GROUP],
+    shift: [f64; GROUP],
 }
 
 impl pulp::WithSimd for Kernel<'_> {
@@ -72,58 +91,46 @@ impl pulp::WithSimd for Kernel<'_> {
 
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, simd: S) {
-        let m = self.bearings.len();
-        let (turn, origin) = (self.bearings[m / 2], self.times[m / 2]);
-        let mut sums = Sums::new(simd, turn, origin);
-        let (bearings, bearings_rest) = S::as_simd_f64s(self.bearings);
-        let (times, times_rest) = S::as_simd_f64s(self.times);
-        if let Some(weights) = self.weights {
-            let (weights, weights_rest) = S::as_simd_f64s(weights);
-            for ((&b, &t), &w) in bearings.iter().zip(times).zip(weights) {
-                sums.add_weighted(simd, b, t, w);
+        let mut group = Group::default();
+        let count = self.out.len() / GRAM_SIZE;
+        for trial in 0..count {
+            let (times, bearings) = (self.times.get(trial), self.bearings.get(trial));
+            let middle = bearings.len() / 2;
+            let mut sums = Sums::new(simd, bearings[middle], times[middle]);
+            let moments = match self.weights {
+                None => {
+                    sums.add_all(simd, bearings, times, None);
+                    self.common.unwrap_or_else(|| moments(times, None))
+                }
+                Some(weights) => {
+                    let weights = weights.get(trial);
+                    sums.add_all(simd, bearings, times, Some(weights));
+                    self.common.unwrap_or_else(|| moments(times, Some(weights)))
+                }
+            };
+            for k in 0..3 {
+                group.moments[k][trial] = moments[k];
+                group.square[k][trial] = simd.reduce_sum_f64s(sums.square[k]);
+                group.product[k][trial] = simd.reduce_sum_f64s(sums.product[k]);
             }
-            if !bearings_rest.is_empty() {
-                sums.add_weighted(
-                    simd,
-                    simd.partial_load_f64s(bearings_rest),
-                    simd.partial_load_f64s(times_rest),
-                    simd.partial_load_f64s(weights_rest),
-                );
-            }
-        } else {
-            for (&b, &t) in bearings.iter().zip(times) {
-                sums.add(simd, b, t);
-            }
-            if !bearings_rest.is_empty() {
-                // The middle bearing where there is none adds nothing.
-                let mut padded = [turn; 8];
-                padded[..bearings_rest.len()].copy_from_slice(bearings_rest);
-                sums.add(
-                    simd,
-                    simd.partial_load_f64s(&padded[..S::F64_LANES]),
-                    simd.partial_load_f64s(times_rest),
-                );
+            group.turn[trial] = bearings[middle];
+            group.shift[trial] = times[middle] - times[0];
+        }
+        let (mut sin, mut cos) = ([0.0; GROUP], [0.0; GROUP]);
+        let (turns, _) = S::as_simd_f64s(&group.turn);
+        let (sins, _) = S::as_mut_simd_f64s(&mut sin);
+        let (coss, _) = S::as_mut_simd_f64s(&mut cos);
+        for v in 0..turns.len() {
+            (sins[v], coss[v]) = sin_cos(simd, turns[v]);
+        }
+        let mut numbers = [[0.0; GROUP]; GRAM_SIZE];
+        finish(&group, &sin, &cos, &mut numbers);
+        for (trial, out) in self.out.chunks_exact_mut(GRAM_SIZE).enumerate() {
+            for (out, number) in out.iter_mut().zip(&numbers) {
+                *out = number[trial];
             }
         }
-        let (square, product) = sums.reduce(simd);
-        let (sin, cos) = sin_cos(simd, simd.splat_f64s(turn));
-        let turn = (first_lane(simd, sin), first_lane(simd, cos));
-        finish(
-            &self.moments,
-            &square,
-            &product,
-            turn,
-            origin - self.times[0],
-            self.out,
-        );
     }
-}
-
-#[inline(always)]
-fn first_lane<S: pulp::Simd>(simd: S, value: S::f64s) -> f64 {
-    let mut lane = [0.0];
-    simd.partial_store_f64s(&mut lane, value);
-    lane[0]
 }
 
 /// Sums of w sin^2 b T^k and w sin b cos b T^k, lane by lane.
@@ -147,21 +154,53 @@ impl<S: pulp::Simd> Sums<S> {
     }
 
     #[inline(always)]
-    fn add(&mut self, simd: S, bearing: S::f64s, time: S::f64s) {
-        let (sin, cos) = sin_cos(simd, simd.sub_f64s(bearing, self.turn));
-        self.add_products(simd, simd.mul_f64s(sin, sin), simd.mul_f64s(sin, cos), time);
+    fn add_all(&mut self, simd: S, bearings: &[f64], times: &[f64], weights: Option<&[f64]>) {
+        let lanes = S::F64_LANES;
+        let whole = bearings.len() / lanes * lanes;
+        let zero = simd.splat_f64s(0.0);
+        let (vectors, rest) = S::as_simd_f64s(bearings);
+        let (clock, _) = S::as_simd_f64s(times);
+        match weights {
+            None => {
+                for (&b, &t) in vectors.iter().zip(clock) {
+                    self.add(simd, simd.sub_f64s(b, self.turn), t, None);
+                }
+            }
+            Some(weights) => {
+                let (weights, _) = S::as_simd_f64s(weights);
+                for ((&b, &t), &w) in vectors.iter().zip(clock).zip(weights) {
+                    self.add(simd, simd.sub_f64s(b, self.turn), t, Some(w));
+                }
+            }
+        }
+        if rest.is_empty() {
+            return;
+        }
+        // The last vector once more, its known lanes at angle zero, where they
+        // add nothing; of fewer bearings than lanes, what there is.
+        let first = (whole + rest.len()).saturating_sub(lanes);
+        let last = |all: &[f64]| simd.partial_load_f64s(&all[first..]);
+        let (new, _) = S::as_simd_f64s(&LANE[..lanes]);
+        let known = simd.splat_f64s((whole - first.min(whole)) as f64);
+        let short = simd.splat_f64s((bearings.len() - first) as f64);
+        let angle = simd.sub_f64s(last(bearings), self.turn);
+        let angle = simd.select_f64s(simd.less_than_f64s(new[0], known), zero, angle);
+        let angle = simd.select_f64s(simd.less_than_f64s(new[0], short), angle, zero);
+        self.add(simd, angle, last(times), weights.map(last));
     }
 
     #[inline(always)]
-    fn add_weighted(&mut self, simd: S, bearing: S::f64s, time: S::f64s, weight: S::f64s) {
-        let (sin, cos) = sin_cos(simd, simd.sub_f64s(bearing, self.turn));
-        let weighted = simd.mul_f64s(sin, weight);
-        self.add_products(
-            simd,
-            simd.mul_f64s(weighted, sin),
-            simd.mul_f64s(weighted, cos),
-            time,
-        );
+    fn add(&mut self, simd: S, angle: S::f64s, time: S::f64s, weight: Option<S::f64s>) {
+        let (square, product) = sin_products(simd, angle);
+        match weight {
+            None => self.add_products(simd, square, product, time),
+            Some(w) => self.add_products(
+                simd,
+                simd.mul_f64s(w, square),
+                simd.mul_f64s(w, product),
+                time,
+            ),
+        }
     }
 
     #[inline(always)]
@@ -174,55 +213,53 @@ impl<S: pulp::Simd> Sums<S> {
             sums[2] = simd.mul_add_e_f64s(value, tt, sums[2]);
         }
     }
-
-    #[inline(always)]
-    fn reduce(&self, simd: S) -> ([f64; 3], [f64; 3]) {
-        (
-            self.square.map(|sum| simd.reduce_sum_f64s(sum)),
-            self.product.map(|sum| simd.reduce_sum_f64s(sum)),
-        )
-    }
 }
 
-/// The matrix in the given axes at the first time, and the determinant.
+/// The number of each lane.
+const LANE: [f64; 8] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+
+/// The matrices in the given axes at the first time, and the determinants: one
+/// loop over the trials, which becomes vectors.
 #[inline(always)]
 fn finish(
-    moments: &[f64; 3],
-    square: &[f64; 3],
-    product: &[f64; 3],
-    (sin, cos): (f64, f64),
-    shift: f64,
-    out: &mut [f64],
+    group: &Group,
+    sin: &[f64; GROUP],
+    cos: &[f64; GROUP],
+    out: &mut [[f64; GROUP]; GRAM_SIZE],
 ) {
-    // Blocks of cos^2, -sin cos and sin^2 times T^k.
-    let cc = [
-        moments[0] - square[0],
-        moments[1] - square[1],
-        moments[2] - square[2],
-    ];
-    out[16] = determinant(&cc, product, square);
-    let mut blocks = [[0.0; 3]; 3];
-    for k in 0..3 {
-        // Turned by the middle bearing: (cos b, -sin b) = turn (cos b', -sin b').
-        let (a, b, d) = (cc[k], -product[k], square[k]);
-        blocks[k] = [
-            cos * cos * a + 2.0 * cos * sin * b + sin * sin * d,
-            cos * sin * (d - a) + (cos * cos - sin * sin) * b,
-            sin * sin * a - 2.0 * cos * sin * b + cos * cos * d,
+    for n in 0..GROUP {
+        let at = |sums: &[[f64; GROUP]; 3]| [sums[0][n], sums[1][n], sums[2][n]];
+        let (moments, square, product) =
+            (at(&group.moments), at(&group.square), at(&group.product));
+        let (sin, cos, shift) = (sin[n], cos[n], group.shift[n]);
+        // Blocks of cos^2, -sin cos and sin^2 times T^k.
+        let cc = [
+            moments[0] - square[0],
+            moments[1] - square[1],
+            moments[2] - square[2],
         ];
-    }
-    for n in 0..3 {
-        let (zero, one, two) = (blocks[0][n], blocks[1][n], blocks[2][n]);
-        blocks[1][n] = one + shift * zero;
-        blocks[2][n] = two + shift * (2.0 * one + shift * zero);
-    }
-    for (k, (row, column)) in [(0, (0, 0)), (1, (0, 2)), (1, (2, 0)), (2, (2, 2))] {
-        let [a, b, d] = blocks[k];
-        let at = 4 * row + column;
-        out[at] = a;
-        out[at + 1] = b;
-        out[at + 4] = b;
-        out[at + 5] = d;
+        out[16][n] = determinant(&cc, &product, &square);
+        let mut blocks = [[0.0; 3]; 3];
+        for k in 0..3 {
+            // Turned by the middle bearing: (cos b, -sin b) = turn (cos b', -sin b').
+            let (a, b, d) = (cc[k], -product[k], square[k]);
+            blocks[k] = [
+                cos * cos * a + 2.0 * cos * sin * b + sin * sin * d,
+                cos * sin * (d - a) + (cos * cos - sin * sin) * b,
+                sin * sin * a - 2.0 * cos * sin * b + cos * cos * d,
+            ];
+        }
+        for e in 0..3 {
+            let (zero, one, two) = (blocks[0][e], blocks[1][e], blocks[2][e]);
+            blocks[1][e] = one + shift * zero;
+            blocks[2][e] = two + shift * (2.0 * one + shift * zero);
+        }
+        for (k, corner) in [(0, 0), (1, 2), (1, 8), (2, 10)] {
+            out[corner][n] = blocks[k][0];
+            out[corner + 1][n] = blocks[k][1];
+            out[corner + 4][n] = blocks[k][1];
+            out[corner + 5][n] = blocks[k][2];
+        }
     }
 }
 
@@ -230,18 +267,14 @@ fn finish(
 #[inline(always)]
 fn determinant(c: &[f64; 3], b: &[f64; 3], a: &[f64; 3]) -> f64 {
     // One column at a time, the times centred in the sums themselves: what is
-    // subtracted then is as small as it can be.
-    if !(c[0] > 0.0) {
-        return c[0] * 0.0;
-    }
-    let f = c[1] / c[0];
+    // subtracted then is as small as it can be. A zero pivot makes a zero.
+    let inverse = |x: f64| if x > 0.0 { 1.0 / x } else { 0.0 };
+    let g = inverse(c[0]);
+    let f = c[1] * g;
     let second = c[2] - f * c[1];
+    let h = inverse(second);
     // Rows of B in the columns 1 and T - f.
     let (b01, b11) = (b[1] - f * b[0], b[2] - f * b[1]);
-    if !(second > 0.0) {
-        return second * 0.0;
-    }
-    let (g, h) = (1.0 / c[0], 1.0 / second);
     let s00 = a[0] - b[0] * b[0] * g - b01 * b01 * h;
     let s01 = a[1] - b[0] * b[1] * g - b01 * b11 * h;
     let s11 = a[2] - b[1] * b[1] * g - b11 * b11 * h;

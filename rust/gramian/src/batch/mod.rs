@@ -11,6 +11,7 @@ mod bearings_gram;
 pub mod bearings_localize;
 mod bearings_log_det;
 mod bearings_quadruple;
+mod bearings_test;
 mod dipole;
 mod gram;
 mod lanes;
@@ -31,6 +32,7 @@ pub use bearings_log_det::bearing_log_det_trials;
 pub use bearings_quadruple::{
     EXACT as EXACT_QUADRUPLES, Quadruple, best_quadruple, best_quadruples,
 };
+pub use bearings_test::{TEST_SIZE, observability_tests};
 pub use dipole::{
     Passes, Simulated, TrialError, dipole_field, dipole_fisher, dipole_jacobian, dipole_localize,
     dipole_localize_trials, dipole_localized_size, dipole_measure, dipole_rows, localize_cost,

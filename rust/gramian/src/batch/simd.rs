@@ -61,16 +61,12 @@ impl Path {
 }
 
 /// Beyond this many radians [`sin_cos`] takes lane by lane what the standard
-/// library gives: three parts of pi/2 no longer reduce the angle exactly.
+/// library gives: two parts of pi/2 no longer reduce the angle exactly.
 const LARGEST_REDUCED: f64 = 1e6;
 
-// pi/2 in three parts. The first two have 33 bits, so that a quadrant number
-// below 2^20 times each is exact, with or without fused multiply-add.
-const HALF_PI: [f64; 3] = [
-    1.570_796_326_734_125_6,
-    6.077_100_506_303_966e-11,
-    2.022_266_248_795_950_6e-21,
-];
+// pi/2 in two parts. The first has 33 bits, so that a quadrant number below 2^20
+// times it is exact, with or without fused multiply-add.
+const HALF_PI: [f64; 2] = [1.570_796_326_734_125_6, 6.077_100_506_506_192e-11];
 
 // (sin r / r - 1) / r^2, (cos r - 1 + r^2 / 2) / r^4 for |r| <= pi/4 and
 // (atan q / q - 1) / q^2 for |q| <= tan(pi/8) as polynomials in the square,
@@ -120,9 +116,53 @@ fn polynomial<S: pulp::Simd, const N: usize>(simd: S, c: &[f64; N], z: S::f64s) 
 /// for whole arrays. NaN and infinity give NaN.
 #[inline(always)]
 pub fn sin_cos<S: pulp::Simd>(simd: S, angle: S::f64s) -> (S::f64s, S::f64s) {
-    if !(simd.reduce_max_f64s(simd.abs_f64s(angle)) <= LARGEST_REDUCED) {
+    if any_large(simd, angle) {
         return by_lane(simd, angle);
     }
+    let (sin, cos, bits) = reduced(simd, angle);
+    let (zero, one, two) = (simd.splat_u64s(0), simd.splat_u64s(1), simd.splat_u64s(2));
+    let even = simd.equal_u64s(simd.and_u64s(bits, one), zero);
+    let (a, b) = (
+        simd.select_f64s(even, sin, cos),
+        simd.select_f64s(even, cos, sin),
+    );
+    let sin_positive = simd.equal_u64s(simd.and_u64s(bits, two), zero);
+    let next = simd.add_u64s(bits, one);
+    let cos_positive = simd.equal_u64s(simd.and_u64s(next, two), zero);
+    (
+        simd.select_f64s(sin_positive, a, simd.neg_f64s(a)),
+        simd.select_f64s(cos_positive, b, simd.neg_f64s(b)),
+    )
+}
+
+/// sin^2 and sin cos of each lane, for less than [`sin_cos`] takes: both repeat
+/// after half a turn. sin^2 keeps all its digits where it is small.
+#[inline(always)]
+pub fn sin_products<S: pulp::Simd>(simd: S, angle: S::f64s) -> (S::f64s, S::f64s) {
+    if any_large(simd, angle) {
+        let (sin, cos) = by_lane(simd, angle);
+        return (simd.mul_f64s(sin, sin), simd.mul_f64s(sin, cos));
+    }
+    let (sin, cos, bits) = reduced(simd, angle);
+    let odd = simd.and_u64s(bits, simd.splat_u64s(1));
+    let even = simd.equal_u64s(odd, simd.splat_u64s(0));
+    let (square, product) = (simd.mul_f64s(sin, sin), simd.mul_f64s(sin, cos));
+    (
+        simd.select_f64s(even, square, simd.sub_f64s(simd.splat_f64s(1.0), square)),
+        simd.select_f64s(even, product, simd.neg_f64s(product)),
+    )
+}
+
+#[inline(always)]
+fn any_large<S: pulp::Simd>(simd: S, angle: S::f64s) -> bool {
+    let large = simd.greater_than_f64s(simd.abs_f64s(angle), simd.splat_f64s(LARGEST_REDUCED));
+    simd.first_true_m64s(large) < S::F64_LANES
+}
+
+/// Sine and cosine of what is left of the angle beside a whole number of quarter
+/// turns, and that number in the lowest bits.
+#[inline(always)]
+fn reduced<S: pulp::Simd>(simd: S, angle: S::f64s) -> (S::f64s, S::f64s, S::u64s) {
     // Adding 1.5 * 2^52 rounds to an integer that stands in the lowest bits.
     let shifter = simd.splat_f64s(6_755_399_441_055_744.0);
     let shifted = simd.mul_add_e_f64s(
@@ -142,20 +182,7 @@ pub fn sin_cos<S: pulp::Simd>(simd: S, angle: S::f64s) -> (S::f64s, S::f64s) {
         polynomial(simd, &COS, z),
         simd.mul_add_e_f64s(z, simd.splat_f64s(-0.5), simd.splat_f64s(1.0)),
     );
-    let bits = simd.transmute_u64s_f64s(shifted);
-    let (zero, one, two) = (simd.splat_u64s(0), simd.splat_u64s(1), simd.splat_u64s(2));
-    let even = simd.equal_u64s(simd.and_u64s(bits, one), zero);
-    let (a, b) = (
-        simd.select_f64s(even, sin, cos),
-        simd.select_f64s(even, cos, sin),
-    );
-    let sin_positive = simd.equal_u64s(simd.and_u64s(bits, two), zero);
-    let next = simd.add_u64s(bits, one);
-    let cos_positive = simd.equal_u64s(simd.and_u64s(next, two), zero);
-    (
-        simd.select_f64s(sin_positive, a, simd.neg_f64s(a)),
-        simd.select_f64s(cos_positive, b, simd.neg_f64s(b)),
-    )
+    (sin, cos, simd.transmute_u64s_f64s(shifted))
 }
 
 /// The rare way: the widest vector has 8 lanes.
@@ -256,7 +283,7 @@ mod tests {
             sin_cos_slice(path, &angles, &mut sin, &mut cos);
             for (i, &angle) in angles.iter().enumerate() {
                 let (s, c) = angle.sin_cos();
-                // Near a multiple of pi/2 the reduced angle carries what three
+                // Near a multiple of pi/2 the reduced angle carries what two
                 // parts of pi/2 leave.
                 assert!(
                     ulps(sin[i], s) < 2.0 || (sin[i] - s).abs() < 1e-17,

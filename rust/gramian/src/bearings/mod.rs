@@ -10,7 +10,9 @@
 //! (the rows of the nonlinear problem, weighted by 1 / (sigma r)).
 
 mod discriminant;
+mod monitor;
 mod rows;
+mod test;
 
 #[cfg(feature = "std")]
 pub(crate) use discriminant::middle;
@@ -18,7 +20,12 @@ pub use discriminant::{
     Form, check_track, discriminant, discriminant_sum, discriminant_sum_qr, fixed_target_sum,
     fixed_target_sum_qr,
 };
+pub use monitor::{Answer, Monitor};
 pub use rows::{bearing, position, push_rows, row};
+
+#[cfg(feature = "std")]
+pub(crate) use test::{Clock, Residuals, SMALLEST, Sums, check_sigma, fit};
+pub use test::{Test, observability_test};
 
 fn check_length(array: &'static str, given: usize, wanted: usize) -> Result<(), Error> {
     if given == wanted {
@@ -75,6 +82,27 @@ pub enum Error {
         /// The value given.
         given: f64,
     },
+    /// A number that is not finite.
+    NotFinite {
+        /// The array it stands in.
+        name: &'static str,
+        /// Which sample.
+        index: usize,
+        /// The value given.
+        given: f64,
+    },
+    /// A distance that is not positive.
+    Distance {
+        /// Which sample.
+        index: usize,
+        /// The value given.
+        given: f64,
+    },
+    /// A distance that only some bearings have.
+    Mixed {
+        /// The first bearing that is not like those before.
+        index: usize,
+    },
     /// Times that do not increase.
     Times {
         /// The first time that is not later than the one before.
@@ -93,6 +121,9 @@ impl Error {
         match &mut self {
             Self::OnTarget { index }
             | Self::Sigma { index, .. }
+            | Self::NotFinite { index, .. }
+            | Self::Distance { index, .. }
+            | Self::Mixed { index }
             | Self::Times { index, .. }
             | Self::Weight { index, .. } => *index = sample,
             Self::Length { .. } | Self::Cotangent { .. } | Self::TooFew { .. } => {}
@@ -118,6 +149,16 @@ impl core::fmt::Display for Error {
             } => write!(
                 f,
                 "{array} has {given} entries: must have {wanted}, one for each time"
+            ),
+            Self::NotFinite { name, index, given } => {
+                write!(f, "{name}[{index}] = {given}: must be finite")
+            }
+            Self::Distance { index, given } => {
+                write!(f, "distance[{index}] = {given} m: must be > 0 and finite")
+            }
+            Self::Mixed { index } => write!(
+                f,
+                "distance[{index}]: all bearings must come with a distance, or none"
             ),
             Self::Cotangent { other } => write!(
                 f,

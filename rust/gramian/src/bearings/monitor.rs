@@ -1,0 +1,483 @@
+//! Observability while the bearings arrive.
+//!
+//! [`Monitor`] keeps the triangular factor of all rows so far and eight moments
+//! of the times, 116 bytes in `f32`, and no bearing. Everything follows from
+//! these: rank, determinant, smallest singular value and bound as from all rows
+//! at once, and a statistic for the test on noisy bearings.
+//!
+//! # The statistic
+//! With `e_i` the residual of a relative motion c, `H_i c = r_i(c) sin e_i`. So
+//! the smallest `|R c|^2` among motions of mean square range 1 is the sum of
+//! `(e_i / sigma_i)^2` of the best fit, each weighted by `q_i`, the square of its
+//! range. In standard time (mean 0, mean square 1) that is the square of the
+//! smallest singular value of the factor; noise only adds a multiple of the unit
+//! matrix there, so the fit has no bias. Where the range hardly changes all `q_i`
+//! are 1 and the statistic is the chi-square of the batch test. Where it does, the
+//! sum is no longer quite
+//! chi-square: scale and degrees of freedom are set such that mean and variance
+//! agree (Satterthwaite 1946), for which the moments of the times up to the
+//! fourth are kept. Simulated unobservable tracks are then rejected at the level
+//! (at 5 % between 4 % and 5 % of 60 bearings, down to 3 % of six, a passage at a
+//! tenth of the largest range included), with less power than the batch test has
+//! where ranges differ much: the near bearings, which say most, count least.
+
+use super::Error;
+use crate::bound::crlb_std;
+use crate::chi_square;
+use crate::rows::RowSink;
+use crate::scalar::{Real, hypot};
+use crate::spectrum::{Spectrum, decompose, default_rtol};
+use crate::square_root::SquareRoot;
+
+/// Takes bearings one by one and says what they determine so far.
+///
+/// No allocation, no bearing kept; a push costs about 100 operations, an
+/// [`answer`](Monitor::answer) some thousand.
+///
+/// In `f32`, count times from near the first bearing: a time of 1e6 s is only
+/// known to 0.06 s.
+///
+/// ```
+/// use gramian::bearings::Monitor;
+/// let mut monitor = Monitor::<f32>::new();
+/// for i in 0..20 {
+///     let t = 20.0 * i as f32;
+///     // A target at 10 km that crosses; the observer goes straight.
+///     let bearing = (3.0 * t).atan2(10_000.0 - 6.0 * t);
+///     monitor.push(t, bearing, 0.01, None).unwrap();
+/// }
+/// let answer = monitor.answer();
+/// assert_eq!(answer.rank, 3);
+/// assert!(answer.p_value > 0.99);
+/// assert!(answer.crlb_std[1].is_infinite());
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Monitor<T> {
+    /// Of the rows in turned axes with time from `origin`.
+    root: SquareRoot<T, 4>,
+    /// The instant of the state, and the latest.
+    first: T,
+    last: T,
+    origin: T,
+    /// The first bearing: the axes are turned to it, so that differences count.
+    turn: T,
+    /// Sums of `T^k / r^2`, k = 0..2, and of `T^k / r^4`, k = 0..4.
+    second: [T; 3],
+    fourth: [T; 5],
+    /// Whether bearings come with ranges; all must or none.
+    ranged: bool,
+}
+
+/// What the bearings so far say.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Answer<T> {
+    /// How many bearings there are.
+    pub count: u32,
+    /// Rank of the rows with unit columns, of 4.
+    pub rank: usize,
+    /// Determinant of the information (infinite or 0 where `T` cannot hold it).
+    pub determinant: T,
+    /// Its logarithm.
+    pub log_determinant: T,
+    /// Smallest singular value of the rows with unit columns, at the first time.
+    pub singular_value: T,
+    /// Bounds on x0, y0, vx, vy at the first time; infinite where there is none.
+    /// In metres with ranges, as parts of the range without.
+    pub crlb_std: [T; 4],
+    /// The statistic of the test, 0 below four bearings.
+    pub statistic: T,
+    /// Its degrees of freedom, m - 3 or somewhat less, 0 below four bearings.
+    pub dof: T,
+    /// The probability of a statistic as large where the track is unobservable.
+    pub p_value: T,
+    /// The relative motion (x, y, vx, vy) at the first time that fits best, at
+    /// unit range there.
+    pub relative_motion: [T; 4],
+}
+
+impl<T: Real> Monitor<T> {
+    /// A monitor that has seen nothing.
+    pub fn new() -> Self {
+        let zero = T::zero();
+        Self {
+            root: SquareRoot::new(),
+            first: zero,
+            last: zero,
+            origin: zero,
+            turn: zero,
+            second: [zero; 3],
+            fourth: [zero; 5],
+            ranged: false,
+        }
+    }
+
+    /// Takes in a bearing, wrapped or not, later than all before. `distance` is
+    /// that of the target as far as it is known; with it the information is
+    /// Fisher's, without it the target is taken to be at unit range.
+    ///
+    /// # Units
+    /// s, rad, rad, m.
+    ///
+    /// # Errors
+    /// [`Error::Times`], [`Error::Sigma`], [`Error::NotFinite`], [`Error::Distance`]
+    /// for one that is not positive, [`Error::Mixed`] for one that only some
+    /// bearings have. The bearing is not taken in then.
+    pub fn push(
+        &mut self,
+        time: T,
+        bearing: T,
+        sigma: T,
+        distance: Option<T>,
+    ) -> Result<(), Error> {
+        let index = self.count();
+        self.check(index, time, bearing, sigma, distance)?;
+        if index == 0 {
+            (self.first, self.origin, self.turn) = (time, time, bearing);
+            self.ranged = distance.is_some();
+        } else if index >= 4 && index.is_power_of_two() {
+            self.move_origin();
+        }
+        self.last = time;
+        let range = distance.unwrap_or_else(T::one);
+        let (sin, cos) = (bearing - self.turn).sin_cos();
+        let t = time - self.origin;
+        let weight = T::one() / (range * sigma);
+        let (x, y) = (weight * cos, -(weight * sin));
+        self.root.push(&[x, y, t * x, t * y]);
+        let g = T::one() / (range * range);
+        let (mut a, mut b) = (g, g * g);
+        for k in 0..5 {
+            if k < 3 {
+                self.second[k] += a;
+            }
+            self.fourth[k] += b;
+            a *= t;
+            b *= t;
+        }
+        Ok(())
+    }
+
+    /// How many bearings were taken in.
+    pub fn count(&self) -> u32 {
+        self.root.count()
+    }
+
+    fn check(
+        &self,
+        index: u32,
+        time: T,
+        bearing: T,
+        sigma: T,
+        distance: Option<T>,
+    ) -> Result<(), Error> {
+        let index = usize::try_from(index).unwrap_or(usize::MAX);
+        for (name, value) in [("times", time), ("bearings", bearing)] {
+            if !value.is_finite() {
+                let given = value.double();
+                return Err(Error::NotFinite { name, index, given });
+            }
+        }
+        if !(sigma > T::zero() && sigma.is_finite()) {
+            let given = sigma.double();
+            return Err(Error::Sigma { index, given });
+        }
+        if let Some(distance) = distance
+            && !(distance > T::zero() && distance.is_finite())
+        {
+            let given = distance.double();
+            return Err(Error::Distance { index, given });
+        }
+        if index > 0 && !(time > self.last) {
+            return Err(Error::Times {
+                index,
+                given: time.double(),
+                before: self.last.double(),
+            });
+        }
+        if index > 0 && distance.is_some() != self.ranged {
+            return Err(Error::Mixed { index });
+        }
+        Ok(())
+    }
+
+    /// Counts time from the mean of the instants so far. Done each time their
+    /// number doubles, this keeps T small, and with it the rounding.
+    fn move_origin(&mut self) {
+        let shift = self.second[1] / self.second[0];
+        let mut moved = SquareRoot::new();
+        for row in self.root.factor() {
+            // Still triangular: columns move by multiples of earlier ones.
+            moved.push(&[
+                row[0],
+                row[1],
+                row[2] - shift * row[0],
+                row[3] - shift * row[1],
+            ]);
+        }
+        self.root = moved.with_count(self.root.count());
+        self.second = moments(&self.second, shift);
+        self.fourth = moments(&self.fourth, shift);
+        self.origin += shift;
+    }
+
+    /// What the bearings so far say.
+    pub fn answer(&self) -> Answer<T> {
+        let count = self.count();
+        let spectrum = self.spectrum();
+        let log = (0..4).fold(T::zero(), |sum, i| {
+            sum + self.root.factor()[i][i].abs().ln()
+        });
+        let log_determinant = log + log;
+        let mut answer = Answer {
+            count,
+            rank: spectrum.rank(),
+            determinant: log_determinant.exp(),
+            log_determinant,
+            singular_value: spectrum.singular_values()[3],
+            crlb_std: crlb_std(&spectrum),
+            statistic: T::zero(),
+            dof: T::zero(),
+            p_value: T::one(),
+            relative_motion: [T::zero(); 4],
+        };
+        // The product itself where it can be formed: no logarithm's rounding.
+        let product = self.root.determinant();
+        let square = product * product;
+        if square > T::zero() && square.is_finite() {
+            answer.determinant = square;
+        }
+        if count >= 4 {
+            self.test(&mut answer);
+        }
+        answer
+    }
+
+    /// The spectrum of the rows in given axes at the first time.
+    fn spectrum(&self) -> Spectrum<T, 4> {
+        let (sin, cos) = self.turn.sin_cos();
+        let shift = self.origin - self.first;
+        let mut root = SquareRoot::new();
+        for row in self.root.factor() {
+            let [x, y, vx, vy] = *row;
+            let (vx, vy) = (vx + shift * x, vy + shift * y);
+            root.push(&[
+                cos * x + sin * y,
+                cos * y - sin * x,
+                cos * vx + sin * vy,
+                cos * vy - sin * vx,
+            ]);
+        }
+        let count = usize::try_from(self.count()).unwrap_or(usize::MAX);
+        Spectrum::with_rtol(&root, default_rtol(count, 4))
+    }
+
+    fn test(&self, answer: &mut Answer<T>) {
+        let m = T::of(f64::from(self.count()));
+        let mean = self.second[1] / self.second[0];
+        let spread = (self.second[2] / self.second[0] - mean * mean).sqrt();
+        if !(spread > T::zero()) {
+            return;
+        }
+        let mut standard = [[T::zero(); 4]; 4];
+        for (to, row) in standard.iter_mut().zip(self.root.factor()) {
+            *to = [
+                row[0],
+                row[1],
+                (row[2] - mean * row[0]) / spread,
+                (row[3] - mean * row[1]) / spread,
+            ];
+        }
+        let ones = [T::one(); 4];
+        let (mut s, mut v, mut work) = ([T::zero(); 4], [[T::zero(); 4]; 4], [[T::zero(); 4]; 4]);
+        decompose(
+            standard.as_flattened(),
+            4,
+            &ones,
+            &mut s,
+            v.as_flattened_mut(),
+            work.as_flattened_mut(),
+        );
+        let c = v[3];
+        // The motion with time from `origin`, |r|^2 = a + b T + d T^2 on average 1.
+        let velocity = [c[2] / spread, c[3] / spread];
+        let position = [c[0] - mean * velocity[0], c[1] - mean * velocity[1]];
+        let two = T::one() + T::one();
+        let a = position[0] * position[0] + position[1] * position[1];
+        let b = two * (position[0] * velocity[0] + position[1] * velocity[1]);
+        let d = velocity[0] * velocity[0] + velocity[1] * velocity[1];
+        let [f0, f1, f2, f3, f4] = self.fourth;
+        let squares = a * a * f0
+            + two * a * b * f1
+            + (b * b + two * a * d) * f2
+            + two * b * d * f3
+            + d * d * f4;
+        // The sums of q and of q^2.
+        let total = self.second[0];
+        let scale = squares / total;
+        answer.statistic = s[3] * s[3] / scale;
+        answer.dof = total / scale * (m - T::of(3.0)) / m;
+        answer.p_value = chi_square::survival(answer.statistic, answer.dof);
+        answer.relative_motion = self.motion(&position, &velocity);
+    }
+
+    /// A motion in turned axes from `origin` as one in given axes from the first
+    /// time, at unit range and on the side of the first bearing.
+    fn motion(&self, position: &[T; 2], velocity: &[T; 2]) -> [T; 4] {
+        let back = self.first - self.origin;
+        let at_first = [
+            position[0] + back * velocity[0],
+            position[1] + back * velocity[1],
+        ];
+        let range = hypot(at_first[0], at_first[1]);
+        if !(range > T::zero()) {
+            return [T::zero(); 4];
+        }
+        // In these axes the first bearing is due north.
+        let unit = if at_first[1] < T::zero() {
+            -range
+        } else {
+            range
+        };
+        let (sin, cos) = self.turn.sin_cos();
+        let [x, y] = at_first.map(|p| p / unit);
+        let [vx, vy] = velocity.map(|v| v / unit);
+        [
+            cos * x + sin * y,
+            cos * y - sin * x,
+            cos * vx + sin * vy,
+            cos * vy - sin * vx,
+        ]
+    }
+}
+
+impl<T: Real> Default for Monitor<T> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Sums of T^k as sums of (T - shift)^k.
+fn moments<T: Real, const N: usize>(sums: &[T; N], shift: T) -> [T; N] {
+    // Repeated synthetic division: the binomial theorem without its numbers.
+    let mut moved = *sums;
+    for start in 1..N {
+        for k in (start..N).rev() {
+            moved[k] -= shift * moved[k - 1];
+        }
+    }
+    moved
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::bearings::{discriminant_sum, observability_test};
+
+    fn bearing(t: f64, turn: f64) -> f64 {
+        // An observer at 5 m/s, north first; it turns at 500 s.
+        let (before, after) = (t.min(500.0), (t - 500.0).max(0.0));
+        let (east, north) = (
+            5.0 * after * turn.sin(),
+            5.0 * (before + after * turn.cos()),
+        );
+        (3.0 * t - east).atan2(10_000.0 - t - north)
+    }
+
+    #[test]
+    fn the_state_is_small() {
+        assert!(size_of::<Monitor<f32>>() <= 128);
+        assert!(size_of::<Monitor<f64>>() <= 256);
+    }
+
+    #[test]
+    fn single_precision_agrees_with_double() {
+        for turn in [0.0, 1.0] {
+            let (mut single, mut double) = (Monitor::<f32>::new(), Monitor::<f64>::new());
+            for i in 0..60 {
+                // Noise of half a degree from a fixed sequence.
+                let noise = 0.0087 * (f64::from(i * i) * 0.7).sin() * 1.4;
+                let t = 20.0 * f64::from(i);
+                let b = crate::scalar::wrap_angle(bearing(t, turn) + noise + 3.0);
+                #[allow(clippy::cast_possible_truncation)]
+                single.push(t as f32, b as f32, 0.0087, None).unwrap();
+                double.push(t, b, 0.0087, None).unwrap();
+            }
+            let (s, d) = (single.answer(), double.answer());
+            assert_eq!(s.rank, d.rank);
+            assert!((f64::from(s.log_determinant) - d.log_determinant).abs() < 1e-3);
+            assert!((f64::from(s.statistic) / d.statistic - 1.0).abs() < 1e-3);
+            assert!((f64::from(s.p_value) - d.p_value).abs() < 1e-3);
+            for k in 0..4 {
+                assert!((f64::from(s.crlb_std[k]) / d.crlb_std[k] - 1.0).abs() < 1e-2);
+            }
+        }
+    }
+
+    #[test]
+    fn in_single_precision_an_exact_straight_track_has_rank_three() {
+        let mut monitor = Monitor::<f32>::new();
+        for i in 0..60 {
+            let t = 20.0 * f64::from(i);
+            #[allow(clippy::cast_possible_truncation)]
+            let b = bearing(t, 0.0) as f32;
+            #[allow(clippy::cast_possible_truncation)]
+            monitor.push(t as f32, b, 0.0087, None).unwrap();
+        }
+        assert_eq!(monitor.answer().rank, 3);
+    }
+
+    #[test]
+    fn determinant_and_test_are_those_of_all_bearings() {
+        let mut monitor = Monitor::<f64>::new();
+        let (mut times, mut bearings) = ([0.0; 50], [0.0; 50]);
+        for i in 0..50_u32 {
+            let t = 1e5 + 20.0 * f64::from(i);
+            let b = bearing(t - 1e5, 0.2) + 0.005 * (f64::from(i * i) * 0.7).sin();
+            (times[i as usize], bearings[i as usize]) = (t, b);
+            monitor.push(t, b, 0.01, None).unwrap();
+            let m = i as usize + 1;
+            if m < 4 {
+                assert_eq!(monitor.answer().p_value, 1.0);
+                continue;
+            }
+            let answer = monitor.answer();
+            let det = discriminant_sum(&times[..m], &bearings[..m], None).unwrap() * 1e16;
+            assert!((answer.determinant / det - 1.0).abs() < 1e-9, "{m}");
+            let batch = observability_test(&times[..m], &bearings[..m], &[0.01]).unwrap();
+            assert!((answer.statistic - batch.statistic).abs() < 0.1 + 0.02 * batch.statistic);
+            if m >= 10 {
+                let dof = f64::from(i - 2);
+                assert!((answer.dof - dof).abs() < 0.1 * dof, "{m}");
+            }
+        }
+    }
+
+    #[test]
+    fn bad_bearings_are_refused_and_change_nothing() {
+        let mut monitor = Monitor::<f64>::new();
+        monitor.push(0.0, 0.1, 0.01, None).unwrap();
+        let before = monitor;
+        assert!(matches!(
+            monitor.push(0.0, 0.1, 0.01, None),
+            Err(Error::Times { index: 1, .. })
+        ));
+        assert!(matches!(
+            monitor.push(1.0, 0.1, 0.0, None),
+            Err(Error::Sigma { .. })
+        ));
+        assert!(matches!(
+            monitor.push(1.0, f64::NAN, 0.1, None),
+            Err(Error::NotFinite { .. })
+        ));
+        assert!(matches!(
+            monitor.push(1.0, 0.1, 0.1, Some(-1.0)),
+            Err(Error::Distance { .. })
+        ));
+        assert!(matches!(
+            monitor.push(1.0, 0.1, 0.1, Some(5.0)),
+            Err(Error::Mixed { index: 1 })
+        ));
+        assert_eq!(monitor, before);
+    }
+}
