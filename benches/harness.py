@@ -200,7 +200,7 @@ def markdown(rows: Iterable[Row]) -> str:
 
 def c_library(source: str, *flags: str) -> ctypes.CDLL:
     """Compile benches/c/<source> with gcc -O3 -march=native and load it."""
-    out = Path(tempfile.gettempdir()) / f"gramian-bench-{Path(source).stem}.so"
+    out = Path(tempfile.gettempdir()) / f"gramian-bench-{Path(source).stem}{''.join(flags)}.so"
     command = ["gcc", "-O3", "-march=native", "-shared", "-fPIC", *flags]
     command += [str(HERE / "c" / source), "-o", str(out), "-lm"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
