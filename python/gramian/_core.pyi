@@ -142,6 +142,16 @@ def dipole_localize_trials(
 ) -> _Array: ...
 
 # maneuver
+def maneuver_fisher(
+    positions: ArrayLike, target: ArrayLike, sigma: ArrayLike, times: ArrayLike | None
+) -> _Array: ...
+def maneuver_fisher_det(
+    positions: ArrayLike,
+    target: ArrayLike,
+    sigma: ArrayLike,
+    times: ArrayLike | None,
+    pairs: bool,
+) -> _Array: ...
 def maneuver_heading(
     bearing: ArrayLike, range_: ArrayLike, step: ArrayLike, law: str, side: ArrayLike
 ) -> _Array: ...
@@ -165,6 +175,18 @@ def bearing_log_det_trials(
     seed: int,
     first: int,
     trials: int,
+) -> _Array: ...
+
+# posterior
+def semidefinite_roots(covariance: ArrayLike) -> _Array: ...
+def posterior(
+    root: ArrayLike,
+    rows: ArrayLike,
+    after: ArrayLike,
+    transition: ArrayLike,
+    noise: ArrayLike,
+    is_covariance: bool,
+    every_root: bool,
 ) -> _Array: ...
 
 # registration: `extras` are gain, position, attitude; `settings` the linearisations

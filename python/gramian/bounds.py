@@ -9,9 +9,27 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian.exceptions import InputError, UnobservableError
+from gramian.posterior import (
+    Posterior,
+    PosteriorBound,
+    cubature_points,
+    expected_rows,
+    expected_transition,
+    posterior,
+)
 from gramian.problem import Problem
 
-__all__ = ["crlb", "crlb_std", "gram"]
+__all__ = [
+    "Posterior",
+    "PosteriorBound",
+    "crlb",
+    "crlb_std",
+    "cubature_points",
+    "expected_rows",
+    "expected_transition",
+    "gram",
+    "posterior",
+]
 
 Array = NDArray[np.float64]
 

@@ -1,11 +1,22 @@
 """Observer maneuver: where to steer to locate a target by its bearings.
 
 The closed-form laws give the next heading from bearing and range; `trajectory`
-follows one of them. Bearings and headings are clockwise from north; x is east, y is north.
+follows one of them, and `fisher` says what a path tells of its target. Bearings and
+headings are clockwise from north; x is east, y is north.
 """
 
 from __future__ import annotations
 
+from gramian.maneuver.fisher import fisher, fisher_det, problem
 from gramian.maneuver.laws import AtStandoff, Law, Trajectory, heading, trajectory
 
-__all__ = ["AtStandoff", "Law", "Trajectory", "heading", "trajectory"]
+__all__ = [
+    "AtStandoff",
+    "Law",
+    "Trajectory",
+    "fisher",
+    "fisher_det",
+    "heading",
+    "problem",
+    "trajectory",
+]

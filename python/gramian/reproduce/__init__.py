@@ -14,6 +14,7 @@ PAPERS: dict[str, str] = {
     "dai-2020": "gramian.reproduce.dai_2020",
     "yang-yin-2012": "gramian.reproduce.yang_yin_2012",
     "zhu-2013": "gramian.reproduce.zhu_2013",
+    "xu-2009": "gramian.reproduce.xu_2009",
 }
 
 

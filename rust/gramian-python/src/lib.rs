@@ -10,6 +10,7 @@ mod errors;
 mod linear;
 mod maneuver;
 mod monte_carlo;
+mod posterior;
 mod registration;
 mod run;
 mod spine;
@@ -20,11 +21,12 @@ use pyo3::prelude::*;
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     spine::register(module)?;
-    monte_carlo::register(module)?;
     bearings::register(module)?;
-    dipole::register(module)?;
     bearings_localize::register(module)?;
+    dipole::register(module)?;
+    linear::register(module)?;
     maneuver::register(module)?;
-    registration::register(module)?;
-    linear::register(module)
+    monte_carlo::register(module)?;
+    posterior::register(module)?;
+    registration::register(module)
 }

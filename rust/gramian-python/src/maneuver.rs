@@ -1,6 +1,6 @@
 //! Observer maneuver: laws, paths, information.
 
-use gramian::batch::{self, Paths};
+use gramian::batch::{self, Determinant, Paths, Sightings, simd::Path};
 use gramian::maneuver::{AtStandoff, Law};
 use numpy::{PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
@@ -142,7 +142,137 @@ fn maneuver_trajectory<'py>(
     Ok(out)
 }
 
+/// The checked inputs of `maneuver_fisher` and `maneuver_fisher_det`.
+struct Inputs<'py> {
+    positions: Input<'py>,
+    target: Input<'py>,
+    times: Input<'py>,
+    sigma: Input<'py>,
+    batch: Batch,
+}
+
+impl<'py> Inputs<'py> {
+    fn new(
+        py: Python<'py>,
+        positions: &Bound<'py, PyAny>,
+        target: &Bound<'py, PyAny>,
+        sigma: &Bound<'py, PyAny>,
+        times: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Self> {
+        let mut positions = Input::new(positions, "positions", 2)?;
+        positions.expect(&[None, Some(2)], "an east and a north for each bearing")?;
+        positions.expect_entries()?;
+        let m = positions.core_shape()[0];
+        let mut target = Input::new(target, "target", 1)?;
+        let mut times = if let Some(times) = times {
+            let times = Input::new(times, "times", 1)?;
+            times.expect(&[Some(m)], "one for each position")?;
+            times.expect_increasing("s")?;
+            times
+        } else {
+            Input::new(
+                PyArrayDyn::<f64>::zeros(py, vec![0], false).as_any(),
+                "times",
+                1,
+            )?
+        };
+        let mut sigma = Input::new(sigma, "sigma", 1)?;
+        if sigma.core_shape() != [1] {
+            sigma.expect(
+                &[Some(m)],
+                "one standard deviation, or one for each position",
+            )?;
+        }
+        sigma.expect_positive("rad")?;
+        let batch = Batch::of(&mut [&mut positions, &mut target, &mut times, &mut sigma])?;
+        Ok(Self {
+            positions,
+            target,
+            times,
+            sigma,
+            batch,
+        })
+    }
+
+    fn samples(&self) -> usize {
+        self.positions.core_shape()[0]
+    }
+
+    fn sightings(&self) -> PyResult<Sightings<'_>> {
+        Ok(Sightings {
+            positions: self.positions.items()?,
+            target: self.target.items()?,
+            times: self.times.items()?,
+            sigma: self.sigma.items()?,
+        })
+    }
+}
+
+/// Information (..., n, n): n is 2 for a fixed target, 4 with times.
+#[pyfunction]
+#[pyo3(signature = (positions, target, sigma, times))]
+fn maneuver_fisher<'py>(
+    py: Python<'py>,
+    positions: &Bound<'py, PyAny>,
+    target: &Bound<'py, PyAny>,
+    sigma: &Bound<'py, PyAny>,
+    times: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let inputs = Inputs::new(py, positions, target, sigma, times)?;
+    let sightings = inputs.sightings()?;
+    let n = sightings.states();
+    let out = inputs.batch.zeros(py, &[n, n]);
+    {
+        let mut write = out.readwrite();
+        let write = write.as_slice_mut()?;
+        let cost = inputs.samples() as f64;
+        run::in_pieces(py, inputs.batch.len(), cost, |trials, threads| {
+            let out = &mut write[trials.start * n * n..trials.end * n * n];
+            batch::fisher(sightings.skip(trials.start), threads, Path::Best, out).map_err(
+                |(trial, error)| errors::input_at(&inputs.batch.place(trials.start + trial), error),
+            )
+        })?;
+    }
+    Ok(out)
+}
+
+/// Determinants (...,) of the information.
+#[pyfunction]
+#[pyo3(signature = (positions, target, sigma, times, pairs))]
+fn maneuver_fisher_det<'py>(
+    py: Python<'py>,
+    positions: &Bound<'py, PyAny>,
+    target: &Bound<'py, PyAny>,
+    sigma: &Bound<'py, PyAny>,
+    times: Option<&Bound<'py, PyAny>>,
+    pairs: bool,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let inputs = Inputs::new(py, positions, target, sigma, times)?;
+    let sightings = inputs.sightings()?;
+    let method = if pairs {
+        Determinant::Pairs
+    } else {
+        Determinant::Root
+    };
+    let out = inputs.batch.zeros(py, &[]);
+    {
+        let mut write = out.readwrite();
+        let write = write.as_slice_mut()?;
+        let m = inputs.samples() as f64;
+        let cost = if pairs { m * m } else { 40.0 * m };
+        run::in_pieces(py, inputs.batch.len(), cost, |trials, threads| {
+            let out = &mut write[trials.clone()];
+            batch::fisher_det(sightings.skip(trials.start), method, threads, out).map_err(
+                |(trial, error)| errors::input_at(&inputs.batch.place(trials.start + trial), error),
+            )
+        })?;
+    }
+    Ok(out)
+}
+
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_function(wrap_pyfunction!(maneuver_fisher, module)?)?;
+    module.add_function(wrap_pyfunction!(maneuver_fisher_det, module)?)?;
     module.add_function(wrap_pyfunction!(maneuver_heading, module)?)?;
     module.add_function(wrap_pyfunction!(maneuver_trajectory, module)?)
 }

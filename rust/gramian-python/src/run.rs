@@ -34,7 +34,7 @@ pub fn set_threads(threads: usize) -> usize {
     let before = setting.threads;
     if before != threads {
         setting.threads = threads;
-        setting.pool = None;
+        discard(setting.pool.take());
     }
     before
 }
@@ -56,12 +56,18 @@ fn pool() -> PyResult<Option<Arc<ThreadPool>>> {
         .build()
         .map_err(|error| InputError::new_err(format!("cannot start threads: {error}")))?;
     let pool = Arc::new(pool);
-    // A pool of the parent must not be dropped in the child: it would wait for
-    // threads that are not there.
-    if let Some(old) = setting.pool.replace((process, Arc::clone(&pool))) {
-        core::mem::forget(old);
-    }
+    discard(setting.pool.replace((process, Arc::clone(&pool))));
     Ok(Some(pool))
+}
+
+/// Drops a pool, unless it is the parent's and this is a forked child: that
+/// would wait for threads that are not there.
+fn discard(pool: Option<(u32, Arc<ThreadPool>)>) {
+    if let Some((owner, pool)) = pool
+        && owner != std::process::id()
+    {
+        core::mem::forget(pool);
+    }
 }
 
 /// Calls `kernel` with the threads it may use, the interpreter lock released.

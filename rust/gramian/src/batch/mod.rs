@@ -13,10 +13,12 @@ mod bearings_log_det;
 mod bearings_quadruple;
 mod bearings_test;
 mod dipole;
+mod fisher;
 mod gram;
 mod lanes;
 mod linear;
 mod maneuver;
+mod posterior;
 mod random;
 pub mod registration;
 pub mod simd;
@@ -37,11 +39,13 @@ pub use dipole::{
     Passes, Simulated, TrialError, dipole_field, dipole_fisher, dipole_jacobian, dipole_localize,
     dipole_localize_trials, dipole_localized_size, dipole_measure, dipole_rows, localize_cost,
 };
+pub use fisher::{Determinant, Sightings, fisher, fisher_det};
 pub use gram::gram;
 pub use linear::{
     Span, gramian_cost, linear_cost, linear_gramian, linear_levels, observability_matrix,
 };
 pub use maneuver::{Paths, headings, path_size, trajectories};
+pub use posterior::{Recursion, posterior};
 pub use random::{Stream, normals};
 pub use spine::{Target, bearing_rows, crlb_std};
 pub use threads::Threads;
@@ -85,6 +89,12 @@ impl<'a> Items<'a> {
             data: &self.data[first * self.step..],
             ..self
         }
+    }
+
+    /// How many numbers a trial has.
+    #[inline]
+    pub fn size(&self) -> usize {
+        self.size
     }
 
     /// The numbers of one trial.

@@ -1,0 +1,300 @@
+//! Fisher information of bearings along a path, trial by trial.
+
+use pulp::Simd;
+
+use super::simd::Path;
+use super::{Items, Threads};
+use crate::bearings;
+use crate::maneuver::{Error, row};
+use crate::rows::RowSink;
+use crate::square_root::SquareRoot;
+
+/// Samples that are taken apart into vectors at once.
+const CHUNK: usize = 64;
+
+/// A batch of paths from which bearings of one target each are taken.
+#[derive(Clone, Copy, Debug)]
+pub struct Sightings<'a> {
+    /// Positions of the observer (m, 2).
+    pub positions: Items<'a>,
+    /// East and north of a fixed target, or the state (x0, y0, vx, vy) of one at
+    /// constant velocity, at the first time.
+    pub target: Items<'a>,
+    /// Times (m); empty for a fixed target.
+    pub times: Items<'a>,
+    /// Standard deviations: one, or one for each bearing.
+    pub sigma: Items<'a>,
+}
+
+impl Sightings<'_> {
+    /// Number of states: 2 for a fixed target, 4 for one at constant velocity.
+    pub fn states(&self) -> usize {
+        self.target.size()
+    }
+
+    /// The same input counted from trial `first` on.
+    #[must_use]
+    pub fn skip(self, first: usize) -> Self {
+        Self {
+            positions: self.positions.skip(first),
+            target: self.target.skip(first),
+            times: self.times.skip(first),
+            sigma: self.sigma.skip(first),
+        }
+    }
+
+    fn at(&self, trial: usize) -> Sighting<'_> {
+        let (positions, _) = self.positions.get(trial).as_chunks::<2>();
+        Sighting {
+            positions,
+            target: self.target.get(trial),
+            times: self.times.get(trial),
+            sigma: self.sigma.get(trial),
+        }
+    }
+}
+
+/// One trial of the batch.
+#[derive(Clone, Copy)]
+struct Sighting<'a> {
+    positions: &'a [[f64; 2]],
+    target: &'a [f64],
+    times: &'a [f64],
+    sigma: &'a [f64],
+}
+
+impl Sighting<'_> {
+    /// Time since the first, offset of the target, and sigma of sample `i`.
+    #[inline]
+    fn sample(&self, i: usize) -> (f64, f64, f64, f64) {
+        let [x, y] = self.positions[i];
+        let sigma = self.sigma[if self.sigma.len() == 1 { 0 } else { i }];
+        if let [x0, y0, vx, vy] = *self.target {
+            let time = self.times[i] - self.times[0];
+            (time, x0 + time * vx - x, y0 + time * vy - y, sigma)
+        } else {
+            (0.0, self.target[0] - x, self.target[1] - y, sigma)
+        }
+    }
+
+    /// The first sample that is on the target.
+    fn check(&self) -> Result<(), Error> {
+        for i in 0..self.positions.len() {
+            let (_, east, north, sigma) = self.sample(i);
+            row(east, north, sigma).map_err(|error| error.at(i))?;
+        }
+        Ok(())
+    }
+}
+
+/// Fisher information (n, n) of each trial.
+///
+/// # Errors
+/// [`Error::OnTarget`] with the trial and the sample.
+///
+/// # Source
+/// Xu et al. 2009, eqs. (9) and (10).
+pub fn fisher(
+    sightings: Sightings<'_>,
+    threads: Threads,
+    path: Path,
+    out: &mut [f64],
+) -> Result<(), (usize, Error)> {
+    let n = sightings.states();
+    let m = sightings.positions.size() / 2;
+    threads.over(out, n * n, m as f64, |trial, out| {
+        let sighting = sightings.at(trial);
+        let sums = path.run(Sums(sighting));
+        if !sums[0].is_finite() || !sums[2].is_finite() {
+            // Zero ranges divide to infinity or NaN.
+            sighting.check().map_err(|error| (trial, error))?;
+        }
+        // Blocks of (xx, xy, yy) times the powers 0, 1, 2 of time.
+        for i in 0..n {
+            for j in 0..n {
+                out[i * n + j] = sums[i % 2 + j % 2 + 3 * (i / 2 + j / 2)];
+            }
+        }
+        Ok(())
+    })
+}
+
+/// Sums of a a, a b, b b over the rows (a, b), times 1, time and its square.
+struct Sums<'a>(Sighting<'a>);
+
+impl pulp::WithSimd for Sums<'_> {
+    type Output = [f64; 9];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> [f64; 9] {
+        let sighting = self.0;
+        let moves = sighting.target.len() == 4;
+        let mut sums = [simd.splat_f64s(0.0); 9];
+        // Samples beyond the last: far away, so that they add nothing.
+        let far = [f64::INFINITY; CHUNK];
+        let mut start = 0;
+        while start < sighting.positions.len() {
+            let count = CHUNK.min(sighting.positions.len() - start);
+            let (mut time, mut east, mut north) = ([0.0; CHUNK], [0.0; CHUNK], [0.0; CHUNK]);
+            let mut noise = if count < CHUNK { far } else { [0.0; CHUNK] };
+            for i in 0..count {
+                let t;
+                (t, east[i], north[i], noise[i]) = sighting.sample(start + i);
+                time[i] = t;
+            }
+            for i in count..CHUNK {
+                north[i] = 1.0;
+            }
+            let (times, _) = S::as_simd_f64s(&time);
+            let (easts, _) = S::as_simd_f64s(&east);
+            let (norths, _) = S::as_simd_f64s(&north);
+            let (noises, _) = S::as_simd_f64s(&noise);
+            for v in 0..count.div_ceil(S::F64_LANES) {
+                let (x, y) = (easts[v], norths[v]);
+                let square = simd.mul_add_e_f64s(x, x, simd.mul_f64s(y, y));
+                let weight = simd.div_f64s(simd.splat_f64s(1.0), simd.mul_f64s(square, noises[v]));
+                let a = simd.mul_f64s(y, weight);
+                let b = simd.neg_f64s(simd.mul_f64s(x, weight));
+                let products = [
+                    simd.mul_f64s(a, a),
+                    simd.mul_f64s(a, b),
+                    simd.mul_f64s(b, b),
+                ];
+                for i in 0..3 {
+                    sums[i] = simd.add_f64s(sums[i], products[i]);
+                }
+                if moves {
+                    let t = times[v];
+                    for i in 0..3 {
+                        let moved = simd.mul_f64s(products[i], t);
+                        sums[3 + i] = simd.add_f64s(sums[3 + i], moved);
+                        sums[6 + i] = simd.mul_add_e_f64s(moved, t, sums[6 + i]);
+                    }
+                }
+            }
+            start += count;
+        }
+        sums.map(|sum| simd.reduce_sum_f64s(sum))
+    }
+}
+
+/// How a determinant of the information is found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Determinant {
+    /// From the triangular factor of the rows: O(m).
+    Root,
+    /// The sum over pairs of bearings of sin^2 of their difference, over both
+    /// ranges and deviations squared: O(m^2), fixed targets alone.
+    Pairs,
+}
+
+/// The determinant of the information of each trial.
+///
+/// # Errors
+/// As [`row`], with the trial and the sample.
+///
+/// # Source
+/// Xu et al. 2009, eq. (14), for [`Determinant::Pairs`].
+pub fn fisher_det(
+    sightings: Sightings<'_>,
+    method: Determinant,
+    threads: Threads,
+    out: &mut [f64],
+) -> Result<(), (usize, Error)> {
+    let m = sightings.positions.size() / 2;
+    let cost = match method {
+        Determinant::Root => 40.0 * m as f64,
+        Determinant::Pairs => (m * m) as f64,
+    };
+    threads.over(out, 1, cost, |trial, out| {
+        let sighting = sightings.at(trial);
+        out[0] = if sightings.states() == 4 {
+            root_det_moving(sighting)
+        } else if method == Determinant::Pairs {
+            pairs_det(sighting)
+        } else {
+            root_det(sighting)
+        }
+        .map_err(|error| (trial, error))?;
+        Ok(())
+    })
+}
+
+fn root_det(sighting: Sighting<'_>) -> Result<f64, Error> {
+    let mut root = SquareRoot::<f64, 2>::new();
+    for i in 0..sighting.positions.len() {
+        let (_, east, north, sigma) = sighting.sample(i);
+        root.push(&row(east, north, sigma).map_err(|error| error.at(i))?);
+    }
+    Ok(root.determinant() * root.determinant())
+}
+
+fn root_det_moving(sighting: Sighting<'_>) -> Result<f64, Error> {
+    let mut root = SquareRoot::<f64, 4>::new();
+    for i in 0..sighting.positions.len() {
+        let (time, east, north, sigma) = sighting.sample(i);
+        let row =
+            bearings::row(time, east, north, sigma).map_err(|_| Error::OnTarget { index: i })?;
+        root.push(&row);
+    }
+    Ok(root.determinant() * root.determinant())
+}
+
+fn pairs_det(sighting: Sighting<'_>) -> Result<f64, Error> {
+    let mut sum = 0.0;
+    for i in 0..sighting.positions.len() {
+        let (_, east, north, sigma) = sighting.sample(i);
+        let [a, b] = row(east, north, sigma).map_err(|error| error.at(i))?;
+        for j in 0..i {
+            let (_, east, north, sigma) = sighting.sample(j);
+            let weight = 1.0 / ((east * east + north * north) * sigma);
+            // sin of the difference over both ranges: the rows' cross product.
+            let cross = weight * (a * east + b * north);
+            sum += cross * cross;
+        }
+    }
+    Ok(sum)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alloc::vec;
+    use alloc::vec::Vec;
+
+    #[test]
+    fn every_path_gives_the_sum_of_the_rows() {
+        let m = 149;
+        let mut stream = crate::batch::Stream::new(5, 0);
+        let positions: Vec<f64> = (0..2 * m).map(|_| 100.0 * stream.normal()).collect();
+        let times: Vec<f64> = (0..m).map(f64::from).collect();
+        let sigma: Vec<f64> = (0..m).map(|_| 0.01 + stream.uniform()).collect();
+        for target in [vec![900.0, 300.0], vec![900.0, 300.0, 2.0, -1.0]] {
+            let n = target.len();
+            let sightings = Sightings {
+                positions: Items::shared(&positions),
+                target: Items::shared(&target),
+                times: Items::shared(&times),
+                sigma: Items::shared(&sigma),
+            };
+            let mut plain = vec![0.0; n * n];
+            for i in 0..positions.len() / 2 {
+                let (time, east, north, sigma) = sightings.at(0).sample(i);
+                let [a, b] = row(east, north, sigma).unwrap_or([f64::NAN; 2]);
+                let row = [a, b, time * a, time * b];
+                for j in 0..n {
+                    for k in 0..n {
+                        plain[j * n + k] += row[j] * row[k];
+                    }
+                }
+            }
+            for path in Path::available() {
+                let mut out = vec![0.0; n * n];
+                assert_eq!(fisher(sightings, Threads::One, path, &mut out), Ok(()));
+                for (a, b) in out.iter().zip(&plain) {
+                    assert!((a - b).abs() <= 1e-12 * plain[0].max(b.abs()), "{a} {b}");
+                }
+            }
+        }
+    }
+}

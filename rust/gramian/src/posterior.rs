@@ -1,0 +1,364 @@
+//! The posterior Cramer-Rao bound of a state that moves, as a recursion on
+//! triangular factors.
+//!
+//! Textbooks write the recursion in information matrices and invert the process
+//! noise, which loses every digit when that noise is small. Here neither the
+//! information J nor the covariance P is formed. One factor is kept,
+//! P = C^T C or J = R^T R, and everything is done to it by orthogonal
+//! transformations. Two primitives serve both forms:
+//!
+//! | | [`absorb`]: rows are added | [`shrink`]: a row is measured |
+//! |---|---|---|
+//! | [`Form::Covariance`] | process noise: P + G G^T | measurement: (P^-1 + h h^T)^-1 |
+//! | [`Form::Information`] | measurement: J + h h^T | process noise: (J^-1 + g g^T)^-1 |
+//!
+//! The covariance form needs a finite prior and takes any transition; the
+//! information form needs a transition that can be inverted and takes any prior,
+//! none included. Noise that is singular, or absent, is nothing special in either.
+//!
+//! # Source
+//! Tichavsky, Muravchik & Nehorai 1998, "Posterior Cramer-Rao bounds for
+//! discrete-time nonlinear filtering"; as eqs. (4) and (5) in Xu et al. 2009.
+//! [`shrink`] is Carlson's triangular measurement update (1973).
+
+use crate::lane::Lane;
+use crate::scalar::Real;
+
+/// Which matrix the factor is a root of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Form {
+    /// P = C^T C.
+    Covariance,
+    /// J = R^T R.
+    Information,
+}
+
+/// Numbers of scratch space that [`predict`] and [`update`] need for `n` states
+/// and at most `rows` rows at once.
+pub const fn scratch(n: usize, rows: usize) -> usize {
+    let extra = if rows > n { rows } else { n };
+    (n + extra) * n + n
+}
+
+/// Moves the factor one step in time.
+///
+/// `root` is the n x n upper triangular factor, row-major. `transition` is F^T in
+/// covariance form and F^-1 in information form. `noise` is the n x n upper
+/// triangular factor of the process noise, Q = noise^T noise. `used[j n + k]`
+/// tells whether entry (j, k) of `transition` is ever other than zero.
+#[inline(always)]
+pub fn predict<L: Lane>(
+    form: Form,
+    root: &mut [L],
+    n: usize,
+    transition: &[L],
+    used: &[bool],
+    noise: &[L],
+    work: &mut [L],
+) {
+    let (a, work) = work.split_at_mut(2 * n * n);
+    multiply(root, n, transition, used, a);
+    match form {
+        Form::Covariance => {
+            a[n * n..].copy_from_slice(&noise[..n * n]);
+            absorb(a, n, true, root);
+        }
+        Form::Information => {
+            absorb(&mut a[..n * n], n, false, root);
+            for row in noise.chunks_exact(n) {
+                shrink(root, n, row, work);
+            }
+        }
+    }
+}
+
+/// Takes in whitened measurement rows (k x n, row-major).
+#[inline(always)]
+pub fn update<L: Lane>(form: Form, root: &mut [L], n: usize, rows: &[L], work: &mut [L]) {
+    match form {
+        Form::Covariance => {
+            for row in rows.chunks_exact(n) {
+                shrink(root, n, row, work);
+            }
+        }
+        Form::Information => {
+            let k = rows.len() / n;
+            let a = &mut work[..(n + k) * n];
+            a[..n * n].copy_from_slice(root);
+            a[n * n..].copy_from_slice(&rows[..k * n]);
+            absorb(a, n, false, root);
+        }
+    }
+}
+
+/// out = root transition, with `root` upper triangular.
+#[inline(always)]
+fn multiply<L: Lane>(root: &[L], n: usize, transition: &[L], used: &[bool], out: &mut [L]) {
+    let zero = root[0].splat(0.0);
+    let out = &mut out[..n * n];
+    out.fill(zero);
+    for j in 0..n {
+        for k in 0..n {
+            if used[j * n + k] {
+                let m = transition[j * n + k];
+                for i in 0..=j {
+                    out[i * n + k] = root[i * n + j].mul_add(m, out[i * n + k]);
+                }
+            }
+        }
+    }
+}
+
+/// The upper triangular factor `root` of the sum of row^T row over the rows of
+/// `a`: n rows, and more below them. What is left in `a` is of no use.
+///
+/// `stepped` says that the rows below the first n are an upper triangle.
+///
+/// Modified Gram-Schmidt rather than reflections: rows may differ in size by many
+/// orders (a speed hardly known beside a position well known), and reflections
+/// keep the digits of the small ones only if the rows are sorted first.
+///
+/// # Source
+/// Golub & Van Loan, section 5.2.8; Thornton 1976 for its use on covariances.
+#[inline(always)]
+pub fn absorb<L: Lane>(a: &mut [L], n: usize, stepped: bool, root: &mut [L]) {
+    let rows = a.len() / n;
+    for k in 0..n {
+        let last = if stepped { n + k + 1 } else { rows };
+        let mut sum = a[k] * a[k];
+        for i in 1..last {
+            let x = a[i * n + k];
+            sum = x.mul_add(x, sum);
+        }
+        let norm = sum.root();
+        let inverse = norm.recip_or_zero();
+        root[k * n + k] = norm;
+        for j in 0..k {
+            root[k * n + j] = norm.splat(0.0);
+        }
+        for j in k + 1..n {
+            let mut dot = a[k] * a[j];
+            for i in 1..last {
+                dot = a[i * n + k].mul_add(a[i * n + j], dot);
+            }
+            let along = dot * inverse;
+            root[k * n + j] = along;
+            let along = along * inverse;
+            for i in 0..last {
+                a[i * n + j] = a[i * n + k].negate_mul_add(along, a[i * n + j]);
+            }
+        }
+    }
+}
+
+/// Replaces the upper triangular factor of M by that of (M^-1 + h h^T)^-1, that
+/// is of M - M h h^T M / (1 + h^T M h), without a subtraction that cancels.
+///
+/// `work` holds at least n numbers.
+///
+/// # Source
+/// Carlson 1973, "Fast triangular formulation of the square root filter". Rows
+/// are rotated from the last to the first, which keeps the triangle.
+#[inline(always)]
+pub fn shrink<L: Lane>(root: &mut [L], n: usize, h: &[L], work: &mut [L]) {
+    let zero = root[0].splat(0.0);
+    let q = &mut work[..n];
+    q.fill(zero);
+    let mut sum = zero.splat(1.0);
+    let mut before = sum;
+    for i in (0..n).rev() {
+        let mut a = root[i * n + i] * h[i];
+        for j in i + 1..n {
+            a = root[i * n + j].mul_add(h[j], a);
+        }
+        sum = a.mul_add(a, sum);
+        // The square root is at least 1.
+        let after = sum.root();
+        let inverse = after.recip_or_zero();
+        let (c, s) = (before * inverse, a * inverse);
+        before = after;
+        for j in i..n {
+            let x = root[i * n + j];
+            root[i * n + j] = s.negate_mul_add(q[j], c * x);
+            q[j] = s.mul_add(x, c * q[j]);
+        }
+    }
+}
+
+/// Variances from a factor of the covariance.
+#[inline(always)]
+pub fn variances_of_covariance<L: Lane>(root: &[L], n: usize, out: &mut [L]) {
+    for j in 0..n {
+        let mut sum = root[j] * root[j];
+        for i in 1..=j {
+            let x = root[i * n + j];
+            sum = x.mul_add(x, sum);
+        }
+        out[j] = sum;
+    }
+}
+
+/// Variances from a factor of the information that is well conditioned: sums of
+/// squares along the rows of its inverse. `work` holds at least n numbers.
+#[inline(always)]
+pub fn variances_of_information<L: Lane>(root: &[L], n: usize, out: &mut [L], work: &mut [L]) {
+    let zero = root[0].splat(0.0);
+    let x = &mut work[..n];
+    out[..n].fill(zero);
+    for k in 0..n {
+        // Column k of the inverse, from its last entry up.
+        for i in (0..=k).rev() {
+            let mut sum = zero.splat(if i == k { 1.0 } else { 0.0 });
+            for j in i + 1..=k {
+                sum = root[i * n + j].negate_mul_add(x[j], sum);
+            }
+            x[i] = sum * root[i * n + i].recip_or_zero();
+            out[i] = x[i].mul_add(x[i], out[i]);
+        }
+    }
+}
+
+/// The upper triangular factor of a covariance that may be singular:
+/// covariance = out^T out, all n x n, row-major.
+///
+/// # Errors
+/// [`Error::Asymmetric`] and [`Error::Indefinite`], with the place.
+pub fn semidefinite_root<T: Real>(covariance: &[T], n: usize, out: &mut [T]) -> Result<(), Error> {
+    let slack = T::EPSILON * T::of(16.0 * n as f64);
+    out[..n * n].fill(T::zero());
+    for j in 0..n {
+        let diagonal = covariance[j * n + j];
+        for i in 0..j {
+            let (above, below) = (covariance[i * n + j], covariance[j * n + i]);
+            let size = above.abs().max(below.abs());
+            // Symmetric to half the digits: what a product of matrices leaves.
+            if (above - below).abs() > size * T::EPSILON.sqrt() {
+                return Err(Error::Asymmetric { row: i, column: j });
+            }
+        }
+        let mut pivot = diagonal;
+        for i in 0..j {
+            pivot -= out[i * n + j] * out[i * n + j];
+        }
+        if pivot < -slack * diagonal.abs() || diagonal < T::zero() {
+            return Err(Error::Indefinite { index: j });
+        }
+        let negligible = pivot <= slack * diagonal;
+        let root = if negligible { T::zero() } else { pivot.sqrt() };
+        out[j * n + j] = root;
+        for k in j + 1..n {
+            let mut rest = covariance[j * n + k];
+            for i in 0..j {
+                rest -= out[i * n + j] * out[i * n + k];
+            }
+            if !negligible {
+                out[j * n + k] = rest / root;
+            } else if rest.abs() > slack.sqrt() * (diagonal * covariance[k * n + k]).abs().sqrt() {
+                return Err(Error::Indefinite { index: k });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// A state of fixed size and what is known of it: the recursion without
+/// allocation, in information form.
+///
+/// ```
+/// use gramian::posterior::Posterior;
+/// // A position and a velocity; only the position is measured, to 1 m.
+/// let mut bound = Posterior::<f64, 2>::unknown();
+/// bound.update(&[1.0, 0.0]);
+/// assert!(bound.standard_deviations()[1].is_infinite());
+/// // x' = x + v: the inverse transition, and no process noise.
+/// bound.predict(&[[1.0, -1.0], [0.0, 1.0]], &[]);
+/// bound.update(&[1.0, 0.0]);
+/// let [position, velocity] = bound.standard_deviations();
+/// assert!((position - 1.0).abs() < 1e-15 && (velocity - 2.0_f64.sqrt()).abs() < 1e-15);
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Posterior<T: Real, const N: usize> {
+    root: crate::square_root::SquareRoot<T, N>,
+}
+
+impl<T: Real, const N: usize> Posterior<T, N> {
+    /// Nothing is known.
+    pub fn unknown() -> Self {
+        Self {
+            root: crate::square_root::SquareRoot::new(),
+        }
+    }
+
+    /// Takes in one whitened measurement row, or a row of prior knowledge.
+    pub fn update(&mut self, row: &[T; N]) {
+        crate::rows::RowSink::push(&mut self.root, row);
+    }
+
+    /// Moves the state: x' = F x + sum of g w, with `inverse` = F^-1, `noise` the
+    /// vectors g and w of unit variance.
+    pub fn predict(&mut self, inverse: &[[T; N]; N], noise: &[[T; N]]) {
+        let mut work = [[T::zero(); N]; N];
+        let mut moved = crate::square_root::SquareRoot::new();
+        for row in self.root.factor() {
+            let mut out = [T::zero(); N];
+            for j in 0..N {
+                for k in 0..N {
+                    out[k] += row[j] * inverse[j][k];
+                }
+            }
+            crate::rows::RowSink::push(&mut moved, &out);
+        }
+        let mut factor = *moved.factor();
+        for g in noise {
+            shrink(factor.as_flattened_mut(), N, g, work.as_flattened_mut());
+        }
+        self.root = crate::square_root::SquareRoot::new();
+        for row in &factor {
+            crate::rows::RowSink::push(&mut self.root, row);
+        }
+    }
+
+    /// The triangular factor of the information.
+    pub fn root(&self) -> &crate::square_root::SquareRoot<T, N> {
+        &self.root
+    }
+
+    /// The bound on each state; infinite where it is not determined.
+    pub fn standard_deviations(&self) -> [T; N] {
+        crate::bound::crlb_std(&crate::spectrum::Spectrum::new(&self.root))
+    }
+}
+
+/// What can be wrong with a covariance.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Error {
+    /// Two entries that should be equal are not.
+    Asymmetric {
+        /// Row of the one above the diagonal.
+        row: usize,
+        /// Its column.
+        column: usize,
+    },
+    /// A variance, given those before it, that is below zero.
+    Indefinite {
+        /// Of which state.
+        index: usize,
+    },
+}
+
+impl core::fmt::Display for Error {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Asymmetric { row, column } => write!(
+                f,
+                "entries [{row}, {column}] and [{column}, {row}] differ: a covariance is symmetric"
+            ),
+            Self::Indefinite { index } => write!(
+                f,
+                "not positive semidefinite: state {index} has a variance below zero, given those before it"
+            ),
+        }
+    }
+}
+
+impl core::error::Error for Error {}
