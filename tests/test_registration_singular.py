@@ -173,3 +173,25 @@ def test_priors_that_data_outweigh_hold_nothing():
     held = reg.estimate(reports, SENSORS, SIGMA, prior={"A.range": 1e5})
     assert held.held_by_prior == ()
     assert held.biases == pytest.approx(free.biases, rel=1e-4)
+
+
+def test_gauge_freedoms_are_refused_by_name_and_settled_by_priors():
+    random = np.random.default_rng(4)
+    sensors = {"A": (0, 0), "B": (60e3, 5e3), "C": (20e3, -40e3)}
+    crowd = random.uniform([-50e3, -50e3], [90e3, 70e3], (150, 2))
+    truth = {"A.east": 30.0, "B.north": -40.0, "C.range": 100.0}
+    reports = reg.simulate(crowd, sensors, SIGMA, truth, seed=1, extras=["position"])
+    with pytest.raises(gm.UnobservableError, match="shift east") as caught:
+        reg.estimate(reports, sensors, SIGMA, extras=["position"])
+    assert len(caught.value.null_combinations) == 3
+    assert caught.value.null_combinations[2].startswith("turn (")
+    prior = {f"{s}.{axis}": 50.0 for s in sensors for axis in ("east", "north")}
+    answer = reg.estimate(
+        reports, sensors, SIGMA, extras=["position"], prior=prior | {"A.azimuth": 0.01}
+    )
+    assert answer.status == "determined"
+    assert len(answer.held_by_prior) == 3
+    true = np.array([truth.get(name, 0.0) for name in answer.names])
+    assert (np.abs(answer.biases - true) < 4 * answer.std).all()
+    # Where everything stands together is only believed: 50 m / sqrt(3).
+    assert answer.std[answer.names.index("A.east")] > 28.0

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from gramian import registration as reg
-from gramian.analysis import Observability, analyze, plain
+from gramian.analysis import Observability, analyze, describe_combination, plain
 from gramian.bounds import crlb_std
 from gramian.exceptions import ConvergenceError, UnobservableError
 from gramian.report import (
@@ -359,6 +359,8 @@ class RegistrationScenario(Scenario):
         tone, headline = tone_of(answer), answer.status.upper()
         if answer.nullity:
             verdict = f"no look tells {'; '.join(answer.null_combinations)}"
+            if answer.nullity > 2:
+                verdict = f"no look tells {answer.nullity} combinations of the biases"
         else:
             worst = int(np.argmax(answer.crlb_std / np.tile(self._units(), len(self.sensors))))
             verdict = (
@@ -404,8 +406,9 @@ class RegistrationScenario(Scenario):
             check = reg.check_track(self.all_positions, self.places)
             facts.append(("why", f"every target keeps {check.track.where}"))
         for name, vector in reg.gauges(self.places, self.extras).items():
-            if answer.nullity and not np.isfinite(answer.std_of(_dual(vector))):
-                facts.append(("free whatever the targets", name))
+            text = describe_combination(vector, answer.names)
+            if not answer.problem.priors:
+                facts.append(("free whatever the targets", f"{name}: {text}"))
         facts.append(("best targets", ", ".join(chosen.chosen)))
         if answer.nullity and answer.suggestions:
             facts.append(("what would help most", answer.describe(answer.suggestions[0])))
@@ -522,11 +525,12 @@ class RegistrationScenario(Scenario):
             ]
         else:
             tone, headline, verdict = "bad", "UNOBSERVABLE", str(first)
+            unseen = getattr(first, "null_combinations", ())
+            if len(unseen) > 2:
+                verdict = f"these reports leave {len(unseen)} combinations open: give priors"
             if isinstance(first, ConvergenceError):
                 headline = "NO ANSWER"
-            facts = [
-                ("cannot be determined", text) for text in getattr(first, "null_combinations", ())
-            ]
+            facts = [("cannot be determined", text) for text in unseen]
         pictures = self._pictures(chosen)[:2]
         if shown:
             pictures.insert(
@@ -636,14 +640,6 @@ class RegistrationScenario(Scenario):
 
 def _times(reports: reg.Reports) -> Array:
     return np.arange(len(reports.values), dtype=float) if reports.times is None else reports.times
-
-
-def _dual(vector: Array) -> Array:
-    """Return coefficients that see this move of the biases."""
-    out = np.zeros_like(vector)
-    largest = int(np.argmax(np.abs(vector)))
-    out[largest] = 1.0
-    return out
 
 
 def _label(name: str) -> str:
