@@ -47,7 +47,8 @@ def level_steps(found: Levels) -> Figure:
         right.plot([0, place], [i, i], color=COLORS["muted"], linewidth=0.6)
         right.plot(place, i, "o", color=color)
     right.set_yticks(range(len(named)), list(named), fontsize=8)
-    right.set_xticks(range(never + 1), [*(str(k) for k in range(never)), "never"])
+    labels = [*(str(k) for k in range(never)), "never"] if None in named.values() else None
+    right.set_xticks(range(never + (labels is not None)), labels)
     right.invert_yaxis()
     right.set_xlim(-0.2, never + 0.3)
     right.set_xlabel("known from derivative")
@@ -70,7 +71,7 @@ def ratio_history(times: Array, ratios: Array, names: Sequence[str], unit: str =
             label=name,
         )
     positive = times[times > 0]
-    if positive.size > 1 and positive[-1] / positive[0] > 30:
+    if positive.size > 1 and positive[-1] / positive[0] > 500:
         axes.set_xscale("log")
         axes.set_xlim(positive[0], positive[-1])
     axes.set_yscale("log")

@@ -144,7 +144,9 @@ class Observed:
         """Work out both from whitened rows, `block` a sample, a sample each `step`."""
         root = np.diag(np.asarray(prior, dtype=float))
         total = len(seen) // block
-        counts = np.unique(np.geomspace(1, total, min(total, 60)).round().astype(int))
+        # Long windows by factors, short ones (a maneuver) evenly.
+        space = np.geomspace if total > 500 else np.linspace
+        counts = np.unique(space(1, total, min(total, 60)).round().astype(int))
         ratios, samples = history(seen, root, block, counts.tolist())
         end = posterior(seen @ root, root, tuple(names), tuple(units), (total - 1) * step)
         return cls(end, np.asarray((samples - 1) * step, dtype=float), ratios, unit)

@@ -221,20 +221,23 @@ impl pulp::WithSimd for PowersKernel<'_> {
         }
         for block in rest.chunks_exact_mut(size) {
             // Rows in groups, so that their sums do not wait for each other.
-            let groups = before
-                .chunks(3 * stride)
-                .zip(after.chunks_mut(3 * stride))
-                .zip(block.chunks_mut(3 * n));
-            for ((rows, next), out) in groups {
-                if rows.len() == 3 * stride {
-                    rows_times::<S, 3>(simd, lines, rows, n, next, out);
-                } else {
-                    let rows = rows.chunks_exact(stride);
-                    let next = next.chunks_exact_mut(stride);
-                    for ((row, next), out) in rows.zip(next).zip(out.chunks_exact_mut(n)) {
-                        rows_times::<S, 1>(simd, lines, row, n, next, out);
-                    }
+            let (mut rows, mut next, mut out) = (&*before, &mut *after, block);
+            while !rows.is_empty() {
+                let left = rows.len() / stride;
+                let count = match left {
+                    6.. => 6,
+                    3..6 => 3,
+                    _ => 1,
+                };
+                let (group, others) = rows.split_at(count * stride);
+                let (group_next, others_next) = next.split_at_mut(count * stride);
+                let (group_out, others_out) = out.split_at_mut(count * n);
+                match count {
+                    6 => rows_times::<S, 6>(simd, lines, group, n, group_next, group_out),
+                    3 => rows_times::<S, 3>(simd, lines, group, n, group_next, group_out),
+                    _ => rows_times::<S, 1>(simd, lines, group, n, group_next, group_out),
                 }
+                (rows, next, out) = (others, others_next, others_out);
             }
             core::mem::swap(&mut before, &mut after);
         }
@@ -338,17 +341,19 @@ mod tests {
     #[test]
     fn every_path_gives_the_plain_matrix() {
         for n in [1, 3, 8, 9, 15, 16, 24, 31, 40] {
-            let (a, c) = (numbers(n * n, 1), numbers(2 * n, 2));
-            let mut plain = vec![0.0; 2 * n * (n + 1)];
-            plain[..2 * n].copy_from_slice(&c);
-            for k in 2 * n..plain.len() {
-                let row = k / n - 2;
+            // One, three and six rows at a time.
+            let p = 10;
+            let (a, c) = (numbers(n * n, 1), numbers(p * n, 2));
+            let mut plain = vec![0.0; p * n * 4];
+            plain[..p * n].copy_from_slice(&c);
+            for k in p * n..plain.len() {
+                let row = k / n - p;
                 plain[k] = (0..n).map(|i| plain[row * n + i] * a[i * n + k % n]).sum();
             }
             for path in Path::available() {
                 let mut out = vec![0.0; plain.len()];
                 let (a, c) = (Items::shared(&a), Items::shared(&c));
-                let done = observability_matrix(a, c, n, n, Threads::One, path, &mut out);
+                let done = observability_matrix(a, c, n, 3, Threads::One, path, &mut out);
                 assert_eq!(done, Ok(()));
                 for (x, y) in out.iter().zip(&plain) {
                     assert!((x - y).abs() <= 1e-12 * y.abs().max(1.0), "{path:?} {n}");

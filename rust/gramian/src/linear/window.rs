@@ -349,3 +349,45 @@ fn solve<T: Real>(mut m: Vec<T>, mut b: Vec<T>, n: usize) -> Option<Vec<T>> {
     }
     Some(b)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_moving_point_seen_for_a_while() {
+        // Integral of (1, t)^T (1, t) over 0..3.
+        let a = [0.0_f64, 1.0, 0.0, 0.0];
+        let window = Window::continuous(&a, &[1.0, 0.0], None, 2, 3.0).unwrap();
+        for (found, expected) in window.gramian.iter().zip([3.0, 4.5, 4.5, 9.0]) {
+            assert!((found - expected).abs() < 1e-13);
+        }
+        assert!((window.transition[1] - 3.0).abs() < 1e-14);
+    }
+
+    #[test]
+    fn a_window_is_two_halves() {
+        let a = [0.3_f64, 1.0, -2.0, 0.1];
+        let q = [0.2, 0.1, 0.1, 0.4];
+        let c = [1.0, 0.5];
+        let half = Window::continuous(&a, &c, Some(&q), 2, 0.8).unwrap();
+        let whole = Window::continuous(&a, &c, Some(&q), 2, 1.6).unwrap();
+        let joined = half.then(&half).unwrap();
+        for (x, y) in joined.gramian.iter().zip(&whole.gramian) {
+            assert!((x - y).abs() < 1e-12);
+        }
+        for (x, y) in joined.noise.iter().zip(&whole.noise) {
+            assert!((x - y).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn growth_beyond_the_numbers_is_an_error() {
+        let grows = [100.0_f64];
+        assert_eq!(
+            Window::continuous(&grows, &[1.0], None, 1, 100.0).map(|w| w.gramian),
+            Err(Overflow)
+        );
+        assert_eq!(transition(&grows, 1, 100.0), Err(Overflow));
+    }
+}
