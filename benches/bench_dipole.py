@@ -128,7 +128,7 @@ def by_jax(r0: Any, v: Any, m: Any, times: Any) -> Callable[[], Any]:
 
 
 def by_c(r0: Any, v: Any, m: Any, times: Any) -> Callable[[], Any]:
-    library = c_library("dipole.c", "-ffast-math")
+    library = c_library("dipole.c", "-ffast-math", "-fopenmp-simd")
     size = ctypes.c_size_t
 
     def work() -> Any:

@@ -288,3 +288,49 @@ def test_the_answer_is_plain_and_readable():
     assert "closest at" in answer.summary()
     assert "excluded by what is known" in answer.summary()
     assert answer.speed[0] == pytest.approx(np.sqrt(2), rel=0.1)
+
+
+def test_special_passes_are_refused_with_all_their_null_combinations():
+    r0, m = np.array([-10.0, -4.0, 3.0]), [10.0, 20.0, 10.0]
+    v = -r0 / 4.7
+    with pytest.raises(gm.UnobservableError) as error:
+        localize(TIMES, measure(r0, v, m, TIMES), {"speed": np.linalg.norm(v)})
+    assert len(error.value.null_combinations) == 2, "radial: turns about the line of sight"
+    v = np.array([1.0, 0.5, 0.2])
+    with pytest.raises(gm.UnobservableError) as error:
+        localize(TIMES, measure(r0, v, np.cross(r0, v), TIMES), {"speed": np.linalg.norm(v)})
+    assert len(error.value.null_combinations) == 1, "the moment across the plane of the pass"
+
+
+def test_a_weak_answer_says_so():
+    r0 = np.array([-10.0, -4.0, 3.0])
+    y = simulate(r0, -r0 / 4.7, [10.0, 20.0, 10.0], TIMES, 1e-9, seed=2)
+    answer = localize(TIMES, y, {"speed": np.linalg.norm(r0 / 4.7)}, sigma=1e-9)
+    assert answer.status == "weak"
+    assert answer.summary().startswith("WEAKLY DETERMINED")
+    noise = np.random.default_rng(0).normal(size=(21, 3)) * 1e-9
+    assert localize(TIMES, noise, {"speed": 1.0}).status == "weak"
+
+
+def test_a_constant_field_over_a_background_holds_no_pass():
+    y = np.broadcast_to(measure([5, 1, 2], [0, 0, 0], [1, 2, 3], [0.0]), (21, 3))
+    for background in ("fit", "median"):
+        with pytest.raises(gm.InputError, match="field is constant"):
+            localize(TIMES, y, {"z": 2.0}, background=background)
+
+
+@pytest.mark.parametrize(
+    "known_of",
+    [
+        lambda r0, v, m: {"z": r0[2]},
+        lambda r0, v, m: {"moment": np.linalg.norm(m)},
+        lambda r0, v, m: {"mx": m[0], "my": m[1], "mz": m[2]},
+        lambda r0, v, m: {"vx": v[0], "vy": v[1], "vz": v[2]},
+    ],
+    ids=["z", "moment", "m", "v"],
+)
+def test_the_global_minimum_with_other_knowledge(known_of):
+    for i, (r0, v, m) in enumerate(random_passes(50, 9)):
+        y = simulate(r0, v, m, TIMES, 1e-9, seed=i)
+        answer = localize_many(TIMES, y, known_of(r0, v, m), sigma=1e-9)
+        assert answer.costs <= ((y - measure(r0, v, m, TIMES)) ** 2).sum() / 1e-18 * (1 + 1e-9)

@@ -202,3 +202,12 @@ def test_bad_input_is_named():
         gm.dipole.moment([1, 0, 0], 2 * np.eye(3), 1.0, [0, 0, 5e-5])
     with pytest.raises(gm.InputError, match="ambient"):
         gm.dipole.measure(*TABLE_1, TIMES, ambient=[0, 0, 0])
+
+
+def test_the_field_is_that_of_magpylib():
+    core = pytest.importorskip("magpylib.core", reason="magpylib comes with the extra bench")
+    rng = np.random.default_rng(6)
+    r, m = rng.normal(size=(1000, 3)), rng.normal(size=(1000, 3))
+    theirs = gm.dipole.MU0 * core.dipole_Hfield(observers=r, moments=m)
+    ours = gm.dipole.field(r, m)
+    assert (abs(ours - theirs) / np.linalg.norm(ours, axis=1, keepdims=True)).max() < 1e-12

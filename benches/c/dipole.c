@@ -1,6 +1,6 @@
 /* Fisher information of dipole passes: the 42 sums of the closed form, sample by
  * sample, as one would write them by hand. Compiled with -O3 -march=native
- * -ffast-math, so that the sums may become vectors. */
+ * -ffast-math -fopenmp-simd, the loop over samples told to become vectors. */
 #include <math.h>
 #include <stddef.h>
 
@@ -12,6 +12,7 @@ void dipole_fisher(const double *r0, const double *v, const double *m, const dou
     const double *r = r0 + 3 * b, *w = v + 3 * b, *q = m + 3 * b;
     const double m0 = q[0], m1 = q[1], m2 = q[2], size = m0 * m0 + m1 * m1 + m2 * m2;
     double p0[6] = {0}, p1[6] = {0}, p2[6] = {0}, c0[9] = {0}, c1[9] = {0}, d[6] = {0};
+#pragma omp simd reduction(+ : p0[:6], p1[:6], p2[:6], c0[:9], c1[:9], d[:6])
     for (size_t k = 0; k < samples; k++) {
       const double t = times[k] - times[0];
       const double x = r[0] + t * w[0], y = r[1] + t * w[1], z = r[2] + t * w[2];

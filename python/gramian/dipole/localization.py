@@ -69,6 +69,8 @@ class Localization:
     mirror : Solution or None
         The best pass near the mirror image. Where nothing tells the two apart it
         has the same cost. None where there is none.
+    origin : float
+        The instant of r0: the first time of the record.
     times : ndarray, shape (K,)
         The samples used.
     residuals : ndarray, shape (K, S, 3)
@@ -102,6 +104,7 @@ class Localization:
     covariance: Array
     cost: float
     mirror: Solution | None
+    origin: float
     times: Array
     residuals: Array
     model: Array
@@ -126,6 +129,21 @@ class Localization:
     def moment(self) -> tuple[float, float]:
         """The size of the moment and its standard deviation, A m^2."""
         return self._size(self.m, "moment")
+
+    @property
+    def status(self) -> Literal["good", "weak"]:
+        """Whether to rely on the answer.
+
+        It is weak where the closest range is known to no better than a third, a
+        vector (r0, v or m) no better than its length, or where the dipole explains
+        less than half of the field.
+        """
+        vectors = zip((self.r0, self.v, self.m), self.std.reshape(3, 3), strict=True)
+        vague = any(np.linalg.norm(std) > np.linalg.norm(x) > 0 for x, std in vectors)
+        near = self.closest
+        if vague or near.range_std > near.range / 3 or self.explained < 0.5:
+            return "weak"
+        return "good"
 
     @property
     def direction(self) -> Array:
@@ -177,6 +195,8 @@ class Localization:
             "background": plain(self.background),
             "sigma": self.sigma,
             "explained": self.explained,
+            "status": self.status,
+            "origin": self.origin,
             "samples": len(self.times),
             "spikes": self.spikes,
             "dropped": self.dropped,
@@ -188,7 +208,8 @@ class Localization:
     def summary(self) -> str:
         """Return the answer as text."""
         near = self.closest
-        lines = [
+        lines = [] if self.status == "good" else ["WEAKLY DETERMINED: do not rely on it"]
+        lines += [
             f"closest at {near.range:.3g} m (+- {near.range_std:.2g}), "
             f"{near.time:.4g} s (+- {near.time_std:.2g})",
             f"speed {self.speed[0]:.4g} m/s (+- {self.speed[1]:.2g}), "
@@ -592,6 +613,8 @@ class _Setup:
                 UserWarning,
                 stacklevel=3,
             )
+        if self.background is not None and len(t) > 1 and not np.ptp(y, axis=0).any():
+            raise InputError("the field is constant: there is no pass in it to locate")
         self.enough(t)
         return t, y, int(bad.sum())
 
@@ -639,6 +662,7 @@ def _answer(
         mirror=Solution(mirror[:3], mirror[3:6], mirror[6:], mirror_cost)
         if np.isfinite(mirror_cost)
         else None,
+        origin=origin,
         times=t,
         residuals=residuals,
         model=signal - residuals,
@@ -678,7 +702,11 @@ def _covariance(
     analysis = _core.Analysis(lines @ free, None)
     bound = analysis.crlb()
     if bound is None:
-        directions = describe_null_space(free @ analysis.null_space(), NAMES)
+        null = free @ analysis.null_space()
+        # What rounding left in a state that has no part in it.
+        part = np.abs(null) * np.linalg.norm(lines, axis=0)[:, None]
+        null[part < 1e-9 * part.max(axis=0)] = 0.0
+        directions = describe_null_space(null, NAMES)
         raise UnobservableError(_refusal(here, t, sigma, setup, directions), directions)
     spread: Array = free @ bound @ free.T
     return spread

@@ -61,7 +61,7 @@ def path(answer: Localization) -> Figure:
     """Draw the pass from above and from the side, with its mirror image."""
     fig = figure(8.4, 4.0)
     axes = fig.subplots(1, 2)
-    t = answer.times - answer.times[0]
+    t = answer.times - answer.origin
     passes = [(answer.r0, answer.v, COLORS["target"], "pass")]
     if answer.mirror is not None:
         passes.append((answer.mirror.r0, answer.mirror.v, COLORS["muted"], "mirror image"))

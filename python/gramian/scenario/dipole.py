@@ -234,7 +234,7 @@ class DipoleScenario(Scenario):
             times, sigma = given.times, 1e-9 * given.sigma_nT
         else:
             found = self.locate()
-            start = found.r0 + (found.times[0] - self._samples[0][0]) * found.v
+            start = found.r0 + (found.times[0] - found.origin) * found.v
             state = np.concatenate([start, found.v, found.m])
             times, sigma = found.times, found.sigma
         problem = dipole.problem(
@@ -354,9 +354,7 @@ class DipoleScenario(Scenario):
 
 def _located(found: Localization, title: str, model: str) -> Report:
     near, speed, moment = found.closest, found.speed, found.moment
-    # A bound above a third of the value is no place to speak of.
-    vague = near.range_std > near.range / 3 or found.explained < 0.5
-    tone: Tone = "weak" if vague or not found.converged else "good"
+    tone: Tone = "good" if found.status == "good" and found.converged else "weak"
     facts = [
         ("closest approach", f"{near.range:.3g} m +- {near.range_std:.2g} at {near.time:.4g} s"),
         ("seen from the first sensor", "(" + ", ".join(f"{x:.2f}" for x in near.position) + ") m"),

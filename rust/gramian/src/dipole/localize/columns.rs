@@ -162,3 +162,54 @@ pub fn center(column: &mut [f64], weights: &[f64], weight_sums: &[f64]) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::batch::Stream;
+
+    #[test]
+    fn every_path_reduces_to_the_same_gram_matrix() {
+        for rows in [4, 13, 63, 200] {
+            let mut random = Stream::new(9, rows as u64);
+            let data: Vec<f64> = (0..4 * rows).map(|_| random.normal()).collect();
+            let gram = |data: &[f64], i: usize, j: usize| -> f64 {
+                let column = |j: usize| &data[j * rows..(j + 1) * rows];
+                column(i).iter().zip(column(j)).map(|(x, y)| x * y).sum()
+            };
+            for path in Path::available() {
+                let mut reduced = data.clone();
+                path.run(Reduce {
+                    data: &mut reduced,
+                    rows,
+                    stride: rows,
+                    triangle: 3,
+                    columns: 4,
+                });
+                for i in 0..4 {
+                    for j in 0..4 {
+                        let size = gram(&data, i, i).max(gram(&data, j, j));
+                        assert!((gram(&reduced, i, j) - gram(&data, i, j)).abs() < 1e-13 * size);
+                    }
+                }
+                for j in 0..3 {
+                    assert!(
+                        reduced[j * rows + j + 1..(j + 1) * rows]
+                            .iter()
+                            .all(|&x| x == 0.0)
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn centring_takes_off_what_a_constant_explains() {
+        let weights = [1.0, 2.0, 0.0, 1.0, 3.0, 1.0];
+        let sums = [1.0 + 0.0 + 9.0, 4.0 + 1.0 + 1.0];
+        // Two channels of three numbers each: constants 5 and -2, weighted.
+        let mut column = [5.0, -4.0, 0.0, -2.0, 15.0, -2.0];
+        center(&mut column, &weights, &sums);
+        assert!(column.iter().all(|x| x.abs() < 1e-14));
+    }
+}

@@ -115,6 +115,7 @@ impl Data {
             .map(|(y, c)| c * y * y)
             .sum();
         let sensors = self.channels as f64 / 3.0;
+        let least = if shapes.is_empty() { size } else { least };
         (least * sensors).max(1e-18 * size).sqrt() / (self.field.len() as f64).sqrt()
     }
 

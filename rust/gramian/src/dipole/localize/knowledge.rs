@@ -266,3 +266,46 @@ fn on_sphere(a: &DMatrix<f64>, d: &Vector3<f64>, size: f64) -> DVector<f64> {
     let norm = m.norm();
     if norm > 0.0 { m * (size / norm) } else { m }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_known_size_is_kept_and_no_neighbour_is_better() {
+        let r = Matrix3::new(2.0, 0.3, -0.5, 0.0, 1.0, 0.2, 0.0, 0.0, 0.1);
+        let d = Vector3::new(1.0, -2.0, 0.3);
+        for size in [0.1, 1.0, 4.0, 100.0] {
+            let mut knowledge = Knowledge::default();
+            knowledge.exact[MOMENT] = Some(size);
+            let m = knowledge.solve_moment(&r, &d);
+            assert!((m.norm() - size).abs() < 1e-12 * size);
+            let cost = |m: &Vector3<f64>| (r * m - d).norm_squared();
+            for k in 0..60 {
+                let angle = f64::from(k);
+                let step = Vector3::new(angle.sin(), (2.3 * angle).cos(), (1.7 * angle).sin());
+                let other = (m + 0.01 * size * step).normalize() * size;
+                assert!(cost(&m) <= cost(&other) * (1.0 + 1e-12));
+            }
+        }
+    }
+
+    #[test]
+    fn moves_keep_what_is_known() {
+        let mut knowledge = Knowledge::default();
+        knowledge.exact[1] = Some(4.0);
+        knowledge.exact[5] = Some(0.6);
+        knowledge.exact[SPEED] = Some(1.0);
+        let mut place = [1.0, 2.0, 3.0, 3.0, 4.0, 5.0];
+        knowledge.project(&mut place);
+        assert_eq!(place[1], 4.0);
+        assert!((place[3] - 0.48).abs() < 1e-15 && (place[4] - 0.64).abs() < 1e-15);
+        let mut moves = alloc::vec::Vec::new();
+        knowledge.tangent(&place, &mut moves);
+        // x0, z0, and a turn of the velocity about z.
+        assert_eq!(moves.len(), 3);
+        let turn = moves[2];
+        assert!((turn[3] * place[3] + turn[4] * place[4]).abs() < 1e-15);
+        assert_eq!(turn[5], 0.0);
+    }
+}

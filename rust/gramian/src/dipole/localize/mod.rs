@@ -133,7 +133,8 @@ pub fn localize(
         Some(sigma) => sigma,
         None => data.first_sigma(&shapes),
     };
-    if shapes.is_empty() || !(sigma > 0.0 && sigma.is_finite()) {
+    let known_place: Option<Vec<f64>> = knowledge.exact[..6].iter().copied().collect();
+    if (shapes.is_empty() && known_place.is_none()) || !(sigma > 0.0 && sigma.is_finite()) {
         return Err(Error::NoField);
     }
     let mut best = {
@@ -250,6 +251,12 @@ fn search(
             };
             add(fitter, &sensors[*s], &other);
         }
+    }
+    if shapes.is_empty() {
+        // Only where position and velocity are known, and the moment is left.
+        let mut place = [0.0; 6];
+        knowledge.project(&mut place);
+        starts.push(fitter.evaluate(&place));
     }
     starts.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     starts.truncate(options.starts.max(1));
@@ -393,3 +400,87 @@ impl core::fmt::Display for Error {
 }
 
 impl core::error::Error for Error {}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::dipole::{Pass, Sensing, measure};
+
+    const TABLE_1: [f64; 9] = [-10.0, -10.0, 5.0, 1.0, 1.0, 0.0, 10.0, 20.0, 10.0];
+
+    fn record(state: &[f64; 9], sensors: &[[f64; 3]]) -> (Vec<f64>, Vec<f64>) {
+        let times: Vec<f64> = (0..21).map(f64::from).collect();
+        let mut field = vec![0.0; times.len() * 3 * sensors.len()];
+        measure(
+            &times,
+            &Pass::of(state),
+            sensors,
+            &Sensing::Vector,
+            &mut field,
+        )
+        .unwrap();
+        (times, field)
+    }
+
+    fn known(pairs: &[(usize, f64)]) -> Knowledge {
+        let mut knowledge = Knowledge::default();
+        for &(index, value) in pairs {
+            knowledge.exact[index] = Some(value);
+        }
+        knowledge
+    }
+
+    #[test]
+    fn exact_data_give_the_exact_pass() {
+        let (times, field) = record(&TABLE_1, &[[0.0; 3]]);
+        for knowledge in [
+            known(&[(2, 5.0), (5, 0.0)]),
+            known(&[(SPEED, 2.0_f64.sqrt())]),
+            known(&[(MOMENT, 600.0_f64.sqrt())]),
+            known(&[(2, 5.0), (MOMENT, 600.0_f64.sqrt())]),
+        ] {
+            let options = Options::default();
+            let found = localize(&times, &field, &[[0.0; 3]], &knowledge, &options).unwrap();
+            let mirror = found.mirror.map_or(found.best.state, |m| m.state);
+            let far = |x: &[f64; 9]| {
+                (0..9)
+                    .map(|i| (x[i] - TABLE_1[i]).abs())
+                    .fold(0.0, f64::max)
+            };
+            assert!(far(&found.best.state).min(far(&mirror)) < 1e-7);
+            assert!(found.converged);
+        }
+    }
+
+    #[test]
+    fn the_moment_alone_may_be_unknown_even_from_one_sample() {
+        let (times, field) = record(&TABLE_1, &[[0.0; 3]]);
+        let place: Vec<(usize, f64)> = (0..6).map(|i| (i, TABLE_1[i])).collect();
+        let knowledge = known(&place);
+        let options = Options::default();
+        let found = localize(&times[..1], &field[..3], &[[0.0; 3]], &knowledge, &options).unwrap();
+        for i in 6..9 {
+            assert!((found.best.state[i] - TABLE_1[i]).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn errors_say_what_is_wrong() {
+        let (times, field) = record(&TABLE_1, &[[0.0; 3]]);
+        let options = Options::default();
+        let run = |field: &[f64], knowledge: &Knowledge| {
+            localize(&times, field, &[[0.0; 3]], knowledge, &options)
+        };
+        let knowledge = known(&[(3, 2.0), (SPEED, 1.0)]);
+        let text = alloc::format!("{}", run(&field, &knowledge).unwrap_err());
+        assert!(text.contains("speed = 1 m/s contradicts"), "{text}");
+        let knowledge = known(&[(SPEED, 1.0)]);
+        assert_eq!(run(&[0.0; 63], &knowledge), Err(Error::NoField));
+        let length = Error::Length {
+            given: 3,
+            wanted: 63,
+        };
+        assert_eq!(run(&field[..3], &knowledge), Err(length));
+    }
+}

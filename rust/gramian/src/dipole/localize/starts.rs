@@ -305,3 +305,63 @@ fn shape(c: &Matrix3<f64>, tc: f64, tau: f64, misfit: f64) -> Option<Shape> {
         misfit,
     })
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::dipole::field;
+
+    fn trace(position: [f64; 3], velocity: [f64; 3], moment: [f64; 3]) -> Trace {
+        let times: Vec<f64> = (0..61).map(|k| 0.3 * f64::from(k)).collect();
+        let samples: Vec<[f64; 3]> = times
+            .iter()
+            .map(|t| {
+                let place = core::array::from_fn(|i| position[i] + t * velocity[i]);
+                field(&place, &moment).unwrap()
+            })
+            .collect();
+        Trace::new(&times, |k, i| samples[k][i], |_, _| 1.0, false)
+    }
+
+    #[test]
+    fn the_coefficients_of_a_pass_give_its_frame_and_moment() {
+        // Closest, 1 m away, at 9 s.
+        let velocity = [0.6, -0.3, 0.1];
+        let out = Vector3::from(velocity)
+            .cross(&Vector3::new(1.0, 2.0, 5.0))
+            .normalize();
+        let start: [f64; 3] = core::array::from_fn(|i| out[i] - 9.0 * velocity[i]);
+        let moment = [3.0, -2.0, 7.0];
+        let trace = trace(start, velocity, moment);
+        let tau = 1.0 / Vector3::from(velocity).norm();
+        let (misfit, coefficients) = trace.fit(9.0, tau).unwrap();
+        let found = shape(&coefficients, 9.0, tau, misfit).unwrap();
+        let size: f64 = trace.field.iter().flatten().map(|y| y * y).sum();
+        assert!(misfit < 1e-10 * size);
+        let side = if found.velocity[0] > 0.0 { 1.0 } else { -1.0 };
+        for i in 0..3 {
+            assert!((side * found.position[i] - start[i]).abs() < 1e-6);
+            assert!((side * found.velocity[i] - velocity[i]).abs() < 1e-6);
+            assert!((found.moment[i] - moment[i]).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn every_path_makes_the_same_sums() {
+        let trace = trace([-6.0, 2.0, 1.0], [0.7, 0.1, 0.0], [3.0, -2.0, 7.0]);
+        let sums = |path: Path| {
+            path.run(Sums {
+                trace: &trace,
+                tc: 8.0,
+                tau: 2.5,
+            })
+        };
+        let wanted = sums(Path::Plain);
+        for path in Path::available() {
+            for (a, b) in sums(path).iter().zip(&wanted) {
+                assert!((a - b).abs() <= 1e-13 * b.abs().max(1e-12));
+            }
+        }
+    }
+}
