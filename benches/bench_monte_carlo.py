@@ -166,12 +166,65 @@ def stone_soup_estimator(steps: int = 5) -> Callable[[Any], Any]:
     return estimate
 
 
+def registration_contest(trials: int, peer_trials: int, looks: int = 200) -> Contest:
+    """Registration biases of two radars, beside a loop over SciPy with sparse Jacobians."""
+    path = np.stack([np.linspace(-20e3, 60e3, looks), np.linspace(25e3, 35e3, looks)], axis=1)
+    sensors, sigma = np.array([[0.0, 0.0], [60e3, 0.0]]), np.array([50.0, 0.00175])
+    biases = np.array([300.0, 0.004, -200.0, -0.007])
+    scene = gm.monte_carlo.Registration(path, sensors, sigma, biases)
+
+    def scipy() -> Callable[[], Any]:
+        from scipy.optimize import least_squares
+        from scipy.sparse import lil_matrix
+
+        reports = scene.simulate(1, 0, peer_trials)
+        # Each look's four reports depend on its own place and on the biases.
+        pattern = lil_matrix((4 * looks, 4 + 2 * looks))
+        for k in range(looks):
+            pattern[4 * k : 4 * k + 4, 4 + 2 * k : 6 + 2 * k] = 1
+            for i in range(4):
+                pattern[4 * k + i, i] = 1
+        unit = np.concatenate([[100.0, 0.01, 100.0, 0.01], np.full(2 * looks, 1e3)])
+
+        def estimate(report: Any) -> Any:
+            def residual(x: Any) -> Any:
+                y = x * unit
+                offset = y[4:].reshape(looks, 1, 2) - sensors
+                exact = np.stack(
+                    [
+                        np.hypot(*np.moveaxis(offset, -1, 0)),
+                        np.arctan2(*np.moveaxis(offset, -1, 0)),
+                    ],
+                    axis=-1,
+                )
+                change = exact + y[:4].reshape(2, 2) - report
+                change[..., 1] = wrapped(change[..., 1])
+                return (change / sigma).ravel()
+
+            start = np.concatenate([np.zeros(4), path.ravel()]) / unit
+            found = least_squares(residual, start, jac_sparsity=pattern, method="trf", max_nfev=50)
+            return found.x[:4] * unit[:4]
+
+        return lambda: [estimate(report) for report in reports]
+
+    return Contest(
+        f"registration maximum likelihood, simulation included, {looks} looks",
+        "trial",
+        trials,
+        [
+            Contestant(OURS, lambda: lambda: gm.monte_carlo.run(scene, trials, 1, progress=False)),
+            Contestant("SciPy least_squares, sparse", scipy, work=peer_trials),
+        ],
+    )
+
+
 def contests(quick: bool) -> Iterator[Contest]:
     """All contests of this part."""
     yield overhead_contest(200_000 if quick else 1_000_000)
     yield threads_contest("Gram + log det", gram, 200_000 if quick else 1_000_000)
     yield estimator_contest(*((20_000, 40) if quick else (100_000, 200)))
     yield threads_contest("maximum likelihood", maximum_likelihood, 20_000 if quick else 100_000)
+    yield registration_contest(*((500, 3) if quick else (5000, 10)))
 
 
 if __name__ == "__main__":

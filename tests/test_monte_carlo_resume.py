@@ -100,6 +100,27 @@ def test_ctrl_c_returns_promptly_and_keeps_what_is_done(tmp_path, whole):
         same(gm.monte_carlo.run(Level(10), TRIALS, SEED, slow_mean, resume=path), whole)
 
 
+def test_ctrl_c_is_heard_by_what_runs_in_rust(tmp_path):
+    code = (
+        "import sys; sys.path.insert(0, sys.argv[1])\n"
+        "import gramian as gm\n"
+        "import monte_carlo_cases as cases\n"
+        "gm.monte_carlo.run(cases.scene(), 10**9, 1, resume=sys.argv[2], chunk=4096)\n"
+    )
+    place = Path(monte_carlo_cases.__file__).parent
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, str(place), str(tmp_path)], stderr=subprocess.PIPE, text=True
+    )
+    wait_for_parts(tmp_path, 1, process)
+    process.send_signal(signal.SIGINT)
+    _, complaint = process.communicate(timeout=5)
+    assert "KeyboardInterrupt" in complaint
+    assert f"of 1000000000 trials; kept in {tmp_path}" in complaint
+    kept = len(parts(tmp_path))
+    again = gm.monte_carlo.run(monte_carlo_cases.scene(), 4096 * kept, 1, resume=tmp_path)
+    assert again.simulated == 0
+
+
 def test_a_finished_run_is_read_and_a_longer_one_goes_on(tmp_path, whole):
     path = tmp_path / "deep" / "er"
     first = gm.monte_carlo.run(Level(10), 100, SEED, slow_mean, resume=path, chunk=16, table=True)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gramian.exceptions import InputError
-from gramian.monte_carlo.experiment import Estimates, Experiment
+from gramian.monte_carlo.experiment import Estimates, Experiment, squared_over
 from gramian.monte_carlo.statistics import LEAF, Moments, moments
 
 __all__ = ["HEAD", "Chunk", "Failure", "Statistics", "Task", "chunk_size", "nees_marks"]
@@ -190,7 +190,12 @@ class Task:
         table["status"] = np.where(lost, STATUS["not finite"], status)
         for i, name in enumerate(self.experiment.names):
             table[f"error_{name}"] = np.where(bad, np.nan, errors[:, i])
-        table["nees"] = np.nan if found.nees is None else np.where(bad, np.nan, found.nees)
+        nees = found.nees
+        if nees is None:
+            nees = np.full(len(table), np.nan)
+            if self.bound is not None:
+                nees[~bad & ~lost] = squared_over(errors[~bad & ~lost], self.bound)
+        table["nees"] = np.where(bad, np.nan, nees)
 
     def _estimate(
         self, estimator: Estimator, measurements: Any, table: Table, notes: _Notes
@@ -305,25 +310,16 @@ def _answer(returned: Any, n: int) -> tuple[Array, Array | None]:
 
 
 def _nees(error: Array, covariance: Array | None, bound: Array | None) -> float:
-    given = covariance is not None
-    covariance = bound if covariance is None else covariance
-    if covariance is None:
+    claimed = bound if covariance is None else covariance
+    if claimed is None:
         return np.nan
-    # States of very different size: scaled, the factorisation keeps its digits.
-    scale = np.sqrt(np.abs(np.diag(covariance)))
-    try:
-        factor = np.linalg.cholesky(covariance / np.outer(scale, scale))
-    except (np.linalg.LinAlgError, FloatingPointError):
-        factor = np.full_like(covariance, np.nan)
-    if not np.isfinite(factor).all():
-        if not given:
-            return np.nan
+    value = float(squared_over(error[None], claimed)[0])
+    if np.isnan(value) and covariance is not None:
         raise _Unusable(
             "covariance not positive definite (no NEES)",
             f"the estimator claims the covariance\n{covariance}",
         )
-    whitened = np.linalg.solve(factor, error / scale)
-    return float(whitened @ whitened)
+    return value
 
 
 def nees_marks(n: int) -> tuple[Array, float]:

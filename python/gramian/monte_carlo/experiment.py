@@ -30,7 +30,8 @@ class Estimates:
     errors : ndarray, shape (trials, n)
         Estimate minus truth.
     nees : ndarray, shape (trials,), or None
-        Normalised squared error by the covariance that the estimator claims.
+        Normalised squared error by the covariance that the estimator claims, NaN
+        where there is none; None to have it by the bound.
     status : ndarray of int, shape (trials,)
         0 for success, otherwise a key of `kinds`.
     kinds : mapping of int to str
@@ -57,8 +58,6 @@ class Experiment(ABC):
         Names of estimators that `estimate` runs; the first is the default.
     quantities : tuple of str
         Names of numbers that `quantity` computes from a trial's measurements.
-    cost : float
-        What one trial of these takes, roughly, in seconds: sets the chunks.
 
     Examples
     --------
@@ -80,7 +79,6 @@ class Experiment(ABC):
 
     estimators: ClassVar[tuple[str, ...]] = ()
     quantities: ClassVar[tuple[str, ...]] = ()
-    cost: ClassVar[float] = 1e-5
     names: Any
     """The states, a sequence of str."""
     truth: Any
@@ -99,6 +97,11 @@ class Experiment(ABC):
         """The units of the states."""
         return ("",) * len(self.names)
 
+    @property
+    def cost(self) -> float:
+        """What a trial of the built-in estimator takes, roughly, in seconds: sets the chunks."""
+        return 1e-5
+
     def problem(self) -> Problem | None:
         """Return the problem at the truth, for the bound; None for no bound."""
         return None
@@ -110,6 +113,26 @@ class Experiment(ABC):
     def quantity(self, name: str, seed: int, first: int, trials: int) -> Array:
         """Compute a built-in quantity, simulation included, shape (trials,)."""
         raise NotImplementedError(f"{type(self).__name__} has no quantity {name!r}")
+
+
+def squared_over(errors: Array, covariance: Array) -> Array:
+    """Return e^T C^-1 e of errors (trials, n), with covariances (n, n) or one each.
+
+    NaN where a covariance is not positive definite.
+    """
+    # States of very different size: scaled, the factorisation keeps its digits.
+    scale = np.sqrt(np.abs(np.diagonal(covariance, axis1=-2, axis2=-1)))
+    scale = np.where(scale > 0, scale, 1.0)
+    scaled = np.nan_to_num(covariance / (scale[..., :, None] * scale[..., None, :]))
+    whole = np.linalg.eigvalsh(scaled)[..., 0] > 0
+    usable = np.where(whole[..., None, None], scaled, np.eye(errors.shape[-1]))
+    # One system for each trial, so that no sum depends on how many there are.
+    vectors = (errors / scale)[..., None]
+    solved = np.linalg.solve(
+        np.broadcast_to(usable, (*vectors.shape[:-1], usable.shape[-1])), vectors
+    )
+    squares: Array = np.where(whole, (vectors * solved).sum(axis=(-2, -1)), np.nan)
+    return squares
 
 
 def normals(seed: int, first: int, trials: int, count: int) -> Array:
@@ -252,7 +275,7 @@ def as_experiment(problem: Experiment | Problem) -> Experiment:
     else:
         raise InputError(
             f"problem is a {type(problem).__name__}: must be a gramian.Problem or a "
-            "gramian.monte_carlo.Experiment (Bearings, Dipole, Registration, Measurements, "
+            "gramian.monte_carlo.Experiment (Bearings, Registration, Measurements, "
             "or a class of yours derived from Experiment)"
         )
     names = tuple(experiment.names)

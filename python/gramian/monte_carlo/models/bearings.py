@@ -1,4 +1,4 @@
-"""The built-in experiments: what is simulated and estimated wholly in Rust."""
+"""The bearings of a target at constant velocity."""
 
 from __future__ import annotations
 
