@@ -166,6 +166,46 @@ def stone_soup_estimator(steps: int = 5) -> Callable[[Any], Any]:
     return estimate
 
 
+R0, V, M = np.array([-10.0, -10.0, 5.0]), np.array([1.0, 1.0, 0.0]), np.array([10.0, 20.0, 10.0])
+SECONDS = np.arange(21.0)
+
+
+def dipole_contest(trials: int, peer_trials: int) -> Contest:
+    """Locating a dipole with z0 and vz known, beside a loop over SciPy started at the truth."""
+    scene = gm.monte_carlo.Dipole(R0, V, M, SECONDS, 1e-9, known=["z0", "vz"])
+
+    def scipy() -> Callable[[], Any]:
+        from scipy.optimize import least_squares
+
+        fields = scene.simulate(1, 0, peer_trials)
+        # The moment in units in which it is near one, as the positions are.
+        unit = np.array([1.0, 1.0, 1.0, 1.0, 10.0, 10.0, 10.0])
+
+        def estimate(field: Any) -> Any:
+            def residual(x: Any) -> Any:
+                y = x * unit
+                r0, v = np.array([y[0], y[1], 5.0]), np.array([y[2], y[3], 0.0])
+                r = r0 + SECONDS[:, None] * v
+                square = (r * r).sum(axis=1, keepdims=True)
+                along = (r @ y[4:])[:, None]
+                model = 1e-7 * (3 * along * r - square * y[4:]) / square**2.5
+                return ((model - field) / 1e-9).ravel()
+
+            return least_squares(residual, scene.truth / unit, method="lm").x * unit
+
+        return lambda: [estimate(field) for field in fields]
+
+    return Contest(
+        "dipole maximum likelihood, simulation included, 21 samples, z0 and vz known",
+        "trial",
+        trials,
+        [
+            Contestant(OURS, lambda: lambda: gm.monte_carlo.run(scene, trials, 1, progress=False)),
+            Contestant("SciPy least_squares from the truth", scipy, work=peer_trials),
+        ],
+    )
+
+
 def registration_contest(trials: int, peer_trials: int, looks: int = 200) -> Contest:
     """Registration biases of two radars, beside a loop over SciPy with sparse Jacobians."""
     path = np.stack([np.linspace(-20e3, 60e3, looks), np.linspace(25e3, 35e3, looks)], axis=1)
@@ -224,6 +264,7 @@ def contests(quick: bool) -> Iterator[Contest]:
     yield threads_contest("Gram + log det", gram, 200_000 if quick else 1_000_000)
     yield estimator_contest(*((20_000, 40) if quick else (100_000, 200)))
     yield threads_contest("maximum likelihood", maximum_likelihood, 20_000 if quick else 100_000)
+    yield dipole_contest(*((200, 10) if quick else (2000, 50)))
     yield registration_contest(*((500, 3) if quick else (5000, 10)))
 
 

@@ -77,7 +77,8 @@ def test_simulate_reaches_the_bound(tmp_path):
         (EXAMPLES / "dipole_table_1.toml").read_text() + "\n[known]\nz = 5.0\nvz = 0.0\n",
     )
     report = load(path).simulate(200, 1)
-    assert report.headline == "AT THE BOUND"
+    assert report.headline == "REACHES THE BOUND"
+    assert len(report.pictures) == 4
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ from monte_carlo_cases import Level, mean, scene
 PRIOR = {"vx": 0.2, "y0": 100.0}
 
 
+PASS = ([-10.0, -10.0, 5.0], [1.0, 1.0, 0.0], [10.0, 20.0, 10.0], np.arange(21.0))
 TARGETS = np.stack([np.linspace(-20e3, 60e3, 60), np.linspace(25e3, 35e3, 60)], axis=1)
 RADARS = {"A": (0.0, 0.0), "B": (60e3, 0.0)}
 BIASES = {"A.range": 300.0, "A.azimuth": 0.004, "B.range": -200.0, "B.azimuth": -0.007}
@@ -29,6 +30,8 @@ def experiments():
         "bearings with a prior": gm.monte_carlo.Bearings(
             few.times, few.observer, few.target, np.radians(0.5), PRIOR
         ),
+        "dipole": gm.monte_carlo.Dipole(*PASS, 2e-10, known=["z0", "vz"]),
+        "dipole with a known speed": gm.monte_carlo.Dipole(*PASS, 2e-10, known=["speed"]),
         "registration": gm.monte_carlo.Registration(TARGETS, RADARS, (50.0, 0.00175), BIASES),
     }
 
@@ -39,9 +42,13 @@ def test_the_built_in_estimator_reaches_the_bound_and_is_honest(name):
     result = gm.monte_carlo.run(experiments()[name], trials, 7)
     assert (abs(result.efficiency - 1) < (0.05 if trials > 1000 else 0.07)).all(), result.summary()
     assert result.failed == 0
-    # Four standard deviations: the 95 % band is left by one run in twenty.
-    n, count = len(result.names), result.nees.count
-    assert abs(result.nees.mean - n) < 4 * np.sqrt(2 * n / count)
+    if name == "dipole with a known speed":
+        # Fewer degrees of freedom than states: no NEES rather than a wrong one.
+        assert result.nees is None
+    else:
+        # Four standard deviations: the 95 % band is left by one run in twenty.
+        n, count = len(result.names), result.nees.count
+        assert abs(result.nees.mean - n) < 4 * np.sqrt(2 * n / count)
 
 
 @pytest.mark.parametrize("name", experiments())
@@ -100,6 +107,21 @@ def test_registration_in_one_pass_is_estimate_on_the_simulated_reports(method):
     mine = gm.monte_carlo.run(experiment, 100, 5, own, table=True).table
     for column in table.dtype.names:
         np.testing.assert_allclose(mine[column], table[column], rtol=1e-6, atol=1e-9)
+
+
+def test_a_dipole_in_one_pass_is_localize_on_the_simulated_fields():
+    experiment = experiments()["dipole"]
+
+    def own(field):
+        found = gm.dipole.localize(PASS[3], field, {"z0": 5.0, "vz": 0.0}, sigma=2e-10)
+        state = np.concatenate([found.r0, found.v, found.m])
+        free = [gm.dipole.NAMES.index(name) for name in experiment.names]
+        return state[free]
+
+    table = gm.monte_carlo.run(experiment, 50, 5, table=True).table
+    mine = gm.monte_carlo.run(experiment, 50, 5, own, table=True).table
+    for column in table.dtype.names:
+        np.testing.assert_allclose(mine[column], table[column], rtol=1e-4, atol=1e-5)
 
 
 def test_the_log_determinant_is_that_of_the_simulated_bearings():
@@ -172,6 +194,8 @@ def test_bad_experiments_are_named(change, message):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
+        (lambda: gm.monte_carlo.Dipole(*PASS, 1e-9, known=["z"]), "known has 'z'"),
+        (lambda: gm.monte_carlo.Dipole(*PASS, -1e-9), "must be > 0"),
         (
             lambda: gm.monte_carlo.Registration(TARGETS, RADARS, (50.0, 0.01), {"C.range": 1.0}),
             "no bias is named 'C.range'",
@@ -179,9 +203,14 @@ def test_bad_experiments_are_named(change, message):
         (lambda: gm.monte_carlo.Registration(TARGETS, RADARS, (50.0, 0.0)), "must be > 0"),
     ],
 )
-def test_bad_registrations_are_named(make, message):
+def test_bad_dipoles_and_registrations_are_named(make, message):
     with pytest.raises(gm.InputError, match=message):
         make()
+
+
+def test_a_dipole_of_which_too_little_is_known_is_refused():
+    with pytest.raises(gm.UnobservableError, match="no estimator can find these states"):
+        gm.monte_carlo.run(gm.monte_carlo.Dipole(*PASS, 1e-9), 10, 1)
 
 
 def test_what_is_given_is_copied():

@@ -99,3 +99,24 @@ def test_a_few_trials_promise_little():
     assert not np.isnan(one.std_interval).any()
     two = gm.monte_carlo.run(Level(10), 2, 1, mean)
     assert np.ptp(two.rmse_interval) > two.rmse[0]
+
+
+def test_errors_of_zero_and_bounds_of_infinity_give_no_nonsense():
+    class Plain(gm.monte_carlo.Experiment):
+        names = ("a", "b")
+        truth = np.zeros(2)
+
+        def simulate(self, seed, first, trials):
+            return np.zeros((trials, 2))
+
+        def problem(self):
+            return gm.Problem([[1.0, 0.0]], self.names)
+
+    exact = gm.monte_carlo.run(Plain(), 100, 1, lambda z: z)
+    assert exact.rmse.tolist() == [0.0, 0.0]
+    assert exact.verdict.startswith("BELOW THE BOUND")
+    assert "nan" not in exact.summary()
+    off = gm.monte_carlo.run(Plain(), 100, 1, lambda z: z + 2.0)
+    assert off.verdict == "ABOVE THE BOUND: RMSE / bound of a is 2.000"
+    assert off.summary().count("not observable") == 1
+    exact.plot()

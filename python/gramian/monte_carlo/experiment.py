@@ -275,7 +275,7 @@ def as_experiment(problem: Experiment | Problem) -> Experiment:
     else:
         raise InputError(
             f"problem is a {type(problem).__name__}: must be a gramian.Problem or a "
-            "gramian.monte_carlo.Experiment (Bearings, Registration, Measurements, "
+            "gramian.monte_carlo.Experiment (Bearings, Dipole, Registration, Measurements, "
             "or a class of yours derived from Experiment)"
         )
     names = tuple(experiment.names)

@@ -54,7 +54,7 @@ def run(
     Parameters
     ----------
     problem : Experiment or Problem
-        What is simulated: a built-in experiment (`Bearings`,
+        What is simulated: a built-in experiment (`Bearings`, `Dipole`,
         `Registration`), your measurement function (`Measurements`), a class of
         yours derived from `Experiment`, or a `gramian.Problem`, whose linear
         experiment is run.

@@ -25,7 +25,7 @@ from gramian.report import (
     number,
     tone_of,
 )
-from gramian.scenario.base import Scenario, Section
+from gramian.scenario.base import Scenario, Section, Simulation
 from gramian.scenario.files import read_columns
 
 if TYPE_CHECKING:
@@ -282,18 +282,49 @@ class DipoleScenario(Scenario):
     def _size(self, name: str, state: Array) -> float:
         return float(np.linalg.norm(state[3:6] if name == "speed" else state[6:]))
 
+    def experiment(self) -> Simulation:
+        """Return the experiment of the assumed pass, with what is known of it."""
+        from gramian.monte_carlo import Dipole
+
+        if self.assumed is None:
+            raise self.mistake("pass", "is missing: there is nothing to simulate")
+        given = self.assumed
+        return Simulation(
+            Dipole(
+                given.r0,
+                given.v,
+                given.m,
+                given.times,
+                1e-9 * given.sigma_nT,
+                known=[_long(name) for name in self.known],
+                sensors=self._positions,
+            ),
+            title=self._title,
+            subtitle=f"{len(given.times)} samples, sigma {given.sigma_nT:g} nT",
+        )
+
+    def _true(self, name: str, state: Array) -> float:
+        if name in ("speed", "moment"):
+            return self._size(name, state)
+        return float(state[dipole.NAMES.index(_long(name))])
+
     def simulate(
         self, trials: int, seed: int, *, resume: Path | None = None, progress: bool = False
     ) -> Report:
         """Locate the assumed pass many times and compare with the bound.
 
-        A trial takes milliseconds, so nothing is stored to resume from.
+        With a prior, or knowledge that is not true of the pass, the trials are
+        run in one go: there is nothing to resume.
         """
-        del resume, progress
         if self.assumed is None:
             raise self.mistake("pass", "is missing: there is nothing to simulate")
         given = self.assumed
         state = np.array([*given.r0, *given.v, *given.m])
+        if not self.prior and all(
+            np.isclose(value, self._true(str(name), state), rtol=1e-9, atol=1e-12)
+            for name, value in self.known.items()
+        ):
+            return super().simulate(trials, seed, resume=resume, progress=progress)
         known = {str(name): value for name, value in self.known.items()}
         found = dipole.localize_trials(
             given.r0,
