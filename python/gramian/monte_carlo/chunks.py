@@ -66,7 +66,7 @@ def chunk_size(trials: int, cost: float | None) -> int:
     least, most, chunks = LEAF, 1024, 64
     if cost is not None:
         most = max(LEAF, min(32768, int(0.5 / cost)))
-        least, chunks = min(256, most), 32
+        least, chunks = min(2048, most), 32
     size = LEAF
     while size < least or (2 * size <= most and 2 * size * chunks <= trials):
         size *= 2
