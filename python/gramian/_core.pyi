@@ -50,6 +50,16 @@ def bearing_rows(
     sigma: ArrayLike,
     is_state: bool,
 ) -> _Array: ...
+def bearing_motion_rows(
+    times: ArrayLike,
+    observer: ArrayLike,
+    target: ArrayLike,
+    sigma: ArrayLike,
+    dimensions: int,
+    order: int,
+    is_state: bool,
+    several: bool,
+) -> _Array: ...
 def bearing_test(times: ArrayLike, bearings: ArrayLike, sigma: ArrayLike) -> _Array: ...
 
 @final

@@ -26,7 +26,7 @@ from gramian.bearings.localize import (
     residuals,
 )
 from gramian.bearings.monitor import Monitor, MonitorAnswer
-from gramian.bearings.rows import NAMES, UNITS, problem, rows, simulate
+from gramian.bearings.rows import NAMES, UNITS, merge, problem, rows, simulate, state_names
 from gramian.bearings.test import (
     ObservabilityTest,
     family_figure,
@@ -53,6 +53,7 @@ __all__ = [
     "gram_det",
     "localize",
     "localize_trials",
+    "merge",
     "observability_test",
     "observable",
     "power_figure",
@@ -60,4 +61,5 @@ __all__ = [
     "residuals",
     "rows",
     "simulate",
+    "state_names",
 ]

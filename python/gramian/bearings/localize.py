@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian.bearings.rows import check_index, state_names
 from gramian.exceptions import InputError, UnobservableError
 
 __all__ = ["STATUSES", "Localization", "Trials", "localize", "localize_trials", "residuals"]
@@ -18,9 +19,6 @@ Array = NDArray[np.float64]
 
 #: What a status code means; `Localization.code` is the place in this tuple.
 STATUSES = ("converged", "weak", "unobservable", "unbounded", "not converged")
-
-_ALL_NAMES = ("x0", "y0", "vx", "vy", "ax", "ay", "jx", "jy")
-_ALL_UNITS = ("m", "m", "m/s", "m/s", "m/s^2", "m/s^2", "m/s^3", "m/s^3")
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +155,7 @@ def localize(
     *,
     order: int = 1,
     observer_index: ArrayLike | None = None,
-    weak_ratio: float = 0.5,
+    weak_ratio: float = 0.25,
     max_iterations: int = 50,
     rtol: float | None = None,
 ) -> Localization:
@@ -230,13 +228,13 @@ def localize(
     >>> answer.status, bool((abs(answer.state - [2000, 6000, 3, -1]) < 3 * answer.std).all())
     ('converged', True)
     """
-    names, units = _states(order)
+    names, units = state_names(order)
     n = len(names)
     seen = np.asarray(bearings, dtype=float)
     _check_options(weak_ratio, max_iterations, rtol)
     known = _prior(prior, names)
     _check_count(seen.shape[-1] if seen.ndim else 0, order, len(prior or {}))
-    _check_index(times, observer_index)
+    check_index(times, observer_index)
     record = _core.bearings_localize(
         times,
         observer,
@@ -278,7 +276,7 @@ def localize_trials(
     first: int = 0,
     prior: Mapping[str, tuple[float, float]] | None = None,
     observer_index: ArrayLike | None = None,
-    weak_ratio: float = 0.5,
+    weak_ratio: float = 0.25,
     max_iterations: int = 50,
     rtol: float | None = None,
 ) -> Trials:
@@ -326,12 +324,12 @@ def localize_trials(
         raise InputError(
             f"target has shape {truth.shape}: must be (..., n), a state of 2, 4, 6 or 8 numbers"
         )
-    names, _ = _states(n // 2 - 1)
+    names, _ = state_names(n // 2 - 1)
     _check_options(weak_ratio, max_iterations, rtol)
     known = _prior(prior, names)
     when = np.asarray(times, dtype=float)
     _check_count(when.shape[-1] if when.ndim else 0, n // 2 - 1, len(prior or {}))
-    _check_index(when, observer_index)
+    check_index(when, observer_index)
     record = _core.bearings_localize_trials(
         when,
         observer,
@@ -390,13 +388,6 @@ def residuals(
     return wrapped
 
 
-def _states(order: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    if order not in (0, 1, 2, 3):
-        raise InputError(f"order = {order}: must be 0, 1, 2 or 3")
-    n = 2 * (int(order) + 1)
-    return _ALL_NAMES[:n], _ALL_UNITS[:n]
-
-
 def _check_count(count: int, order: int, known: int) -> None:
     states = 2 * (order + 1)
     wanted = max(1, states - known)
@@ -415,28 +406,6 @@ def _check_options(weak_ratio: float, max_iterations: int, rtol: float | None) -
         raise InputError(f"max_iterations = {max_iterations}: must be >= 1")
     if rtol is not None and not 0 < rtol < 1:
         raise InputError(f"rtol = {rtol}: must be between 0 and 1")
-
-
-def _check_index(times: ArrayLike, observer_index: ArrayLike | None) -> None:
-    """Several observers: times must not decrease, and increase for each of them."""
-    if observer_index is None:
-        return
-    t, index = np.asarray(times, dtype=float), np.asarray(observer_index)
-    if index.dtype.kind not in "iu" or t.ndim == 0 or index.shape != t.shape[-1:]:
-        raise InputError(
-            f"observer_index has shape {index.shape} and type {index.dtype}: "
-            f"must be integers, one for each of {t.shape[-1:]} times"
-        )
-    if (bad := np.argwhere(np.diff(t, axis=-1) < 0)).size:
-        i = int(bad[0][-1]) + 1
-        raise InputError(f"times[{i}] is earlier than the one before: times must not decrease")
-    for k in np.unique(index):
-        own = np.flatnonzero(index == k)
-        if (bad := np.argwhere(np.diff(t[..., own], axis=-1) <= 0)).size:
-            i = int(own[int(bad[0][-1]) + 1])
-            raise InputError(
-                f"times[{i}]: must be later than the one before of the same observer, {k}"
-            )
 
 
 def _prior(

@@ -4,6 +4,7 @@
 
 mod bearings;
 mod bearings_localize;
+mod bearings_motion;
 mod convert;
 mod dipole;
 mod errors;
@@ -23,6 +24,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     spine::register(module)?;
     bearings::register(module)?;
     bearings_localize::register(module)?;
+    bearings_motion::register(module)?;
     dipole::register(module)?;
     linear::register(module)?;
     maneuver::register(module)?;

@@ -10,6 +10,7 @@ mod bearings_discriminant;
 mod bearings_gram;
 pub mod bearings_localize;
 mod bearings_log_det;
+mod bearings_motion;
 mod bearings_quadruple;
 mod bearings_test;
 mod dipole;
@@ -31,6 +32,7 @@ pub use bearings_discriminant::{
 };
 pub use bearings_gram::{GRAM_SIZE, bearing_gram};
 pub use bearings_log_det::bearing_log_det_trials;
+pub use bearings_motion::{Motion, motion_rows};
 pub use bearings_quadruple::{
     EXACT as EXACT_QUADRUPLES, Quadruple, best_quadruple, best_quadruples,
 };

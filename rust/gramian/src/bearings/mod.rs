@@ -11,6 +11,7 @@
 
 mod discriminant;
 mod monitor;
+mod motion;
 mod rows;
 mod test;
 
@@ -21,6 +22,7 @@ pub use discriminant::{
     fixed_target_sum_qr,
 };
 pub use monitor::{Answer, Monitor};
+pub use motion::{azimuth_elevation_rows, motion, motion_row};
 pub use rows::{bearing, position, push_rows, row};
 
 #[cfg(feature = "std")]
@@ -44,6 +46,11 @@ fn check_length(array: &'static str, given: usize, wanted: usize) -> Result<(), 
 pub enum Error {
     /// The observer is on the target: no bearing exists.
     OnTarget {
+        /// Which sample.
+        index: usize,
+    },
+    /// The target is straight above or below: no azimuth exists.
+    Overhead {
         /// Which sample.
         index: usize,
     },
@@ -120,6 +127,7 @@ impl Error {
     pub fn at(mut self, sample: usize) -> Self {
         match &mut self {
             Self::OnTarget { index }
+            | Self::Overhead { index }
             | Self::Sigma { index, .. }
             | Self::NotFinite { index, .. }
             | Self::Distance { index, .. }
@@ -138,6 +146,11 @@ impl core::fmt::Display for Error {
             Self::OnTarget { index } => write!(
                 f,
                 "observer[{index}] is at the target's position: a bearing needs a range > 0"
+            ),
+            Self::Overhead { index } => write!(
+                f,
+                "observer[{index}] is straight below or above the target: \
+                 an azimuth needs a horizontal range > 0"
             ),
             Self::Sigma { index, given } => {
                 write!(f, "sigma[{index}] = {given} rad: must be > 0 and finite")

@@ -70,7 +70,7 @@ impl Default for Options {
         Self {
             rtol: None,
             max_iterations: 50,
-            weak_ratio: 0.5,
+            weak_ratio: 0.25,
         }
     }
 }
