@@ -110,7 +110,7 @@ mod tests {
             let angle = |state: &[f64]| bearing([0.0; 2], motion::<f64, 2>(state, time));
             let mut found = [0.0; 8];
             let place = motion::<f64, 2>(&state[..n], time);
-            motion_row(time, place, 0.5, &mut found[..n]).unwrap();
+            assert_eq!(motion_row(time, place, 0.5, &mut found[..n]), Ok(()));
             for i in 0..n {
                 let (mut above, mut below) = (state, state);
                 above[i] += step;
@@ -119,7 +119,10 @@ mod tests {
                 assert!((found[i] - slope).abs() < 1e-7 * (1.0 + slope.abs()));
             }
             if order == 1 {
-                assert_eq!(found[..4], row(time, place[0], place[1], 0.5).unwrap());
+                assert_eq!(
+                    found[..4],
+                    row(time, place[0], place[1], 0.5).unwrap_or([0.0; 4])
+                );
             }
         }
         for order in 0..4 {
@@ -131,7 +134,8 @@ mod tests {
             let (mut azimuth, mut elevation) = ([0.0; 12], [0.0; 12]);
             let place = motion::<f64, 3>(&STATE[..n], time);
             let rows = (&mut azimuth[..n], &mut elevation[..n]);
-            azimuth_elevation_rows(time, place, [0.5, 0.25], rows.0, rows.1).unwrap();
+            let found = azimuth_elevation_rows(time, place, [0.5, 0.25], rows.0, rows.1);
+            assert_eq!(found, Ok(()));
             for i in 0..n {
                 let (mut above, mut below) = (STATE, STATE);
                 above[i] += step;
