@@ -12,6 +12,7 @@ __all__ = ["PAPERS", "reproduce"]
 #: The papers that can be reproduced, and the module of each: its `run()` returns a `Report`.
 PAPERS: dict[str, str] = {
     "dai-2020": "gramian.reproduce.dai_2020",
+    "li-sheng-2009": "gramian.reproduce.li_sheng_2009",
     "yang-yin-2012": "gramian.reproduce.yang_yin_2012",
     "zhu-2013": "gramian.reproduce.zhu_2013",
     "xu-2009": "gramian.reproduce.xu_2009",

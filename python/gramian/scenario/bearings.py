@@ -65,6 +65,20 @@ class Tracks(Section):
         return self
 
 
+class BearingColumns(Section):
+    """The names of the columns in the file of bearings."""
+
+    time: str
+    bearing_deg: str
+
+
+class MeasuredBearings(Section):
+    """Measured bearings for `localize`: seconds, degrees clockwise from north."""
+
+    file: str
+    columns: BearingColumns
+
+
 class Target(Section):
     """A target at constant velocity, in place of a recorded one: m, m/s."""
 
@@ -126,6 +140,7 @@ class BearingsScenario(Scenario):
     model: Literal["bearings"]
     tracks: Tracks
     target: Target | None = None
+    bearings: MeasuredBearings | None = None
     window: Window
     noise: Noise
     prior: dict[Quantity, Known | float] = Field(default_factory=dict)
@@ -135,10 +150,12 @@ class BearingsScenario(Scenario):
     @model_validator(mode="after")
     def _one_target(self) -> BearingsScenario:
         recorded = self.tracks.target is not None or self.tracks.target_file is not None
-        if recorded == (self.target is not None):
+        given = recorded + (self.target is not None)
+        if given > 1 or not (given or self.bearings):
             raise ValueError(
                 "give the target once: as tracks.target (a recorded track) "
-                "or as the section [target] (x0, y0, vx, vy)"
+                "or as the section [target] (x0, y0, vx, vy); "
+                "with measured [bearings] it may be left out"
             )
         for name, value in self.prior.items():
             if isinstance(value, float) and not value > 0:
@@ -155,18 +172,21 @@ class BearingsScenario(Scenario):
     @cached_property
     def geometry(self) -> Geometry:
         """Where observer and target are at each instant."""
+        if self.target is None and self.tracks.target is None and self.tracks.target_file is None:
+            raise self.mistake("tracks.target", "is missing: analyze asks about a given target")
         times = self.window.times
-        observer = self._track(self.tracks.file, self.tracks.observer, times)
+        observer = self.track(self.tracks.file, self.tracks.observer, times)
         names = [self.tracks.observer or "observer", self.tracks.target or "target"]
         if self.target is not None:
             state = np.array([self.target.x0, self.target.y0, self.target.vx, self.target.vy])
             target = state[:2] + (times - times[0])[:, None] * state[2:]
         else:
             file = self.tracks.target_file or self.tracks.file
-            target = self._track(file, self.tracks.target, times)
+            target = self.track(file, self.tracks.target, times)
         return Geometry(names[0], names[1], times, observer, target, self.sigma)
 
-    def _track(self, file: str, name: str | None, times: Array) -> Array:
+    def track(self, file: str, name: str | None, times: Array) -> Array:
+        """Return the positions of a track at given times, interpolated between its reports."""
         columns = self.tracks.columns
         path = self.beside(file)
         numbers = {"time": columns.time, "east": columns.east, "north": columns.north}
@@ -330,6 +350,12 @@ class BearingsScenario(Scenario):
             ),
             facts=facts,
         )
+
+    def localize(self) -> Report:
+        """Estimate the target's motion from measured bearings."""
+        from gramian.scenario.bearings_localize import localize
+
+        return localize(self)
 
     def _bound_history(self) -> tuple[Array, Array]:
         """Relative bound from the bearings up to each instant."""
