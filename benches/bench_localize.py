@@ -1,107 +1,127 @@
-"""Maximum-likelihood estimates from bearings: ours beside SciPy's least_squares in a loop.
+"""Maximum-likelihood estimates from bearings: ours beside SciPy's least_squares in a loop."""
 
-One thread, m = 60 bearings of 0.5 deg, an observer that turns by 60 deg halfway.
-"""
+from __future__ import annotations
 
-import time
+from collections.abc import Callable, Iterator
+from functools import cache
+from typing import Any
 
 import numpy as np
+from harness import OURS, Contest, Contestant, main
 
-import gramian as gm
 from gramian import bearings
 
-M, SIGMA, TRUTH = 60, np.radians(0.5), np.array([2000.0, 6000.0, 3.0, -2.0])
-REPEATS = 7
+M, SIGMA, TRUTH = 60, float(np.radians(0.5)), np.array([2000.0, 6000.0, 3.0, -2.0])
+TIMES = 15.0 * np.arange(M)
+HEADING = np.where(np.arange(M - 1) < M // 2, 0.0, np.radians(60.0))
+STEPS = 75.0 * np.stack([np.sin(HEADING), np.cos(HEADING)], axis=1)
+PATH = np.vstack([np.zeros(2), np.cumsum(STEPS, axis=0)])
+TARGET = "100 000 estimates a second on one thread"
 
 
-def geometry():
-    times = 15.0 * np.arange(M)
-    heading = np.where(np.arange(M - 1) < M // 2, 0.0, np.radians(60.0))
-    steps = 75.0 * np.stack([np.sin(heading), np.cos(heading)], axis=1)
-    return times, np.vstack([np.zeros(2), np.cumsum(steps, axis=0)])
+@cache
+def noisy(trials: int) -> Any:
+    return bearings.simulate(TIMES, PATH, TRUTH, SIGMA, seed=1, trials=trials)
 
 
-def scipy_loop(times, noisy, observer, starts):
+def offsets(x: Any) -> Any:
+    return x[:2] + TIMES[:, None] * x[2:] - PATH
+
+
+def jacobian(x: Any) -> Any:
+    d = offsets(x)
+    g = np.stack([-d[:, 1], d[:, 0]], axis=1) / (d**2).sum(axis=1)[:, None] / SIGMA
+    return np.hstack([g, TIMES[:, None] * g])
+
+
+def pseudo_linear(z: Any) -> Any:
+    """The start that most users write: Li & Sheng 2009, eq. (3), by least squares."""
+    c, s = np.cos(z), np.sin(z)
+    rows = np.stack([c, -s, TIMES * c, -TIMES * s], axis=1)
+    return np.linalg.lstsq(rows, PATH[:, 0] * c - PATH[:, 1] * s, rcond=None)[0]
+
+
+def scipy_loop(trials: int, start: Callable[[Any], Any]) -> Callable[[], Any]:
     """One call of least_squares for each trial, with the analytic Jacobian."""
     from scipy.optimize import least_squares
 
-    since = times - times[0]
-
-    def offset(x):
-        return x[:2] + since[:, None] * x[2:] - observer
-
-    def jacobian(x):
-        d = offset(x)
-        g = np.stack([-d[:, 1], d[:, 0]], axis=1) / (d**2).sum(axis=1)[:, None] / SIGMA
-        return np.hstack([g, since[:, None] * g])
-
-    found = []
-    for z, start in zip(noisy, starts, strict=True):
-
-        def residual(x, z=z):
-            left = z - np.arctan2(*offset(x).T)
+    def estimate(z: Any) -> Any:
+        def residual(x: Any) -> Any:
+            left = z - np.arctan2(*offsets(x).T)
             return ((left + np.pi) % (2 * np.pi) - np.pi) / SIGMA
 
-        found.append(least_squares(residual, start, jacobian, x_scale=[1e3, 1e3, 1, 1]).x)
-    return np.array(found)
+        return least_squares(residual, start(z), jacobian, method="lm", x_scale="jac").x
+
+    return lambda: np.array([estimate(z) for z in noisy(trials)])
 
 
-def pseudo_linear(times, noisy, observer):
-    """The start that a SciPy user would write: one lstsq for each trial."""
-    since = times - times[0]
-    c, s = np.cos(noisy), np.sin(noisy)
-    rows = np.stack([c, -s, since * c, -since * s], axis=-1)
-    z = observer[:, 0] * c - observer[:, 1] * s
-    return np.array([np.linalg.lstsq(a, b, rcond=None)[0] for a, b in zip(rows, z, strict=True)])
+def estimates_contest(trials: int, peer_trials: int) -> Contest:
+    """Estimates from given bearings."""
 
+    def ours() -> Callable[[], Any]:
+        z = noisy(trials)
+        return lambda: bearings.localize(TIMES, z, PATH, SIGMA).state
 
-def main():
-    times, observer = geometry()
-    many, few = 20_000, 100
-    noisy = bearings.simulate(times, observer, TRUTH, SIGMA, seed=1, trials=many)
-    ours = bearings.localize(times, noisy, observer, SIGMA)
-    theirs = scipy_loop(times, noisy[:few], observer, pseudo_linear(times, noisy[:few], observer))
-    apart = np.abs((ours.state[:few] - theirs) / ours.std[:few]).max(axis=1)
-    jobs = {
-        "gramian localize": (many, lambda: bearings.localize(times, noisy, observer, SIGMA)),
-        "gramian localize_trials (with simulation)": (
-            many,
-            lambda: bearings.localize_trials(times, observer, TRUTH, SIGMA, trials=many, seed=1),
-        ),
-        "scipy least_squares, pseudo-linear start": (
-            few,
-            lambda: scipy_loop(
-                times, noisy[:few], observer, pseudo_linear(times, noisy[:few], observer)
+    def error(found: Any) -> float:
+        """Largest distance from the most likely state, in deviations."""
+        best = bearings.localize(TIMES, noisy(peer_trials), PATH, SIGMA)
+        few = min(peer_trials, len(found))
+        return float(np.abs((found[:few] - best.state[:few]) / best.std[:few]).max())
+
+    return Contest(
+        f"bearings localize, {trials} trials, m = {M}",
+        "estimate",
+        trials,
+        [
+            Contestant(OURS, ours),
+            Contestant(
+                "SciPy least_squares, pseudo-linear start",
+                lambda: scipy_loop(peer_trials, pseudo_linear),
+                work=peer_trials,
             ),
-        ),
-        "scipy least_squares, started at the truth": (
-            few,
-            lambda: scipy_loop(times, noisy[:few], observer, np.tile(TRUTH, (few, 1))),
-        ),
-    }
-    seconds = {name: [] for name in jobs}
-    before = gm.set_threads(1)
-    try:
-        for _ in range(REPEATS):
-            for name, (count, job) in jobs.items():
-                start = time.perf_counter()
-                job()
-                seconds[name].append((time.perf_counter() - start) / count)
-    finally:
-        gm.set_threads(before)
-    reference = min(seconds["scipy least_squares, pseudo-linear start"])
-    print(f"{'':44} {'min us':>9} {'median us':>10} {'a second':>10} {'ratio':>7}")
-    for name, spent in seconds.items():
-        low, middle = min(spent), float(np.median(spent))
-        print(
-            f"{name:44} {low * 1e6:9.2f} {middle * 1e6:10.2f} {1 / low:10.0f} "
-            f"{reference / low:7.0f}"
-        )
-    print(
-        f"agreement on {few} trials: median {np.median(apart):.1e}, largest {apart.max():.1e} "
-        "standard deviations"
+            Contestant(
+                "SciPy least_squares, started at the truth",
+                lambda: scipy_loop(peer_trials, lambda _: TRUTH),
+                work=peer_trials,
+            ),
+        ],
+        error=error,
+        target=TARGET,
     )
 
 
+def simulated_contest(trials: int) -> Contest:
+    """Simulation and estimate in one pass, beside the two calls."""
+
+    def two_calls() -> Any:
+        z = bearings.simulate(TIMES, PATH, TRUTH, SIGMA, seed=1, trials=trials)
+        return bearings.localize(TIMES, z, PATH, SIGMA)
+
+    return Contest(
+        f"bearings simulated and located, {trials} trials, m = {M}",
+        "trial",
+        trials,
+        [
+            Contestant(
+                OURS,
+                lambda: (
+                    lambda: bearings.localize_trials(
+                        TIMES, PATH, TRUTH, SIGMA, trials=trials, seed=1
+                    )
+                ),
+            ),
+            Contestant("gramian: simulate, then localize", lambda: two_calls),
+        ],
+        target="80 000 trials a second on one thread",
+    )
+
+
+def contests(quick: bool) -> Iterator[Contest]:
+    """All contests of this part."""
+    trials = 2_000 if quick else 20_000
+    yield estimates_contest(trials, 20 if quick else 100)
+    yield simulated_contest(trials)
+
+
 if __name__ == "__main__":
-    main()
+    main(contests)
