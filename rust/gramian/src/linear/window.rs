@@ -351,6 +351,7 @@ fn solve<T: Real>(mut m: Vec<T>, mut b: Vec<T>, n: usize) -> Option<Vec<T>> {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 
