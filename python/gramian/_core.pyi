@@ -177,6 +177,58 @@ def maneuver_trajectory(
     circles: bool,
 ) -> _Array: ...
 
+# maneuver: planner and closed loop
+@final
+class PlanObjective:
+    def __new__(
+        cls,
+        start: ArrayLike,
+        dt: float,
+        counts: Sequence[int],
+        targets: ArrayLike,
+        weights: ArrayLike,
+        sigma: float,
+        scale: ArrayLike,
+        prior: ArrayLike,
+        criterion: str,
+        sharpness: float,
+        combinations: ArrayLike,
+    ) -> PlanObjective: ...
+    def gradient(self, headings: ArrayLike, lengths: ArrayLike) -> tuple[float, _Array, _Array]: ...
+    def values(self, headings: ArrayLike, lengths: ArrayLike) -> _Array: ...
+    def along(self, headings: ArrayLike, lengths: ArrayLike) -> _Array: ...
+
+def plan_steered(
+    start: ArrayLike,
+    dt: float,
+    lengths: ArrayLike,
+    first: float | None,
+    standoff: float,
+    targets: ArrayLike,
+    keep_out: ArrayLike,
+    max_turn: float,
+    wish: str,
+    wanted: ArrayLike,
+    aim: ArrayLike,
+) -> _Array: ...
+def maneuver_closed_loop(
+    target: ArrayLike,
+    start: ArrayLike,
+    length: float,
+    steps: int,
+    sigma: float,
+    first_range: tuple[float, float],
+    opening: int,
+    when_lost: str,
+    standoff: float,
+    keep_out: ArrayLike,
+    max_turn: float,
+    guide: str,
+    wanted: ArrayLike,
+    noise: ArrayLike,
+    lost: ArrayLike,
+) -> _Array: ...
+
 # monte_carlo
 def bearing_log_det_trials(
     times: ArrayLike,

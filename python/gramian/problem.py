@@ -501,7 +501,7 @@ def _finite(value: ArrayLike, name: str) -> Array:
         array = np.array(value, dtype=float)
     except (TypeError, ValueError) as error:
         raise InputError(f"{name} cannot be read as an array of numbers: {error}") from error
-    if (bad := np.argwhere(~np.isfinite(array))).size:
+    if len(bad := np.argwhere(~np.isfinite(array))):
         index = ", ".join(str(i) for i in bad[0])
         place = f"[{index}]" if index else ""
         raise InputError(f"{name}{place} = {array[tuple(bad[0])]}: must be finite")

@@ -3,12 +3,16 @@
 The closed-form laws give the next heading from bearing and range; `trajectory`
 follows one of them, and `fisher` says what a path tells of its target. Bearings and
 headings are clockwise from north; x is east, y is north.
+follows one of them; `plan` finds the best path over a horizon. Bearings and headings
+are clockwise from north; x is east, y is north.
 """
 
 from __future__ import annotations
 
 from gramian.maneuver.fisher import fisher, fisher_det, problem
 from gramian.maneuver.laws import AtStandoff, Law, Trajectory, heading, trajectory
+from gramian.maneuver.loop import ClosedLoop, LoopRun, closed_loop
+from gramian.maneuver.planner import LawComparison, Plan, Start, plan
 
 __all__ = [
     "AtStandoff",
@@ -18,5 +22,15 @@ __all__ = [
     "fisher_det",
     "heading",
     "problem",
+    "ClosedLoop",
+    "Law",
+    "LawComparison",
+    "LoopRun",
+    "Plan",
+    "Start",
+    "Trajectory",
+    "closed_loop",
+    "heading",
+    "plan",
     "trajectory",
 ]

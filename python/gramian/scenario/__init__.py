@@ -21,6 +21,7 @@ MODELS = {
     "inertial": "gramian.scenario.inertial:InertialScenario",
     "linear": "gramian.scenario.linear:LinearScenario",
     "registration": "gramian.scenario.registration:RegistrationScenario",
+    "maneuver": "gramian.scenario.maneuver:ManeuverScenario",
 }
 
 

@@ -10,6 +10,7 @@ mod dipole;
 mod errors;
 mod linear;
 mod maneuver;
+mod maneuver_plan;
 mod monte_carlo;
 mod posterior;
 mod registration;
@@ -31,4 +32,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     monte_carlo::register(module)?;
     posterior::register(module)?;
     registration::register(module)
+    registration::register(module)?;
+    linear::register(module)
+    maneuver_plan::register(module)
 }

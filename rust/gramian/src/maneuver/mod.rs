@@ -9,6 +9,9 @@
 //! Xu, Sheng, Chen & Tan 2009, "Optimal maneuver trajectories of the observer
 //! platform in passive localization system".
 
+pub mod plan;
+pub mod steer;
+
 use crate::rows::RowSink;
 use crate::scalar::{Real, hypot, wrap_angle};
 use crate::square_root::SquareRoot;

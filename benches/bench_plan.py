@@ -1,0 +1,136 @@
+"""The planner against the closed-form laws and a plain optimiser: time and what is reached.
+
+The "relative error" of a path is how far its determinant stays below the best known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from harness import OURS, Contest, Contestant, main
+
+import gramian as gm
+from gramian import _core
+
+TARGET, STEP, SIGMA = np.array([0.0, 1000.0]), 20.0, 0.001**0.5
+#: Best determinants found by 60 starts of SLSQP: samples, stand-off.
+BEST = {(40, 800.0): 2.05985e-4, (100, 800.0): 5.40373e-3, (100, 500.0): 3.0366e-2}
+
+
+def log_det(headings: Any) -> tuple[float, Any]:
+    """Minus log det and its gradient by the headings, in numpy."""
+    moves = STEP * np.stack([np.sin(headings), np.cos(headings)], axis=1)
+    path = np.concatenate([np.zeros((1, 2)), np.cumsum(moves, axis=0)])
+    offset = TARGET - path
+    squared = (offset**2).sum(axis=1)
+    rows = offset[:, ::-1] * [1, -1] / (SIGMA * squared[:, None])
+    information = rows.T @ rows
+    through = rows @ np.linalg.inv(information)
+    x, y = offset.T
+    a, b = 2 * through.T
+    both = 2 * (a * y - b * x) / squared
+    pull = np.stack([b + both * x, both * y - a], axis=1) / (SIGMA * squared[:, None])
+    after = np.cumsum(pull[::-1], axis=0)[::-1][1:]
+    gradient = STEP * (after[:, 0] * np.cos(headings) - after[:, 1] * np.sin(headings))
+    return -float(np.linalg.slogdet(information)[1]), -gradient
+
+
+def below(best: float) -> Callable[[Any], float]:
+    """How far the determinant of a path stays below the best known."""
+
+    def error(path: Any) -> float:
+        offset = TARGET - path
+        rows = offset[:, ::-1] * [1, -1] / (SIGMA * (offset**2).sum(axis=1)[:, None])
+        return max(0.0, 1 - float(np.linalg.det(rows.T @ rows)) / best)
+
+    return error
+
+
+def plain(samples: int, standoff: float) -> Callable[[], Any]:
+    """SLSQP on numpy from the path of the law: one start."""
+    from scipy.optimize import minimize
+
+    start = gm.maneuver.trajectory(TARGET, [0, 0], STEP, 1.0, samples).headings
+
+    def clearance(headings: Any) -> Any:
+        moves = STEP * np.stack([np.sin(headings), np.cos(headings)], axis=1)
+        return ((np.cumsum(moves, axis=0) - TARGET) ** 2).sum(axis=1) / standoff**2 - 1
+
+    def slopes(headings: Any) -> Any:
+        moves = STEP * np.stack([np.sin(headings), np.cos(headings)], axis=1)
+        away = np.cumsum(moves, axis=0) - TARGET
+        turned = STEP * np.stack([np.cos(headings), -np.sin(headings)], axis=1)
+        return np.tril(2 * away @ turned.T) / standoff**2
+
+    def work() -> Any:
+        done = minimize(
+            log_det, start, jac=True, method="SLSQP", options={"maxiter": 400, "ftol": 1e-7},
+            constraints=[{"type": "ineq", "fun": clearance, "jac": slopes}],
+        )  # fmt: skip
+        moves = STEP * np.stack([np.sin(done.x), np.cos(done.x)], axis=1)
+        return np.concatenate([np.zeros((1, 2)), np.cumsum(moves, axis=0)])
+
+    return work
+
+
+def plan_contest(samples: int, standoff: float) -> Contest:
+    """A whole plan beside one start of a plain optimiser, and the laws."""
+
+    def law(name: Any) -> Callable[[], Any]:
+        return lambda: (
+            gm.maneuver.trajectory(TARGET, [0, 0], STEP, 1.0, samples, law=name).positions
+        )
+
+    def ours() -> Any:
+        return gm.maneuver.plan(
+            TARGET, [0, 0], STEP, 1.0, samples, sigma=SIGMA, standoff=standoff
+        ).path
+
+    contestants = [
+        Contestant(OURS, lambda: ours),
+        Contestant("SLSQP on numpy, one start", lambda: plain(samples, standoff)),
+        Contestant("law max_det", lambda: law("max_det")),
+        Contestant("law hammel_liu", lambda: law("hammel_liu")),
+    ]
+    return Contest(
+        f"plan, {samples} bearings, stand-off {standoff:g} m",
+        "plan",
+        1,
+        contestants,
+        error=below(BEST[samples, standoff]),
+        target="under 2 s, within 0.5 % of the best known",
+    )
+
+
+def gradient_contest(samples: int) -> Contest:
+    """The criterion and its gradient once."""
+    headings = np.linspace(0.2, 2.0, samples - 1)
+    lengths = np.full(samples - 1, STEP)
+    ask = _core.PlanObjective(
+        [0, 0], 1.0, [1] * (samples - 1), [[0, 1000, 0, 0]], [1.0], SIGMA, [1.0, 1.0],
+        np.zeros((1, 0, 2)), "D", np.inf, np.zeros((1, 2)),
+    )  # fmt: skip
+    exact = log_det(headings)[1]
+    return Contest(
+        f"log det and gradient, {samples} bearings",
+        "gradient",
+        1,
+        [
+            Contestant(OURS, lambda: lambda: -ask.gradient(headings, lengths)[1]),
+            Contestant("numpy", lambda: lambda: log_det(headings)[1]),
+        ],
+        error=lambda found: float(np.abs(found - exact).max() / np.abs(exact).max()),
+    )
+
+
+def contests(quick: bool) -> Iterator[Contest]:
+    """Yield the contests of the planner."""
+    yield gradient_contest(100)
+    for samples, standoff in list(BEST)[:1] if quick else BEST:
+        yield plan_contest(samples, standoff)
+
+
+if __name__ == "__main__":
+    main(contests)

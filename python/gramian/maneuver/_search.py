@@ -1,0 +1,443 @@
+"""The search of the planner: first guesses, their refinement and the limits of a path."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gramian import _core
+from gramian.exceptions import InputError
+from gramian.maneuver._task import Task, moved
+from gramian.maneuver.laws import LAWS
+
+__all__ = [
+    "RESTORED",
+    "Found",
+    "Limits",
+    "free_guesses",
+    "leg_guesses",
+    "one_blas_thread",
+    "refined",
+    "whole",
+]
+
+Array = NDArray[np.float64]
+
+#: What the planner asks its paths to keep beyond the limits, relative, so that
+#: rounding on the way leaves them kept.
+MARGIN = 1e-7
+RESTORED = 1e-10
+#: A smooth stand-in for the smallest eigenvalue, sharper in each round.
+SHARPNESS = (8.0, 64.0, 512.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A path in legs, on its way to the optimum."""
+
+    name: str
+    counts: NDArray[np.intp]
+    headings: Array
+    lengths: Array
+    guess: float
+    value: float
+    #: By how much a limit is broken, relative; 0 where all are kept.
+    short: float
+    converged: bool = False
+    message: str = "not refined"
+
+
+def free_guesses(task: Task, seed: int) -> list[Found]:
+    """Make paths of free headings that keep the limits, the best of each family first."""
+    families: list[tuple[str, Array, NDArray[np.bool]]] = []
+    for law in LAWS:
+        for side in (1.0, -1.0):
+            name = f"law {law}, {_side(side)}"
+            families.append((name, *task.steered(law, [[side]], MARGIN)))
+    # Angles dense near the line of sight, where a path that goes in is decided.
+    offsets = np.pi * np.linspace(0.02, 0.98, 13) ** 1.5
+    for share in (1.0, 0.95, 0.9, 0.85, 0.8, 0.7, 0.6, 0.5, 0.35, 0.2):
+        back = round(share * task.moves)
+        for side in (1.0, -1.0):
+            arcs = np.stack([offsets, np.full(13, side), np.full(13, float(back))], axis=1)
+            turn = "" if share == 1 else f", back at step {back}"
+            name = f"straight then round, {_side(side)}{turn}"
+            families.append((name, *task.steered("arcs", arcs, MARGIN)))
+    if len(task.names) == 4:
+        # A moving target wants legs to either side, near or far.
+        aim = task.weights @ task.targets[:, :2] - task.start
+        angles = np.arctan2(*aim) + np.linspace(-np.pi, np.pi, 16, endpoint=False) + np.pi / 32
+        first, second = (grid.ravel() for grid in np.meshgrid(angles, angles))
+        for legs in range(2, min(4, task.moves) + 1):
+            turns = np.where(np.arange(legs) % 2 == 0, first[:, None], second[:, None])
+            wanted = np.repeat(turns, whole(np.full(legs, task.moves / legs)), axis=1)
+            name = f"two headings in turn, {legs} legs"
+            families.append((name, *task.steered("headings", wanted, MARGIN)))
+    count = 8
+    wild = _wild_headings(task, seed, count)
+    families.append(("random legs", *task.steered("headings", wild, MARGIN)))
+    names = [name for name, group, _ in families for _ in group]
+    every = np.concatenate([group for _, group, _ in families])
+    kept = np.concatenate([clear for _, _, clear in families])
+    counts = np.ones(task.moves, dtype=np.intp)
+    lengths = np.full(task.moves, task.fast * task.dt)
+    return _ordered(task, names, counts, every, lengths, np.where(kept, 0.0, 1.0))
+
+
+def leg_guesses(task: Task, seed: int) -> list[Found]:
+    """Make paths of a few legs, to either side of the bearing in turn or all to one."""
+    legs = task.legs or 1
+    aim = task.weights @ task.targets[:, :2] - task.start
+    bearing = np.arctan2(aim[0], aim[1])
+    random = 2 * np.pi * _uniforms(seed, 60 * legs).reshape(-1, legs)
+    angles = np.linspace(-np.pi, np.pi, 24, endpoint=False) + np.pi / 48
+    if legs == 1:
+        every, names = angles[:, None], ["straight"] * angles.size
+    else:
+        first, second = (grid.ravel() for grid in np.meshgrid(angles, angles))
+        turns = np.where(np.arange(legs) % 2 == 0, first[:, None], second[:, None])
+        every = np.concatenate([turns, random])
+        names = ["two headings in turn"] * len(turns) + ["random legs"] * len(random)
+    lengths = np.full(legs, task.fast * task.dt)
+    guesses = []
+    shares = (1.0,) if legs == 1 else (0.5, 1.0, 2.0)
+    for share in shares:
+        # The first leg shorter, as long and longer than the others.
+        rest = np.full(legs, 1.0)
+        rest[0] = share
+        counts = whole(task.moves * rest / rest.sum())
+        limits = Limits(task, counts)
+        short = np.array([limits.short(bearing + turns, lengths) for turns in every])
+        guesses += _ordered(task, names, counts, bearing + every, lengths, short)
+    return sorted(guesses, key=lambda g: merit(task, g))
+
+
+def whole(shares: Array) -> NDArray[np.intp]:
+    """Return counts >= 1 with the same sum."""
+    ends = np.round(np.cumsum(shares)).astype(np.intp)
+    legs, steps = len(shares), int(ends[-1])
+    ends = np.clip(ends, np.arange(1, legs + 1), steps - np.arange(legs)[::-1])
+    return np.diff(ends, prepend=0)
+
+
+def _wild_headings(task: Task, seed: int, count: int) -> Array:
+    legs = min(6, task.moves)
+    values = 2 * np.pi * _uniforms(seed, count * legs).reshape(count, legs)
+    wild: Array = np.repeat(values, whole(np.full(legs, task.moves / legs)), axis=1)
+    return wild
+
+
+def _uniforms(seed: int, count: int) -> Array:
+    from scipy.special import ndtr
+
+    uniform: Array = ndtr(_core.normals(seed, 0, 1, count)[0])
+    return uniform
+
+
+def _ordered(
+    task: Task,
+    names: Sequence[str],
+    counts: NDArray[np.intp],
+    headings: Array,
+    lengths: Array,
+    short: Array,
+) -> list[Found]:
+    values = task.objective(counts, SHARPNESS[1]).values(headings, lengths)
+    found = [
+        Found(
+            name, counts, headings[i], lengths, float(values[i]), float(values[i]), float(short[i])
+        )
+        for i, name in enumerate(names)
+    ]
+    return sorted(found, key=lambda guess: merit(task, guess))
+
+
+def merit(task: Task, found: Found) -> float:
+    """Return the cost, and for a broken limit more than any cost gains."""
+    cost = task.cost(found.value)
+    return (cost if np.isfinite(cost) else 1e6) + 1e3 * found.short
+
+
+def _different(task: Task, guesses: list[Found], count: int) -> list[Found]:
+    """Choose the best guesses that differ in value: mirror images do not."""
+    chosen: list[Found] = []
+    taken: dict[str, int] = {}
+    costs: list[float] = []
+    for guess in guesses:
+        cost = task.cost(guess.value)
+        if not np.isfinite(cost) or any(abs(cost - c) < 1e-7 * (1 + abs(c)) for c in costs):
+            continue
+        if taken.get(guess.name, 0) >= (count if task.legs else 2):
+            continue
+        taken[guess.name] = taken.get(guess.name, 0) + 1
+        chosen.append(guess)
+        costs.append(cost)
+        if len(chosen) == count:
+            break
+    return chosen or guesses[:1]
+
+
+@cache
+def _blas() -> Any:
+    # SciPy's optimiser brings its own BLAS, which must be loaded to be found.
+    import scipy.optimize  # noqa: F401
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
+
+
+def one_blas_thread() -> AbstractContextManager[Any]:
+    """Keep BLAS to one thread for a while.
+
+    The optimiser's matrices are about 100 x 100: on several threads most of the
+    time goes into waiting, ten times as much on a busy machine.
+    """
+    limit: AbstractContextManager[Any] = _blas().limit(limits=1, user_api="blas")
+    return limit
+
+
+def refined(task: Task, guesses: list[Found], starts: int, iterations: int) -> list[Found]:
+    """Refine the best guesses, briefly at first, and the best of those to the end."""
+    chosen = _different(task, guesses, starts)
+    brief = [_refine(task, guess, min(25, iterations), SHARPNESS[:1]) for guess in chosen]
+    brief.sort(key=lambda found: merit(task, found))
+    last = [
+        found if found.converged and task.kind != "E" else _refine(task, found, iterations)
+        for found in brief[:3]
+    ]
+    if task.legs is not None and task.legs > 1:
+        last = [_turned(task, found, iterations) for found in last[:2]] + last[2:]
+    return sorted(last + brief[3:], key=lambda found: merit(task, found))
+
+
+def _turned(task: Task, found: Found, iterations: int) -> Found:
+    """Move the turns by whole steps as long as that makes the path better."""
+    best = found
+    shift = max(1, task.moves // 8)
+    while shift:
+        better = True
+        while better:
+            better = False
+            for turn in range(len(best.counts) - 1):
+                for move in (shift, -shift):
+                    counts = best.counts.copy()
+                    counts[turn] += move
+                    counts[turn + 1] -= move
+                    if counts.min() < 1:
+                        continue
+                    limits = Limits(task, counts)
+                    shifted = replace(
+                        best, counts=counts, short=limits.short(best.headings, best.lengths)
+                    )
+                    shifted = _refine(task, shifted, min(60, iterations))
+                    if merit(task, shifted) < merit(task, best) - 1e-9:
+                        best, better = shifted, True
+        shift //= 2
+    return best
+
+
+class Limits:
+    """Clearance of a path from its circles and the derivative of that.
+
+    A clearance is (distance / radius)^2 - 1: at least zero outside.
+    """
+
+    def __init__(self, task: Task, counts: NDArray[np.intp]) -> None:
+        self.start = task.start
+        self.leg = np.repeat(np.arange(len(counts)), counts)
+        #: Steps to legs.
+        self.sum = np.zeros((task.moves, len(counts)))
+        self.sum[np.arange(task.moves), self.leg] = 1.0
+        self.free = len(counts) == task.moves
+        reach = task.fast * task.dt * np.arange(1, task.moves + 1)
+        # Only what the path can reach at all is a limit.
+        centers, rows = [], []
+        if task.standoff > 0:
+            tracks = moved(task.targets, task.dt * np.arange(1, task.moves + 1))
+            for track in tracks:
+                near = np.hypot(*(track - task.start).T) < task.standoff + reach
+                rows.append(np.flatnonzero(near))
+                centers.append(track[near])
+        self.ends = np.concatenate(rows) if rows else np.zeros(0, dtype=np.intp)
+        self.centers = np.concatenate(centers) if centers else np.zeros((0, 2))
+        self.standoff = task.standoff
+        self.discs = [
+            (np.flatnonzero(np.hypot(x - self.start[0], y - self.start[1]) < r + reach), x, y, r)
+            for x, y, r in task.keep_out
+        ]
+        self.discs = [disc for disc in self.discs if disc[0].size]
+
+    def __len__(self) -> int:
+        return int(self.ends.size + sum(disc[0].size for disc in self.discs))
+
+    def _walk(self, headings: Array, lengths: Array) -> tuple[Array, Array]:
+        heading, length = headings[self.leg], lengths[self.leg]
+        moves = length[:, None] * np.stack([np.sin(heading), np.cos(heading)], axis=1)
+        return self.start + np.cumsum(moves, axis=0), moves
+
+    def _offsets(self, headings: Array, lengths: Array) -> list[tuple[Any, Any, Any, float]]:
+        """Offsets from the centres: of which steps' ends, by which share of the step."""
+        ends, moves = self._walk(headings, lengths)
+        groups: list[tuple[Any, Any, Any, float]] = []
+        if self.ends.size:
+            away = ends[self.ends] - self.centers
+            groups.append((self.ends, np.ones(self.ends.size), away, self.standoff))
+        for steps, x, y, radius in self.discs:
+            step = moves[steps]
+            from_center = ends[steps] - step - (x, y)
+            along = -(from_center * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-300)
+            share = np.clip(along, 0.0, 1.0)
+            groups.append((steps, share, from_center + share[:, None] * step, radius))
+        return groups
+
+    def values(self, headings: Array, lengths: Array) -> Array:
+        groups = self._offsets(headings, lengths)
+        parts = [(away**2).sum(axis=1) / radius**2 - 1 for _, _, away, radius in groups]
+        values: Array = np.concatenate(parts) if parts else np.zeros(0)
+        return values
+
+    def least(self, headings: Array, lengths: Array) -> float:
+        return float(self.values(headings, lengths).min(initial=np.inf))
+
+    def short(self, headings: Array, lengths: Array) -> float:
+        """Return by how much the worst limit is broken, 0 for none."""
+        return max(0.0, -self.least(headings, lengths))
+
+    def clearance(self, headings: Array, lengths: Array) -> float:
+        """Return the least distance from an edge, metres."""
+        groups = self._offsets(headings, lengths)
+        return min(
+            (float((np.hypot(*away.T) - radius).min()) for _, _, away, radius in groups),
+            default=np.inf,
+        )
+
+    def gradient(self, headings: Array, lengths: Array) -> tuple[Array, Array]:
+        """Return the derivatives by headings and by step lengths, (limits, legs) each."""
+        heading, length = headings[self.leg], lengths[self.leg]
+        sin, cos = np.sin(heading), np.cos(heading)
+        turn = length[:, None] * np.stack([cos, -sin], axis=1)
+        stretch = np.stack([sin, cos], axis=1)
+        by_heading, by_length = [], []
+        for steps, share, away, radius in self._offsets(headings, lengths):
+            # A step moves its own point by `share` and all later ones whole.
+            weight = (np.arange(self.leg.size) < steps[:, None]).astype(float)
+            weight[np.arange(steps.size), steps] = share
+            pull = 2 / radius**2 * away
+            by_heading.append((pull @ turn.T) * weight)
+            by_length.append((pull @ stretch.T) * weight)
+        heading_rows = np.concatenate(by_heading)
+        length_rows = np.concatenate(by_length)
+        if self.free:
+            return heading_rows, length_rows
+        return heading_rows @ self.sum, length_rows @ self.sum
+
+
+def _refine(
+    task: Task,
+    found: Found,
+    iterations: int,
+    sharpness: Sequence[float] = SHARPNESS,
+) -> Found:
+    if task.kind != "E":
+        return _descend(task, found, iterations, np.inf)
+    for sharp in sharpness:
+        found = _descend(task, found, iterations, sharp)
+    return found
+
+
+def _descend(task: Task, found: Found, iterations: int, sharpness: float) -> Found:
+    """SLSQP from a path to a local optimum; the limits are kept afterwards."""
+    from scipy.optimize import minimize
+
+    objective = task.objective(found.counts, sharpness)
+    limits = Limits(task, found.counts)
+    legs = len(found.counts)
+    longest = task.fast * task.dt
+    free_speed = task.slow < task.fast
+    turning = np.isfinite(task.max_turn)
+    base = task.heading if task.heading is not None else 0.0
+
+    def unpack(x: Array) -> tuple[Array, Array]:
+        headings = base + np.cumsum(x[:legs]) if turning else x[:legs]
+        return headings, longest * x[legs:] if free_speed else found.lengths
+
+    def pack(by_heading: Array, by_length: Array) -> Array:
+        if turning:
+            by_heading = np.cumsum(by_heading[..., ::-1], axis=-1)[..., ::-1]
+        if not free_speed:
+            return by_heading
+        return np.concatenate([by_heading, longest * by_length], axis=-1)
+
+    def cost(x: Array) -> tuple[float, Array]:
+        try:
+            value, by_heading, by_length = objective.gradient(*unpack(x))
+        except InputError:  # a bearing on the target, on the way only
+            return 1e6, np.zeros_like(x)
+        result = task.cost(value)
+        if not np.isfinite(result):
+            return 1e6, np.zeros_like(x)
+        return result, task.slope(value) * pack(by_heading, by_length)
+
+    first = np.unwrap(found.headings)
+    if turning:
+        first = np.diff(first, prepend=base)
+        if task.heading is None:
+            bounds = [(None, None)] + [(-task.max_turn, task.max_turn)] * (legs - 1)
+        else:
+            first[0] = (first[0] + np.pi) % (2 * np.pi) - np.pi
+            bounds = [(-task.max_turn, task.max_turn)] * legs
+    else:
+        bounds = [(None, None)] * legs
+    if free_speed:
+        first = np.concatenate([first, found.lengths / longest])
+        bounds += [(task.slow / task.fast, 1.0)] * legs
+    constraints = []
+    if len(limits):
+        constraints = [
+            {
+                "type": "ineq",
+                "fun": lambda x: limits.values(*unpack(x)) - MARGIN,
+                "jac": lambda x: pack(*limits.gradient(*unpack(x))),
+            }
+        ]
+    done = minimize(
+        cost,
+        first,
+        jac=True,
+        method="SLSQP",
+        bounds=bounds if turning or free_speed else None,
+        constraints=constraints,
+        options={"maxiter": iterations, "ftol": 1e-7},
+    )
+    headings, lengths = unpack(np.asarray(done.x))
+    if not (np.isfinite(headings).all() and np.isfinite(lengths).all()):
+        return found
+    if limits.free and not free_speed:
+        # What the optimiser's tolerance left inside a circle is turned out of it.
+        headings, _ = task.steered("headings", headings, RESTORED)
+    value = float(task.objective(found.counts, np.inf).values(headings, lengths))
+    result = Found(
+        found.name,
+        found.counts,
+        headings,
+        np.array(lengths),
+        found.guess,
+        value,
+        limits.short(headings, lengths),
+        bool(done.status == 0),
+        str(done.message),
+    )
+    if merit(task, result) <= merit(task, found):
+        return result
+    # It began at the end: nothing was gained but the verdict.
+    return replace(found, converged=result.converged, message=result.message)
+
+
+def _side(side: float) -> str:
+    return "right" if side > 0 else "left"

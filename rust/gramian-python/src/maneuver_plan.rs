@@ -1,0 +1,408 @@
+//! The planner's objective and its paths, and the closed loop.
+
+use gramian::batch::closed_loop::{self, Guide, Lost, PER_SAMPLE, Setting};
+use gramian::batch::plan::{self, Candidate, Course, Wish};
+use gramian::batch::{Items, Threads};
+use gramian::maneuver::plan::Criterion;
+use gramian::maneuver::steer::Limits;
+use gramian::maneuver::{Law, Side};
+use numpy::{PyArray1, PyArrayDyn, PyArrayMethods};
+use pyo3::prelude::*;
+
+use crate::convert::{Batch, Input};
+use crate::errors::{self, InputError};
+use crate::run;
+
+/// The criterion of a path for 2 or 4 states, ready to be asked many times.
+#[pyclass(frozen, module = "gramian._core")]
+pub struct PlanObjective(Sized);
+
+enum Sized {
+    Fixed(plan::Objective<2>),
+    Moving(plan::Objective<4>),
+}
+
+/// Calls the same function of either size.
+macro_rules! either {
+    ($self:expr, $objective:ident => $body:expr) => {
+        match &$self.0 {
+            Sized::Fixed($objective) => $body,
+            Sized::Moving($objective) => $body,
+        }
+    };
+}
+
+type ValueAndGradient<'py> = (f64, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
+
+#[pymethods]
+impl PlanObjective {
+    #[new]
+    #[pyo3(signature = (start, dt, counts, targets, weights, sigma, scale, prior, criterion, sharpness, combinations))]
+    #[allow(clippy::too_many_arguments)]
+    fn new(
+        start: &Bound<'_, PyAny>,
+        dt: f64,
+        counts: Vec<usize>,
+        targets: &Bound<'_, PyAny>,
+        weights: &Bound<'_, PyAny>,
+        sigma: f64,
+        scale: &Bound<'_, PyAny>,
+        prior: &Bound<'_, PyAny>,
+        criterion: &str,
+        sharpness: f64,
+        combinations: &Bound<'_, PyAny>,
+    ) -> PyResult<Self> {
+        let start = pair(start, "start")?;
+        let targets = Input::new(targets, "targets", 2)?;
+        targets.expect(&[None, Some(4)], "x0, y0, vx, vy of each possible target")?;
+        let count = targets.core_shape()[0];
+        let weights = Input::new(weights, "weights", 1)?;
+        weights.expect(&[Some(count)], "one for each possible target")?;
+        let scale = Input::new(scale, "scale", 1)?;
+        let n = scale.core_shape()[0];
+        let prior = Input::new(prior, "prior", 3)?;
+        prior.expect(&[Some(count), None, Some(n)], "rows for each target")?;
+        let combinations = Input::new(combinations, "combinations", 2)?;
+        combinations.expect(&[Some(count), Some(n)], "one for each possible target")?;
+        let given = Given {
+            start,
+            dt,
+            counts,
+            targets: targets.slice()?,
+            weights: weights.slice()?,
+            sigma,
+            scale: scale.slice()?,
+            prior: prior.slice()?,
+            criterion,
+            sharpness,
+            combinations: combinations.slice()?,
+        };
+        match n {
+            2 => Ok(Self(Sized::Fixed(given.objective()?))),
+            4 => Ok(Self(Sized::Moving(given.objective()?))),
+            _ => Err(InputError::new_err(format!(
+                "scale has {n} entries: must have 2 or 4"
+            ))),
+        }
+    }
+
+    fn gradient<'py>(
+        &self,
+        py: Python<'py>,
+        headings: &Bound<'py, PyAny>,
+        lengths: &Bound<'py, PyAny>,
+    ) -> PyResult<ValueAndGradient<'py>> {
+        let headings = self.legs(headings, "headings")?;
+        let lengths = self.legs(lengths, "lengths")?;
+        let (headings, lengths) = (headings.slice()?, lengths.slice()?);
+        let mut by_heading = vec![0.0; headings.len()];
+        let mut by_length = vec![0.0; headings.len()];
+        let value = either!(self, objective => objective.gradient(
+            headings, lengths, &mut by_heading, &mut by_length
+        ))
+        .map_err(|error| errors::input_at("", error))?;
+        Ok((
+            value,
+            PyArray1::from_vec(py, by_heading),
+            PyArray1::from_vec(py, by_length),
+        ))
+    }
+
+    fn values<'py>(
+        &self,
+        py: Python<'py>,
+        headings: &Bound<'py, PyAny>,
+        lengths: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let mut headings = self.legs(headings, "headings")?;
+        let mut lengths = self.legs(lengths, "lengths")?;
+        let batch = Batch::of(&mut [&mut headings, &mut lengths])?;
+        let out = batch.zeros(py, &[]);
+        {
+            let (headings, lengths) = (headings.items()?, lengths.items()?);
+            let mut write = out.readwrite();
+            let write = write.as_slice_mut()?;
+            let cost = 100.0 * either!(self, objective => objective.samples()) as f64;
+            run::in_pieces(py, batch.len(), cost, |range, threads| {
+                let (headings, lengths) = (headings.skip(range.start), lengths.skip(range.start));
+                let write = &mut write[range];
+                either!(self, objective => objective.values(headings, lengths, threads, write));
+                Ok(())
+            })?;
+        }
+        Ok(out)
+    }
+
+    fn along<'py>(
+        &self,
+        py: Python<'py>,
+        headings: &Bound<'py, PyAny>,
+        lengths: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let headings = self.legs(headings, "headings")?;
+        let lengths = self.legs(lengths, "lengths")?;
+        let (headings, lengths) = (headings.slice()?, lengths.slice()?);
+        let mut out = vec![0.0; either!(self, objective => objective.samples())];
+        either!(self, objective => objective.along(headings, lengths, &mut out))
+            .map_err(|error| errors::input_at("", error))?;
+        Ok(PyArray1::from_vec(py, out))
+    }
+}
+
+impl PlanObjective {
+    fn legs<'py>(&self, value: &Bound<'py, PyAny>, name: &'static str) -> PyResult<Input<'py>> {
+        let input = Input::new(value, name, 1)?;
+        let legs = either!(self, objective => objective.legs());
+        input.expect(&[Some(legs)], "one for each leg")?;
+        Ok(input)
+    }
+}
+
+struct Given<'a> {
+    start: [f64; 2],
+    dt: f64,
+    counts: Vec<usize>,
+    targets: &'a [f64],
+    weights: &'a [f64],
+    sigma: f64,
+    scale: &'a [f64],
+    prior: &'a [f64],
+    criterion: &'a str,
+    sharpness: f64,
+    combinations: &'a [f64],
+}
+
+impl Given<'_> {
+    fn objective<const N: usize>(self) -> PyResult<plan::Objective<N>> {
+        let (combinations, _) = self.combinations.as_chunks::<N>();
+        let (targets, _) = self.targets.as_chunks::<4>();
+        let rows = self.prior.len().checked_div(targets.len()).unwrap_or(0);
+        let mut candidates = Vec::with_capacity(targets.len());
+        for (i, &state) in targets.iter().enumerate() {
+            let criterion = match self.criterion {
+                "D" => Criterion::LogDet,
+                "A" => Criterion::Trace,
+                "E" => Criterion::SmallestEigenvalue {
+                    sharpness: self.sharpness,
+                },
+                "combination" => Criterion::Combination(combinations[i]),
+                other => {
+                    return Err(InputError::new_err(format!(
+                        "criterion = {other:?}: must be \"D\", \"A\", \"E\" or \"combination\""
+                    )));
+                }
+            };
+            candidates.push(Candidate {
+                state,
+                weight: self.weights[i],
+                criterion,
+                prior: plan::prior(&self.prior[i * rows..(i + 1) * rows]),
+            });
+        }
+        let mut scale = [1.0; N];
+        scale.copy_from_slice(self.scale);
+        Ok(plan::Objective::new(
+            self.start,
+            self.dt,
+            self.counts,
+            self.sigma,
+            scale,
+            candidates,
+        ))
+    }
+}
+
+/// Headings (paths, steps + 1) that keep the limits: the last entry counts the
+/// steps that could not. `wish` is "headings" (paths, steps), "arcs" (paths, 3)
+/// or a law, for which `wanted` is (1, 1): the side.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+fn plan_steered<'py>(
+    py: Python<'py>,
+    start: &Bound<'py, PyAny>,
+    dt: f64,
+    lengths: &Bound<'py, PyAny>,
+    first: Option<f64>,
+    standoff: f64,
+    targets: &Bound<'py, PyAny>,
+    keep_out: &Bound<'py, PyAny>,
+    max_turn: f64,
+    wish: &str,
+    wanted: &Bound<'py, PyAny>,
+    aim: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let start = pair(start, "start")?;
+    let lengths = Input::new(lengths, "lengths", 1)?;
+    let steps = lengths.core_shape()[0];
+    let targets = Input::new(targets, "targets", 2)?;
+    targets.expect(&[None, Some(4)], "x0, y0, vx, vy of each possible target")?;
+    let keep_out = Input::new(keep_out, "keep_out", 2)?;
+    keep_out.expect(&[None, Some(3)], "east, north and radius of each circle")?;
+    let aim = Input::new(aim, "aim", 1)?;
+    aim.expect(&[Some(4)], "x0, y0, vx, vy")?;
+    let mut wanted = Input::new(wanted, "wanted", 1)?;
+    let kind = match wish {
+        "headings" => {
+            wanted.expect(&[Some(steps)], "one heading for each step")?;
+            None
+        }
+        "arcs" => {
+            wanted.expect(&[Some(3)], "offset, side and step of turning back")?;
+            None
+        }
+        law => {
+            wanted.expect(&[Some(1)], "the side")?;
+            Some(law_named(law)?)
+        }
+    };
+    let batch = Batch::of(&mut [&mut wanted])?;
+    let out = batch.zeros(py, &[steps + 1]);
+    {
+        let items = wanted.items()?;
+        let side = side_of(wanted.slice()?.first().copied().unwrap_or(1.0));
+        let mut point = [0.0; 4];
+        point.copy_from_slice(aim.slice()?);
+        let course = Course {
+            start,
+            dt,
+            lengths: lengths.slice()?,
+            first,
+            limits: Limits {
+                standoff,
+                targets: targets.slice()?.as_chunks().0,
+                keep_out: keep_out.slice()?.as_chunks().0,
+                max_turn,
+            },
+        };
+        let mut write = out.readwrite();
+        let write = write.as_slice_mut()?;
+        let circles = targets.core_shape()[0] + keep_out.core_shape()[0];
+        let cost = (steps * (100 + 100 * circles)) as f64;
+        run::in_pieces(py, batch.len(), cost, |range, threads: Threads| {
+            let part: Items<'_> = items.skip(range.start);
+            let wish = match (kind, wish) {
+                (Some(law), _) => Wish::Law(law, side, point),
+                (None, "headings") => Wish::Headings(part),
+                _ => Wish::Arcs(part, point),
+            };
+            let write = &mut write[range.start * (steps + 1)..range.end * (steps + 1)];
+            plan::steered(&course, wish, threads, write);
+            Ok(())
+        })?;
+    }
+    Ok(out)
+}
+
+/// Trials (..., steps + 1, 5): position, estimate, believed deviation. `guide` is
+/// "headings" or a law, for which `wanted` is (1,): the side.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+fn maneuver_closed_loop<'py>(
+    py: Python<'py>,
+    target: &Bound<'py, PyAny>,
+    start: &Bound<'py, PyAny>,
+    length: f64,
+    steps: usize,
+    sigma: f64,
+    first_range: (f64, f64),
+    opening: usize,
+    when_lost: &str,
+    standoff: f64,
+    keep_out: &Bound<'py, PyAny>,
+    max_turn: f64,
+    guide: &str,
+    wanted: &Bound<'py, PyAny>,
+    noise: &Bound<'py, PyAny>,
+    lost: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let keep_out = Input::new(keep_out, "keep_out", 2)?;
+    keep_out.expect(&[None, Some(3)], "east, north and radius of each circle")?;
+    let setting = Setting {
+        target: pair(target, "target")?,
+        start: pair(start, "start")?,
+        length,
+        steps,
+        sigma,
+        range: first_range,
+        opening,
+        lost: match when_lost {
+            "predict" => Lost::Predict,
+            "hold" => Lost::Hold,
+            other => {
+                return Err(InputError::new_err(format!(
+                    "when_lost = {other:?}: must be \"predict\" or \"hold\""
+                )));
+            }
+        },
+        standoff,
+        keep_out: keep_out.slice()?.as_chunks().0,
+        max_turn,
+    };
+    let mut noise = Input::new(noise, "noise", 1)?;
+    noise.expect(&[Some(steps + 1)], "one number for each bearing")?;
+    let mut lost = Input::new(lost, "lost", 1)?;
+    lost.expect(&[Some(steps + 1)], "one number for each bearing")?;
+    let mut wanted = Input::new(wanted, "wanted", 1)?;
+    let law = if guide == "headings" {
+        wanted.expect(&[Some(steps)], "one heading for each step")?;
+        None
+    } else {
+        wanted.expect(&[Some(1)], "the side")?;
+        Some(law_named(guide)?)
+    };
+    let side = side_of(wanted.slice()?.first().copied().unwrap_or(1.0));
+    let batch = Batch::of(&mut [&mut noise, &mut lost, &mut wanted])?;
+    let size = (steps + 1) * PER_SAMPLE;
+    let out = batch.zeros(py, &[steps + 1, PER_SAMPLE]);
+    {
+        let (noise, lost, wanted) = (noise.items()?, lost.items()?, wanted.items()?);
+        let mut write = out.readwrite();
+        let write = write.as_slice_mut()?;
+        let cost = 50.0 * ((steps + 1) * (steps + 1)) as f64;
+        run::in_pieces(py, batch.len(), cost, |range, threads| {
+            let guide = match law {
+                Some(law) => Guide::Law(law, side),
+                None => Guide::Headings(wanted.skip(range.start)),
+            };
+            closed_loop::closed_loop(
+                &setting,
+                guide,
+                noise.skip(range.start),
+                lost.skip(range.start),
+                threads,
+                &mut write[range.start * size..range.end * size],
+            );
+            Ok(())
+        })?;
+    }
+    Ok(out)
+}
+
+fn law_named(name: &str) -> PyResult<Law> {
+    match name {
+        "max_det" => Ok(Law::MaxDet),
+        "hammel_liu" => Ok(Law::HammelLiu),
+        "bearing_rate" => Ok(Law::BearingRate),
+        "perpendicular" => Ok(Law::Perpendicular),
+        other => Err(InputError::new_err(format!(
+            "law = {other:?}: must be \"max_det\", \"hammel_liu\", \"bearing_rate\" or \"perpendicular\""
+        ))),
+    }
+}
+
+fn side_of(sign: f64) -> Side {
+    if sign < 0.0 { Side::Left } else { Side::Right }
+}
+
+fn pair(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<[f64; 2]> {
+    let input = Input::new(value, name, 1)?;
+    input.expect(&[Some(2)], "east and north")?;
+    let slice = input.slice()?;
+    Ok([slice[0], slice[1]])
+}
+
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_function(wrap_pyfunction!(maneuver_closed_loop, module)?)?;
+    module.add_function(wrap_pyfunction!(plan_steered, module)?)?;
+    module.add_class::<PlanObjective>()
+}

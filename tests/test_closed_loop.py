@@ -1,0 +1,122 @@
+"""The closed loop finds the target as well as the bound allows, on the same noise for all."""
+
+import numpy as np
+import pytest
+
+import gramian as gm
+
+TARGET, START, SPEED, DT, STEPS = [0.0, 1000.0], [0.0, 0.0], 20.0, 1.0, 60
+OPTIONS = {"sigma": 0.01, "first_range": (1500.0, 500.0)}
+
+
+def loop(**changes):
+    options = {"trials": 300, "seed": 3, **OPTIONS, **changes}
+    return gm.maneuver.closed_loop(TARGET, START, SPEED, DT, STEPS, **options)
+
+
+@pytest.fixture(scope="module")
+def result():
+    return loop()
+
+
+def test_the_error_is_what_the_bound_of_the_path_allows(result):
+    for run in result.runs:
+        # The bound of each trial's own path, with the prior of the range at its true value.
+        offset = np.array(TARGET) - run.paths
+        squared = (offset**2).sum(axis=-1)[..., None]
+        rows = offset[..., ::-1] * [1, -1] / (OPTIONS["sigma"] * squared)
+        information = np.swapaxes(rows, 1, 2) @ rows
+        information[:, 1, 1] += 1 / OPTIONS["first_range"][1] ** 2
+        bound = np.trace(np.linalg.inv(information), axis1=1, axis2=2)
+        ratio = run.final_rms / np.sqrt(bound.mean())
+        assert 1 - 4 * run.uncertainty / run.final_rms < ratio
+        assert ratio < 1 + 4 * run.uncertainty / run.final_rms + 0.02
+        believed = np.sqrt((run.believed[:, -1] ** 2).mean())
+        assert believed == pytest.approx(np.sqrt(bound.mean()), rel=0.05)
+
+
+def test_laws_are_ranked_by_their_final_error(result):
+    errors = [run.final_rms for run in result.runs]
+    assert errors == sorted(errors)
+    assert result.runs[0].method == "max_det"
+    assert result["perpendicular"].final_rms == errors[-1]
+    assert "max_det" in result.summary()
+    assert [line["method"] for line in result.table()] == [run.method for run in result.runs]
+    assert result.to_dict()["methods"][0]["rms_m"][-1] == errors[0]
+
+
+def test_a_trial_depends_on_its_seed_and_number_alone(result):
+    fewer = loop(trials=20, methods=["max_det"])
+    np.testing.assert_array_equal(fewer["max_det"].paths, result["max_det"].paths[:20])
+    before = gm.set_threads(1)
+    alone = loop(methods=["max_det"])
+    gm.set_threads(before)
+    np.testing.assert_array_equal(alone["max_det"].estimates, result["max_det"].estimates)
+    other = loop(trials=20, methods=["max_det"], seed=4)
+    assert not np.array_equal(other["max_det"].paths, fewer["max_det"].paths)
+
+
+def test_lost_bearings_cost_and_are_handled_either_way():
+    full = loop(methods=["max_det"])["max_det"]
+    predicted = loop(methods=["max_det"], lost=0.5)["max_det"]
+    held = loop(methods=["max_det"], lost=0.5, when_lost="hold")["max_det"]
+    for run in (predicted, held):
+        # Half of the bearings: about the root of two in the error.
+        assert 1.2 < run.final_rms / full.final_rms < 1.8
+    turns = np.diff(np.unwrap(np.arctan2(*np.moveaxis(np.diff(held.paths, axis=1), 2, 0))), axis=1)
+    assert 0.4 < (np.abs(turns) < 1e-9).mean() < 0.6
+    turns = np.diff(
+        np.unwrap(np.arctan2(*np.moveaxis(np.diff(predicted.paths, axis=1), 2, 0))), axis=1
+    )
+    assert (np.abs(turns) < 1e-9).mean() < 0.01
+
+
+def test_an_opening_along_the_line_of_sight_teaches_nothing_of_the_range():
+    run = loop(methods=["max_det"], opening=20, sigma=1e-4)["max_det"]
+    # The range error that was there before is still there after 20 bearings.
+    assert run.rms[20] > 0.5 * run.rms[0]
+    assert run.rms[-1] < 0.01 * run.rms[0]
+
+
+def test_a_plan_ends_with_a_smaller_error_than_the_laws():
+    result = loop(trials=6, methods=["plan", "max_det"], standoff=500.0, replan=20)
+    assert result.runs[0].method == "plan"
+    assert result["plan"].final_rms < 0.8 * result["max_det"].final_rms
+    # The stand-off holds for the estimated target; the true one is near it.
+    assert result["plan"].nearest.min() > 500.0 - 60.0
+
+
+def test_limits_hold_in_the_loop():
+    disc = [[300.0, 100.0, 80.0]]
+    run = loop(methods=["bearing_rate"], keep_out=disc, trials=50)["bearing_rate"]
+    away = np.hypot(*np.moveaxis(run.paths - [300.0, 100.0], 2, 0))
+    assert away.min() >= 80.0 * (1 - 1e-9)
+    run = loop(methods=["bearing_rate"], max_turn_rate=0.1, sigma=0.1, trials=50)["bearing_rate"]
+    headings = np.arctan2(*np.moveaxis(np.diff(run.paths, axis=1), 2, 0))
+    turns = np.abs(np.diff(np.unwrap(headings), axis=1))
+    assert turns.max() == pytest.approx(0.1, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"methods": ["best"]}, r"methods\[0\] = 'best'"),
+        ({"methods": []}, "methods is empty"),
+        ({"lost": 1.0}, "lost = 1.0"),
+        ({"lost": np.nan}, "lost = nan"),
+        ({"first_range": (0.0, 1.0)}, r"first_range\[0\] = 0.0 m: must be > 0"),
+        ({"first_range": (1.0, np.inf)}, r"first_range\[1\] = inf: must be finite"),
+        ({"sigma": 0.0}, "sigma = 0.0 rad"),
+        ({"standoff": 2000.0}, "inside standoff"),
+        ({"keep_out": [[0.0, 10.0, 20.0]]}, r"keep_out\[0\], inside its radius"),
+        ({"trials": 0}, "trials = 0"),
+        ({"seed": -1}, "seed = -1"),
+        ({"opening": 60}, "opening = 60"),
+        ({"side": 0}, "side = 0"),
+        ({"when_lost": "wait"}, 'when_lost = "wait"'),
+        ({"replan": 0}, "replan = 0"),
+    ],
+)
+def test_bad_input_is_named(change, words):
+    with pytest.raises(gm.InputError, match=words):
+        loop(**change)

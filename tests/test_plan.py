@@ -1,0 +1,344 @@
+"""The planner beats the closed-form laws, keeps its limits, and says what it found."""
+
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import gramian as gm
+from gramian import _core
+
+TARGET, START, SPEED, DT, SIGMA = [0.0, 1000.0], [0.0, 0.0], 20.0, 1.0, 0.001**0.5
+#: Best determinants found by 60 starts of a general optimiser, and the law max_det's.
+BEST = {
+    (40, 800.0): (2.05985e-4, 8.390e-5),
+    (40, 500.0): (6.31117e-4, 8.390e-5),
+    (100, 800.0): (5.40373e-3, 2.3151e-3),
+    (100, 500.0): (3.0366e-2, 2.3151e-3),
+}
+
+
+@pytest.fixture(scope="module", params=list(BEST), ids=str)
+def case(request):
+    steps, standoff = request.param
+    before = gm.set_threads(1)
+    started = time.thread_time()
+    plan = gm.maneuver.plan(
+        TARGET, START, SPEED, DT, steps, criterion="D", sigma=SIGMA, standoff=standoff
+    )
+    seconds = time.thread_time() - started
+    gm.set_threads(before)
+    return plan, standoff, BEST[request.param], seconds
+
+
+def test_the_determinant_is_the_best_known(case):
+    plan, _, (best, law), _ = case
+    assert plan.determinant >= 0.995 * best
+    assert plan.converged
+    found = {one.law: one for one in plan.laws}
+    assert np.exp(found["max_det"].value) == pytest.approx(law, rel=1e-4)
+    assert found["max_det"].behind == pytest.approx(plan.determinant / law, rel=1e-4)
+
+
+def test_the_stand_off_is_hard(case):
+    plan, standoff, _, _ = case
+    ranges = np.hypot(*(plan.path - TARGET).T)
+    assert ranges.min() >= standoff
+    assert plan.clearance == pytest.approx(ranges[1:].min() - standoff, abs=1e-9)
+    moves = np.diff(plan.path, axis=0)
+    np.testing.assert_allclose(np.hypot(*moves.T), SPEED * DT, rtol=1e-12)
+    np.testing.assert_allclose(np.arctan2(*moves.T), plan.headings, atol=1e-9)
+
+
+def test_a_plan_takes_under_two_seconds_of_one_thread(case):
+    assert case[3] < 2.0
+
+
+def test_the_criterion_along_the_path_is_that_of_the_rows(case):
+    plan, _, _, _ = case
+    offset = np.array(TARGET) - plan.path
+    rows = offset[:, ::-1] * [1, -1] / (SIGMA * (offset**2).sum(axis=1)[:, None])
+    assert plan.values[0] == -np.inf
+    for k in (2, 20, len(rows)):
+        expected = np.linalg.slogdet(rows[:k].T @ rows[:k])[1]
+        assert plan.values[k - 1] == pytest.approx(expected, rel=1e-9)
+    assert plan.values[-1] == plan.value
+    np.testing.assert_allclose(plan.crlb_std[0], gm.crlb_std(rows), rtol=1e-9)
+
+
+def test_which_local_optimum_is_said(case):
+    plan, _, _, _ = case
+    values = [start.value for start in plan.starts]
+    assert plan.starts[0].value == plan.value == max(values)
+    assert 1 == plan.optimum <= plan.optima <= len(plan.starts) <= plan.guesses
+    assert f"local optimum 1 of {plan.optima}" in plan.summary()
+    assert plan.to_dict()["starts"][0]["converged"] is True
+
+
+CRITERIA = ["D", "A", "E", "combination"]
+
+
+def objective(kind, targets, counts, sharpness=np.inf, prior=None):
+    targets = np.atleast_2d(np.asarray(targets, dtype=float))
+    n = 4 if targets[:, 2:].any() else 2
+    scale = np.array([1.0, 1.0, 1 / 60, 1 / 60])[:n]
+    rows = np.zeros((len(targets), 0, n)) if prior is None else prior
+    combinations = np.tile([0.3, 1.0, 5.0, -2.0][:n], (len(targets), 1))
+    weights = np.arange(1.0, 1 + len(targets)) / sum(range(1, 1 + len(targets)))
+    return _core.PlanObjective(
+        [5.0, -3.0], 1.5, counts, targets, weights, 0.02, scale, rows, kind, sharpness, combinations
+    )
+
+
+@pytest.mark.parametrize("kind", CRITERIA)
+@settings(max_examples=15, deadline=None)
+@given(
+    seed=st.integers(0, 2**31),
+    moving=st.booleans(),
+    several=st.booleans(),
+)
+def test_gradients_agree_with_differences(kind, seed, moving, several):
+    rng = np.random.default_rng(seed)
+    counts = [3, 1, 4, 2, 5, 6]
+    targets = np.zeros((2 if several else 1, 4))
+    targets[:, 0] = rng.uniform(-300, 300, len(targets))
+    targets[:, 1] = rng.uniform(800, 1500, len(targets))
+    if moving:
+        targets[:, 2:] = rng.uniform(1, 8, (len(targets), 2))
+    ask = objective(kind, targets, counts, sharpness=6.0)
+    headings = rng.uniform(-1.5, 1.5, 6) + np.array([1.2, -1.2, 0.5, 2.0, -0.5, 1.0])
+    lengths = rng.uniform(15, 25, 6)
+    value, by_heading, by_length = ask.gradient(headings, lengths)
+    assert value == float(ask.values(headings, lengths))
+
+    def differences(move):
+        h = 1e-3
+        points = [float(ask.values(*move(step * h))) for step in (-3, -2, -1, 1, 2, 3)]
+        return np.dot(points, [-1 / 60, 3 / 20, -3 / 4, 3 / 4, -3 / 20, 1 / 60]) / h
+
+    unit = np.eye(6)
+    turned = [differences(lambda x, i=i: (headings + x * unit[i], lengths)) for i in range(6)]
+    longer = [differences(lambda x, i=i: (headings, lengths + 20 * x * unit[i])) for i in range(6)]
+    np.testing.assert_allclose(by_heading, turned, atol=1e-7 * np.abs(by_heading).max())
+    np.testing.assert_allclose(20 * by_length, longer, atol=1e-7 * np.abs(20 * by_length).max())
+
+
+def test_the_eigenvalue_is_exact_at_the_end():
+    plan = gm.maneuver.plan(TARGET, START, SPEED, DT, 40, criterion="E", standoff=500.0)
+    offset = np.array(TARGET) - plan.path
+    rows = offset[:, ::-1] * [1, -1] / (offset**2).sum(axis=1)[:, None]
+    assert plan.value == pytest.approx(np.linalg.eigvalsh(rows.T @ rows)[0], rel=1e-9)
+    other = gm.maneuver.plan(TARGET, START, SPEED, DT, 40, criterion="D", standoff=500.0)
+    offset = np.array(TARGET) - other.path
+    rows = offset[:, ::-1] * [1, -1] / (offset**2).sum(axis=1)[:, None]
+    assert plan.value >= np.linalg.eigvalsh(rows.T @ rows)[0]
+
+
+@pytest.mark.parametrize("criterion", ["A", "E", {"combination": "range"}, {"combination": [1, 0]}])
+def test_each_criterion_is_better_served_by_its_own_plan(criterion):
+    def value(path):
+        offset = np.array(TARGET) - path
+        rows = offset[:, ::-1] * [1, -1] / (offset**2).sum(axis=1)[:, None]
+        bound = np.linalg.inv(rows.T @ rows)
+        if criterion == "A":
+            return np.trace(bound)
+        if criterion == "E":
+            return 1 / np.linalg.eigvalsh(rows.T @ rows)[0]
+        return bound[0, 0] if criterion["combination"] == [1, 0] else bound[1, 1]
+
+    options = {"standoff": 700.0}
+    own = gm.maneuver.plan(TARGET, START, SPEED, DT, 50, criterion=criterion, **options)
+    other = gm.maneuver.plan(TARGET, START, SPEED, DT, 50, criterion="D", **options)
+    assert value(own.path) <= value(other.path) * (1 + 1e-6)
+    assert all(law.behind > 1 for law in own.laws)
+    told = 1 / own.value if criterion == "E" else own.value
+    assert told == pytest.approx(value(own.path), rel=1e-8)
+
+
+def test_the_plan_is_the_same_in_a_turned_and_scaled_world():
+    base = gm.maneuver.plan(TARGET, START, SPEED, DT, 40, standoff=800.0)
+    turned = gm.maneuver.plan([1e6 + 3e3, 0.0], [1e6, 0.0], 60.0, DT, 40, standoff=2400.0)
+    # det J falls with the fourth power of the scale.
+    assert turned.value + 4 * np.log(3) == pytest.approx(base.value, abs=2e-3)
+
+
+@pytest.mark.parametrize("legs", [2, 3])
+def test_legs_are_straight_and_the_turns_are_found(legs):
+    free = gm.maneuver.plan(TARGET, START, SPEED, DT, 40, standoff=500.0)
+    plan = gm.maneuver.plan(TARGET, START, SPEED, DT, 40, standoff=500.0, legs=legs)
+    assert plan.turns.size == legs - 1
+    runs = np.split(np.unwrap(plan.headings), plan.turns)
+    assert all(np.ptp(run) < 1e-12 for run in runs)
+    assert plan.converged
+    assert plan.value < free.value
+    assert np.hypot(*(plan.path - TARGET).T).min() >= 500.0 * (1 - 1e-9)
+
+
+def turn_of_the_best_grid(state, standoff, sigma, moves=59):
+    """The best two-leg path of a grid of headings and turns, without a planner."""
+    angles = np.radians(np.arange(-180.0, 180.0, 6.0))
+    pairs = np.stack([grid.ravel() for grid in np.meshgrid(angles, angles)], axis=1)
+    unit = np.stack([np.sin(pairs), np.cos(pairs)], axis=-1)
+    sample = np.arange(1, moves + 1)
+    track = np.array(state[:2]) + sample[:, None] * np.array(state[2:])
+    best = (-np.inf, 0)
+    for turn in range(3, moves - 2, 4):
+        ask = _core.PlanObjective(
+            [0, 0], 1.0, [turn, moves - turn], [state], [1.0], sigma,
+            [1, 1, 1 / moves, 1 / moves], np.zeros((1, 0, 4)), "D", np.inf, np.zeros((1, 4)),
+        )  # fmt: skip
+        values = ask.values(pairs, [20.0, 20.0])
+        first = np.minimum(sample, turn)
+        path = 20 * (
+            first[None, :, None] * unit[:, None, 0]
+            + (sample - first)[None, :, None] * unit[:, None, 1]
+        )
+        near = np.hypot(*np.moveaxis(path - track, 2, 0)).min(axis=1) < standoff
+        values[near] = -np.inf
+        best = max(best, (values.max(), turn))
+    return best
+
+
+@pytest.mark.parametrize("state", [[0.0, 400.0, -5.0, 5.0], [0.0, 400.0, 6.0, -10.0]])
+def test_a_moving_target_at_twenty_steps_wants_a_turn_near_mid_track(state):
+    sigma = np.radians(0.5)
+    options = {"sigma": sigma, "standoff": 320.0}
+    plan = gm.maneuver.plan(state, START, SPEED, DT, 60, legs=2, **options)
+    assert 0.4 * 59 <= plan.turns[0] <= 0.6 * 59
+    grid, _ = turn_of_the_best_grid(state, 320.0, sigma)
+    assert plan.value >= grid
+    # The heading is lead, then lag: across the line of sight to either side.
+    assert np.sin(plan.headings[0]) * np.sin(plan.headings[-1]) < 0
+    # A straight leg determines nothing; the bound exists with the turn.
+    assert np.isfinite(plan.crlb_std).all()
+    with pytest.raises(gm.UnobservableError, match="legs = 1"):
+        gm.maneuver.plan(state, START, SPEED, DT, 60, legs=1, **options)
+
+
+def test_a_far_moving_target_wants_its_turn_at_a_third():
+    state, sigma = [0.0, 10_000.0, 8.0, 0.0], np.radians(0.5)
+    plan = gm.maneuver.plan(state, START, SPEED, DT, 60, legs=2, sigma=sigma)
+    grid, turn = turn_of_the_best_grid(state, 100.0, sigma)
+    assert plan.value >= grid
+    assert min(abs(plan.turns[0] - turn), abs(59 - plan.turns[0] - turn)) <= 3
+    assert min(plan.turns[0], 59 - plan.turns[0]) == pytest.approx(59 / 3, abs=3)
+
+
+def test_a_prior_makes_a_straight_leg_enough():
+    state = [0.0, 400.0, 0.0, 10.0]
+    options = {"sigma": np.radians(0.5), "standoff": 200.0, "legs": 1}
+    plan = gm.maneuver.plan(
+        state, START, SPEED, DT, 60, prior={"speed": 1.0, "course": 0.1}, **options
+    )
+    assert np.isfinite(plan.value)
+    assert plan.crlb_std[0, 3] < 1.0
+
+
+def test_several_possible_targets_get_the_expectation():
+    targets = [[0.0, 800.0], [0.0, 1000.0], [0.0, 1300.0]]
+    weights = [1.0, 2.0, 1.0]
+    plan = gm.maneuver.plan(targets, START, SPEED, DT, 40, standoff=500.0, weights=weights)
+    total = 0.0
+    for target, weight in zip(targets, weights, strict=True):
+        offset = np.array(target) - plan.path
+        assert np.hypot(*offset.T).min() >= 500.0
+        rows = offset[:, ::-1] * [1, -1] / (offset**2).sum(axis=1)[:, None]
+        total += weight / 4 * np.linalg.slogdet(rows.T @ rows)[1]
+    assert plan.value == pytest.approx(total, rel=1e-9)
+    assert plan.crlb_std.shape == (3, 2)
+
+
+def test_limits_are_kept_together():
+    plan = gm.maneuver.plan(
+        TARGET, START, SPEED, DT, 60, standoff=500.0, keep_out=[[150.0, 350.0, 120.0]],
+        max_turn_rate=np.radians(6.0), heading=0.0,
+    )  # fmt: skip
+    assert np.hypot(*(plan.path - TARGET).T).min() >= 500.0 * (1 - 1e-9)
+    # All of the path is out of the circle, not its samples alone.
+    share = np.linspace(0, 1, 50)[:, None, None]
+    points = (1 - share) * plan.path[:-1] + share * plan.path[1:]
+    assert np.hypot(*np.moveaxis(points - [150.0, 350.0], 2, 0)).min() >= 120.0 * (1 - 1e-9)
+    turns = np.diff(np.unwrap(np.concatenate([[0.0], plan.headings])))
+    assert np.abs(turns).max() <= np.radians(6.0) + 1e-9
+    assert plan.clearance >= -1e-6
+    assert plan.converged
+
+
+def test_a_speed_range_is_used():
+    plan = gm.maneuver.plan(TARGET, START, (10.0, 20.0), DT, 30, standoff=500.0)
+    fixed = gm.maneuver.plan(TARGET, START, 20.0, DT, 30, standoff=500.0)
+    assert plan.speeds.min() >= 10.0 - 1e-9
+    assert plan.speeds.max() <= 20.0 + 1e-9
+    assert plan.value >= fixed.value - 1e-3
+
+
+def test_without_a_stand_off_the_path_stays_a_step_away():
+    plan = gm.maneuver.plan([0.0, 100.0], START, SPEED, DT, 20)
+    assert plan.standoff == 20.0
+    assert np.hypot(*(plan.path - [0.0, 100.0]).T).min() >= 20.0 * (1 - 1e-9)
+
+
+def test_a_plan_that_did_not_converge_says_so_and_is_still_a_path():
+    plan = gm.maneuver.plan(
+        TARGET, START, SPEED, DT, 60, standoff=500.0, starts=1, max_iterations=2
+    )
+    assert not plan.converged
+    assert "limit" in plan.message.lower()
+    assert plan.path.shape == (60, 2)
+    assert "NOT CONVERGED" in plan.summary()
+    assert np.hypot(*(plan.path - TARGET).T).min() >= 500.0 * (1 - 1e-9)
+
+
+def test_limits_that_nothing_keeps_are_told():
+    # Straight at the circle, with a turn too slow to miss it.
+    plan = gm.maneuver.plan(
+        TARGET, START, SPEED, DT, 20, keep_out=[[0.0, 60.0, 50.0]], heading=0.0, max_turn_rate=0.05
+    )
+    assert not plan.converged
+    assert "no path found that keeps all limits" in plan.message
+    assert plan.clearance < 0
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"standoff": 1200.0}, "inside standoff = 1200 m"),
+        (
+            {"keep_out": [[500.0, 0, 50], [10.0, 0.0, 50.0]]},
+            r"keep_out\[1\], inside its radius 50 m",
+        ),
+        ({"keep_out": [[500.0, 0, 0.0]]}, r"keep_out\[0\]: its radius = 0.0"),
+        ({"keep_out": [1.0, 2.0]}, "keep_out has shape"),
+        ({"speed": 0.0}, "speed = 0.0 m/s: must be > 0"),
+        ({"speed": (20.0, 10.0)}, "least must not exceed"),
+        ({"speed": np.nan}, "speed = nan: must be finite"),
+        ({"dt": 0.0}, "dt = 0.0 s: must be > 0"),
+        ({"dt": -1.0}, "dt = -1.0 s: must be > 0"),
+        ({"steps": 1}, "steps = 1: must be a whole number >= 2"),
+        ({"steps": 2.5}, "steps = 2.5"),
+        ({"start": [0.0, 1000.0]}, "start is on target"),
+        ({"start": [0.0]}, "start has shape"),
+        ({"target": [1.0, 2.0, 3.0]}, "target has shape"),
+        ({"criterion": "F"}, "criterion = 'F'"),
+        ({"criterion": {"combination": "speed"}}, "combination = 'speed': must be one of x, y"),
+        ({"criterion": {"combination": [0.0, 0.0]}}, "not all zero"),
+        ({"sigma": 0.0}, "sigma = 0.0 rad: must be > 0"),
+        ({"max_turn_rate": 0.0}, "max_turn_rate = 0.0 rad/s"),
+        ({"legs": 0}, "legs = 0"),
+        ({"legs": 40}, "legs = 40"),
+        ({"prior": [1.0, 1.0]}, "prior without sigma"),
+        ({"prior": [1.0, -1.0], "sigma": 0.1}, r"prior\[1\] = -1.0"),
+        ({"prior": {"depth": 1.0}, "sigma": 0.1}, "prior = 'depth'"),
+        ({"weights": [1.0, 1.0]}, "weights has shape"),
+        ({"weights": [-1.0]}, r"weights\[0\] = -1.0"),
+        ({"scale": [1.0, 0.0]}, r"scale\[1\] = 0.0"),
+        ({"starts": 0}, "starts = 0"),
+    ],
+)
+def test_bad_input_is_named(change, words):
+    given_ = {"target": TARGET, "start": START, "speed": SPEED, "dt": DT, "steps": 40, **change}
+    positional = [given_.pop(name) for name in ("target", "start", "speed", "dt", "steps")]
+    with pytest.raises(gm.InputError, match=words):
+        gm.maneuver.plan(*positional, **given_)
