@@ -226,6 +226,22 @@ def test_a_far_moving_target_wants_its_turn_at_a_third():
     assert min(plan.turns[0], 59 - plan.turns[0]) == pytest.approx(59 / 3, abs=3)
 
 
+def test_free_headings_are_no_worse_than_legs():
+    state, options = [0.0, 10_000.0, 8.0, 0.0], {"sigma": np.radians(0.5)}
+    legs = gm.maneuver.plan(state, START, SPEED, DT, 60, legs=3, **options)
+    free = gm.maneuver.plan(state, START, SPEED, DT, 60, **options)
+    assert free.value >= legs.value
+
+
+def test_a_single_leg_obeys_its_first_turn():
+    plan = gm.maneuver.plan(
+        TARGET, START, SPEED, DT, 10, legs=1, heading=1.0, max_turn_rate=0.2, standoff=100.0
+    )
+    assert plan.converged
+    assert np.ptp(plan.headings) == 0
+    assert abs(plan.headings[0] - 1.0) <= 0.2 + 1e-9
+
+
 def test_a_prior_makes_a_straight_leg_enough():
     state = [0.0, 400.0, 0.0, 10.0]
     options = {"sigma": np.radians(0.5), "standoff": 200.0, "legs": 1}

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gramian import _core
 from gramian.exceptions import InputError
-from gramian.maneuver._task import Task, moved
+from gramian.maneuver._task import Task, moved, wrapped
 from gramian.maneuver.laws import LAWS
 
 __all__ = [
@@ -250,6 +250,7 @@ class Limits:
 
     def __init__(self, task: Task, counts: NDArray[np.intp]) -> None:
         self.start = task.start
+        self.max_turn, self.before = task.max_turn, task.heading
         self.leg = np.repeat(np.arange(len(counts)), counts)
         #: Steps to legs.
         self.sum = np.zeros((task.moves, len(counts)))
@@ -307,7 +308,11 @@ class Limits:
 
     def short(self, headings: Array, lengths: Array) -> float:
         """Return by how much the worst limit is broken, 0 for none."""
-        return max(0.0, -self.least(headings, lengths))
+        excess = 0.0
+        if np.isfinite(self.max_turn):
+            turns = np.diff(headings, prepend=headings[0] if self.before is None else self.before)
+            excess = max(0.0, float(np.abs(wrapped(turns)).max()) - self.max_turn - 1e-9)
+        return max(excess, -self.least(headings, lengths), 0.0)
 
     def clearance(self, headings: Array, lengths: Array) -> float:
         """Return the least distance from an edge, metres."""

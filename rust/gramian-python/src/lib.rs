@@ -33,6 +33,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     posterior::register(module)?;
     registration::register(module)
     registration::register(module)?;
-    linear::register(module)
+    linear::register(module)?;
     maneuver_plan::register(module)
 }

@@ -16,6 +16,7 @@ mod bearings_test;
 mod dipole;
 mod fisher;
 pub mod closed_loop;
+mod dipole;
 mod gram;
 mod lanes;
 mod linear;
