@@ -31,8 +31,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     maneuver::register(module)?;
     monte_carlo::register(module)?;
     posterior::register(module)?;
-    registration::register(module)
     registration::register(module)?;
-    linear::register(module)?;
     maneuver_plan::register(module)
 }
