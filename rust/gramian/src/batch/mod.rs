@@ -15,7 +15,6 @@ mod bearings_quadruple;
 mod bearings_test;
 pub mod closed_loop;
 mod dipole;
-mod dipole;
 mod fisher;
 mod gram;
 mod lanes;
