@@ -1,10 +1,9 @@
 """Observer maneuver: where to steer to locate a target by its bearings.
 
 The closed-form laws give the next heading from bearing and range; `trajectory`
-follows one of them, and `fisher` says what a path tells of its target. Bearings and
-headings are clockwise from north; x is east, y is north.
-follows one of them; `plan` finds the best path over a horizon. Bearings and headings
-are clockwise from north; x is east, y is north.
+follows one of them, and `fisher` says what a path tells of its target. `plan` finds
+the best path over a horizon, and `closed_loop` flies laws and plans without knowing
+the target. Bearings and headings are clockwise from north; x is east, y is north.
 """
 
 from __future__ import annotations
@@ -16,12 +15,6 @@ from gramian.maneuver.planner import LawComparison, Plan, Start, plan
 
 __all__ = [
     "AtStandoff",
-    "Law",
-    "Trajectory",
-    "fisher",
-    "fisher_det",
-    "heading",
-    "problem",
     "ClosedLoop",
     "Law",
     "LawComparison",
@@ -30,7 +23,10 @@ __all__ = [
     "Start",
     "Trajectory",
     "closed_loop",
+    "fisher",
+    "fisher_det",
     "heading",
     "plan",
+    "problem",
     "trajectory",
 ]
