@@ -1,0 +1,345 @@
+//! The C interface: a bearings monitor, the heading laws, and the dipole, in `float`.
+//!
+//! The header is `include/gramian.h`. A static library without an operating system:
+//!
+//! ```text
+//! cargo rustc -p gramian-capi --release --no-default-features --features libm \
+//!     --crate-type staticlib --target thumbv7em-none-eabihf -- -C panic=abort
+//! ```
+//!
+//! No function allocates, keeps a pointer or panics; a null pointer is an error
+//! value as any other.
+#![cfg_attr(not(feature = "std"), no_std)]
+// Names without mangling and C's pointers are what this crate is for.
+#![allow(unsafe_code)]
+
+use core::mem::{MaybeUninit, align_of, size_of};
+
+use gramian::bearings::{self, Monitor};
+use gramian::dipole::{self, Accumulator};
+use gramian::maneuver::{self, Law, Side};
+
+#[cfg(not(feature = "std"))]
+#[panic_handler]
+fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
+    loop {}
+}
+
+/// What a call came to.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GramianStatus {
+    /// Done.
+    Ok = 0,
+    /// A pointer is null.
+    Null,
+    /// A number is NaN or infinite.
+    NotFinite,
+    /// A time is not later than the one before.
+    Time,
+    /// A standard deviation or weight is not positive.
+    Sigma,
+    /// A range is not positive, or the dipole is on the sensor.
+    Range,
+    /// A step is not positive, or longer than the law allows at this range.
+    Step,
+    /// Only some of the bearings come with a range.
+    Mixed,
+}
+
+/// Which way to steer; see `gramian_heading`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GramianLaw {
+    /// The largest determinant of the two next bearings: step <= range.
+    MaxDet = 0,
+    /// The law of Hammel and Liu: step <= range.
+    HammelLiu,
+    /// The fastest bearing, the circle about the target: step <= 2 range.
+    BearingRate,
+    /// Perpendicular to the line of sight now.
+    Perpendicular,
+}
+
+/// To which side of the line of sight.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GramianSide {
+    /// Clockwise.
+    Right = 0,
+    /// Anticlockwise.
+    Left,
+}
+
+/// A bearings monitor. Its content is private: make it with
+/// `gramian_monitor_init` before any other use. It may be copied.
+#[repr(C, align(8))]
+#[derive(Clone, Copy)]
+pub struct GramianMonitor {
+    content: MaybeUninit<[u8; 192]>,
+}
+
+/// The running Fisher information of a dipole's pass. Its content is private:
+/// make it with `gramian_dipole_sums_init` before any other use.
+#[repr(C, align(8))]
+#[derive(Clone, Copy)]
+pub struct GramianDipoleSums {
+    content: MaybeUninit<[u8; 192]>,
+}
+
+const _: () = assert!(size_of::<Monitor<f32>>() <= 192 && align_of::<Monitor<f32>>() <= 8);
+const _: () = assert!(size_of::<Accumulator<f32>>() <= 192 && align_of::<Accumulator<f32>>() <= 8);
+
+/// What the bearings so far say. Infinity in a bound: there is none.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GramianAnswer {
+    /// How many bearings there are.
+    pub count: u32,
+    /// Rank of 4: below it the track is not observable.
+    pub rank: u32,
+    /// Logarithm of the determinant of the information.
+    pub log_determinant: f32,
+    /// Smallest singular value of the rows with unit columns.
+    pub singular_value: f32,
+    /// Bounds on x0, y0, vx, vy at the first time.
+    pub crlb_std: [f32; 4],
+    /// Statistic of the test of noisy bearings, and its degrees of freedom.
+    pub statistic: f32,
+    /// Degrees of freedom of the statistic.
+    pub dof: f32,
+    /// Probability of a statistic as large where the track is not observable.
+    pub p_value: f32,
+}
+
+/// Makes a monitor that has seen nothing.
+///
+/// # Safety
+/// `monitor` is null or points to memory for a monitor.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn gramian_monitor_init(monitor: *mut GramianMonitor) -> GramianStatus {
+    // SAFETY: as the caller promises; the size and alignment were asserted.
+    unsafe { store(monitor.cast(), Monitor::<f32>::new()) }
+}
+
+/// Takes in a bearing (s, rad, rad). `range` (m) is the target's distance as far
+/// as it is known, for all bearings or none: 0 where it is not.
+///
+/// # Safety
+/// `monitor` is null or was made by `gramian_monitor_init`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn gramian_monitor_push(
+    monitor: *mut GramianMonitor,
+    time: f32,
+    bearing: f32,
+    sigma: f32,
+    range: f32,
+) -> GramianStatus {
+    // SAFETY: as the caller promises.
+    let Some(monitor) = (unsafe { monitor.cast::<Monitor<f32>>().as_mut() }) else {
+        return GramianStatus::Null;
+    };
+    let range = (range != 0.0).then_some(range);
+    match monitor.push(time, bearing, sigma, range) {
+        Ok(()) => GramianStatus::Ok,
+        Err(error) => of_bearings(error),
+    }
+}
+
+/// Says what the bearings so far determine.
+///
+/// # Safety
+/// `monitor` is null or was made by `gramian_monitor_init`; `answer` is null or
+/// points to memory for an answer.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn gramian_monitor_answer(
+    monitor: *const GramianMonitor,
+    answer: *mut GramianAnswer,
+) -> GramianStatus {
+    // SAFETY: as the caller promises.
+    let Some(monitor) = (unsafe { monitor.cast::<Monitor<f32>>().as_ref() }) else {
+        return GramianStatus::Null;
+    };
+    let found = monitor.answer();
+    let value = GramianAnswer {
+        count: found.count,
+        rank: u32::try_from(found.rank).unwrap_or(0),
+        log_determinant: found.log_determinant,
+        singular_value: found.singular_value,
+        crlb_std: found.crlb_std,
+        statistic: found.statistic,
+        dof: found.dof,
+        p_value: found.p_value,
+    };
+    // SAFETY: as the caller promises.
+    unsafe { store(answer, value) }
+}
+
+/// Gives the heading of the next leg, in (-pi, pi], clockwise from north
+/// (rad, m).
+///
+/// # Safety
+/// `heading` is null or points to a float.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn gramian_heading(
+    bearing: f32,
+    range: f32,
+    step: f32,
+    law: GramianLaw,
+    side: GramianSide,
+    heading: *mut f32,
+) -> GramianStatus {
+    if !bearing.is_finite() {
+        return GramianStatus::NotFinite;
+    }
+    let law = match law {
+        GramianLaw::MaxDet => Law::MaxDet,
+        GramianLaw::HammelLiu => Law::HammelLiu,
+        GramianLaw::BearingRate => Law::BearingRate,
+        GramianLaw::Perpendicular => Law::Perpendicular,
+    };
+    let side = match side {
+        GramianSide::Right => Side::Right,
+        GramianSide::Left => Side::Left,
+    };
+    match maneuver::heading(bearing, range, step, law, side) {
+        // SAFETY: as the caller promises.
+        Ok(value) => unsafe { store(heading, value) },
+        Err(maneuver::Error::Range { .. }) => GramianStatus::Range,
+        Err(_) => GramianStatus::Step,
+    }
+}
+
+/// Gives the field (T) at the sensor of a dipole of `moment` (A m^2) at `position`
+/// (m) from it.
+///
+/// # Safety
+/// Each pointer is null or points to three floats.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn gramian_dipole_field(
+    position: *const [f32; 3],
+    moment: *const [f32; 3],
+    field: *mut [f32; 3],
+) -> GramianStatus {
+    // SAFETY: as the caller promises.
+    let (Some(position), Some(moment)) = (unsafe { (position.as_ref(), moment.as_ref()) }) else {
+        return GramianStatus::Null;
+    };
+    match dipole::field(position, moment) {
+        // SAFETY: as the caller promises.
+        Ok(value) => unsafe { store(field, value) },
+        Err(_) => GramianStatus::Range,
+    }
+}
+
+/// Gives the derivatives of the field by position and by moment, row by row.
+///
+/// # Safety
+/// Each pointer is null or points to three floats, or nine for the results.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn gramian_dipole_jacobian(
+    position: *const [f32; 3],
+    moment: *const [f32; 3],
+    by_position: *mut [[f32; 3]; 3],
+    by_moment: *mut [[f32; 3]; 3],
+) -> GramianStatus {
+    // SAFETY: as the caller promises.
+    let (Some(position), Some(moment)) = (unsafe { (position.as_ref(), moment.as_ref()) }) else {
+        return GramianStatus::Null;
+    };
+    match dipole::jacobian(position, moment) {
+        Ok(found) => {
+            // SAFETY: as the caller promises.
+            let first = unsafe { store(by_position, found.position) };
+            if first != GramianStatus::Ok {
+                return first;
+            }
+            // SAFETY: as the caller promises.
+            unsafe { store(by_moment, found.moment) }
+        }
+        Err(_) => GramianStatus::Range,
+    }
+}
+
+/// Makes sums that hold no information.
+///
+/// # Safety
+/// `sums` is null or points to memory for sums.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn gramian_dipole_sums_init(sums: *mut GramianDipoleSums) -> GramianStatus {
+    // SAFETY: as the caller promises; the size and alignment were asserted.
+    unsafe { store(sums.cast(), Accumulator::<f32>::new()) }
+}
+
+/// Adds one sample of a three-axis sensor with standard deviation `sigma` (T): the
+/// dipole is at `position`, `time` (s) after the instant of the state (r0, v, m).
+///
+/// # Safety
+/// `sums` is null or was made by `gramian_dipole_sums_init`; the others are null or
+/// point to three floats.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn gramian_dipole_sums_push(
+    sums: *mut GramianDipoleSums,
+    time: f32,
+    position: *const [f32; 3],
+    moment: *const [f32; 3],
+    sigma: f32,
+) -> GramianStatus {
+    // SAFETY: as the caller promises.
+    let sums = unsafe { sums.cast::<Accumulator<f32>>().as_mut() };
+    // SAFETY: as the caller promises.
+    let (position, moment) = unsafe { (position.as_ref(), moment.as_ref()) };
+    let (Some(sums), Some(position), Some(moment)) = (sums, position, moment) else {
+        return GramianStatus::Null;
+    };
+    if !time.is_finite() {
+        return GramianStatus::NotFinite;
+    }
+    let weight = 1.0 / (sigma * sigma);
+    if !(sigma > 0.0 && weight.is_finite()) {
+        return GramianStatus::Sigma;
+    }
+    match sums.push(time, position, moment, weight) {
+        Ok(()) => GramianStatus::Ok,
+        Err(dipole::Error::OnSensor { .. }) => GramianStatus::Range,
+        Err(_) => GramianStatus::NotFinite,
+    }
+}
+
+/// Gives the information on (r0, v, m), 9 x 9, row by row.
+///
+/// # Safety
+/// `sums` is null or was made by `gramian_dipole_sums_init`; `matrix` is null or
+/// points to 81 floats.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn gramian_dipole_sums_matrix(
+    sums: *const GramianDipoleSums,
+    matrix: *mut [[f32; 9]; 9],
+) -> GramianStatus {
+    // SAFETY: as the caller promises.
+    match unsafe { sums.cast::<Accumulator<f32>>().as_ref() } {
+        // SAFETY: as the caller promises.
+        Some(sums) => unsafe { store(matrix, sums.matrix()) },
+        None => GramianStatus::Null,
+    }
+}
+
+/// Writes a value where a pointer that is not null points.
+unsafe fn store<T>(place: *mut T, value: T) -> GramianStatus {
+    if place.is_null() {
+        return GramianStatus::Null;
+    }
+    // SAFETY: not null, and as the caller promises.
+    unsafe { place.write(value) };
+    GramianStatus::Ok
+}
+
+fn of_bearings(error: bearings::Error) -> GramianStatus {
+    match error {
+        bearings::Error::Times { .. } => GramianStatus::Time,
+        bearings::Error::Sigma { .. } => GramianStatus::Sigma,
+        bearings::Error::Distance { .. } => GramianStatus::Range,
+        bearings::Error::Mixed { .. } => GramianStatus::Mixed,
+        _ => GramianStatus::NotFinite,
+    }
+}
