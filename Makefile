@@ -28,7 +28,7 @@ format: $(VENV)/.installed
 	$(BIN)/ruff check --fix .
 
 rust-test:
-	cargo test -p gramian --features parallel,dense
+	cargo test -p gramian -p gramian-capi -p embedded-examples --features gramian/parallel,gramian/dense
 	cargo test -p gramian --no-default-features --features libm
 
 no-std-check:

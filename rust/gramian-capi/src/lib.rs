@@ -13,7 +13,7 @@
 // Names without mangling and C's pointers are what this crate is for.
 #![allow(unsafe_code)]
 
-use core::mem::{MaybeUninit, align_of, size_of};
+use core::mem::{align_of, size_of};
 
 use gramian::bearings::{self, Monitor};
 use gramian::dipole::{self, Accumulator};
@@ -73,22 +73,25 @@ pub enum GramianSide {
 
 /// A bearings monitor. Its content is private: make it with
 /// `gramian_monitor_init` before any other use. It may be copied.
-#[repr(C, align(8))]
+#[repr(C)]
 #[derive(Clone, Copy)]
 pub struct GramianMonitor {
-    content: MaybeUninit<[u8; 192]>,
+    content: [u64; 24],
 }
 
 /// The running Fisher information of a dipole's pass. Its content is private:
 /// make it with `gramian_dipole_sums_init` before any other use.
-#[repr(C, align(8))]
+#[repr(C)]
 #[derive(Clone, Copy)]
 pub struct GramianDipoleSums {
-    content: MaybeUninit<[u8; 192]>,
+    content: [u64; 24],
 }
 
-const _: () = assert!(size_of::<Monitor<f32>>() <= 192 && align_of::<Monitor<f32>>() <= 8);
-const _: () = assert!(size_of::<Accumulator<f32>>() <= 192 && align_of::<Accumulator<f32>>() <= 8);
+const fn fits<T>() -> bool {
+    size_of::<T>() <= size_of::<[u64; 24]>() && align_of::<T>() <= align_of::<u64>()
+}
+
+const _: () = assert!(fits::<Monitor<f32>>() && fits::<Accumulator<f32>>());
 
 /// What the bearings so far say. Infinity in a bound: there is none.
 #[repr(C)]
@@ -217,17 +220,17 @@ pub unsafe extern "C" fn gramian_heading(
 /// Each pointer is null or points to three floats.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn gramian_dipole_field(
-    position: *const [f32; 3],
-    moment: *const [f32; 3],
-    field: *mut [f32; 3],
+    position: *const f32,
+    moment: *const f32,
+    field: *mut f32,
 ) -> GramianStatus {
     // SAFETY: as the caller promises.
-    let (Some(position), Some(moment)) = (unsafe { (position.as_ref(), moment.as_ref()) }) else {
+    let (Some(position), Some(moment)) = (unsafe { (vector(position), vector(moment)) }) else {
         return GramianStatus::Null;
     };
     match dipole::field(position, moment) {
         // SAFETY: as the caller promises.
-        Ok(value) => unsafe { store(field, value) },
+        Ok(value) => unsafe { store(field.cast(), value) },
         Err(_) => GramianStatus::Range,
     }
 }
@@ -238,24 +241,24 @@ pub unsafe extern "C" fn gramian_dipole_field(
 /// Each pointer is null or points to three floats, or nine for the results.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn gramian_dipole_jacobian(
-    position: *const [f32; 3],
-    moment: *const [f32; 3],
-    by_position: *mut [[f32; 3]; 3],
-    by_moment: *mut [[f32; 3]; 3],
+    position: *const f32,
+    moment: *const f32,
+    by_position: *mut f32,
+    by_moment: *mut f32,
 ) -> GramianStatus {
     // SAFETY: as the caller promises.
-    let (Some(position), Some(moment)) = (unsafe { (position.as_ref(), moment.as_ref()) }) else {
+    let (Some(position), Some(moment)) = (unsafe { (vector(position), vector(moment)) }) else {
         return GramianStatus::Null;
     };
     match dipole::jacobian(position, moment) {
         Ok(found) => {
             // SAFETY: as the caller promises.
-            let first = unsafe { store(by_position, found.position) };
+            let first = unsafe { store(by_position.cast(), found.position) };
             if first != GramianStatus::Ok {
                 return first;
             }
             // SAFETY: as the caller promises.
-            unsafe { store(by_moment, found.moment) }
+            unsafe { store(by_moment.cast(), found.moment) }
         }
         Err(_) => GramianStatus::Range,
     }
@@ -281,14 +284,14 @@ pub unsafe extern "C" fn gramian_dipole_sums_init(sums: *mut GramianDipoleSums) 
 pub unsafe extern "C" fn gramian_dipole_sums_push(
     sums: *mut GramianDipoleSums,
     time: f32,
-    position: *const [f32; 3],
-    moment: *const [f32; 3],
+    position: *const f32,
+    moment: *const f32,
     sigma: f32,
 ) -> GramianStatus {
     // SAFETY: as the caller promises.
     let sums = unsafe { sums.cast::<Accumulator<f32>>().as_mut() };
     // SAFETY: as the caller promises.
-    let (position, moment) = unsafe { (position.as_ref(), moment.as_ref()) };
+    let (position, moment) = unsafe { (vector(position), vector(moment)) };
     let (Some(sums), Some(position), Some(moment)) = (sums, position, moment) else {
         return GramianStatus::Null;
     };
@@ -314,14 +317,20 @@ pub unsafe extern "C" fn gramian_dipole_sums_push(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn gramian_dipole_sums_matrix(
     sums: *const GramianDipoleSums,
-    matrix: *mut [[f32; 9]; 9],
+    matrix: *mut f32,
 ) -> GramianStatus {
     // SAFETY: as the caller promises.
     match unsafe { sums.cast::<Accumulator<f32>>().as_ref() } {
         // SAFETY: as the caller promises.
-        Some(sums) => unsafe { store(matrix, sums.matrix()) },
+        Some(sums) => unsafe { store(matrix.cast(), sums.matrix()) },
         None => GramianStatus::Null,
     }
+}
+
+/// Three floats, or nothing where the pointer is null.
+unsafe fn vector<'a>(place: *const f32) -> Option<&'a [f32; 3]> {
+    // SAFETY: as the caller promises.
+    unsafe { place.cast::<[f32; 3]>().as_ref() }
 }
 
 /// Writes a value where a pointer that is not null points.

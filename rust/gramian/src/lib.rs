@@ -27,6 +27,20 @@
 //! SI units and radians. x is east, y is north, bearings and azimuths are
 //! clockwise from north. Matrices in slices are row-major.
 //!
+//! # Map
+//! | module | what is in it |
+//! |---|---|
+//! | [`rows`] | [`RowSink`](rows::RowSink): models push rows, accumulators take them |
+//! | [`square_root`], [`spectrum`], [`bound`] | the triangular factor row by row; rank, null space, bounds from it |
+//! | [`information`] | the Fisher matrix itself, where it is wanted |
+//! | [`bearings`] | rows, the discriminant, a test on noisy bearings, the streaming [`Monitor`](bearings::Monitor) |
+//! | [`maneuver`] | heading laws, the best of a set of headings |
+//! | [`posterior`] | the posterior bound, predict and update apart |
+//! | [`dipole`] | field, Jacobians, running information of a magnetic dipole's pass |
+//! | [`registration`] | biases of sensors that see the same targets, the running degree |
+//! | [`linear`] | at which derivative a state of a linear system is seen |
+//! | `observability` (`alloc`), `batch` (`std`), `dense` | run-time sizes; many trials; large matrices |
+//!
 //! # Features
 //! | feature | gives | costs |
 //! |---|---|---|

@@ -1,0 +1,175 @@
+/* C interface of gramian: written by cbindgen from src/lib.rs, do not edit.
+ * SI units and radians; x east, y north; bearings clockwise from north.
+ * No function allocates, keeps a pointer or prints. */
+
+#ifndef GRAMIAN_H
+#define GRAMIAN_H
+
+#include <stdarg.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+
+// What a call came to.
+typedef enum GramianStatus {
+  // Done.
+  GRAMIAN_STATUS_OK = 0,
+  // A pointer is null.
+  GRAMIAN_STATUS_NULL,
+  // A number is NaN or infinite.
+  GRAMIAN_STATUS_NOT_FINITE,
+  // A time is not later than the one before.
+  GRAMIAN_STATUS_TIME,
+  // A standard deviation or weight is not positive.
+  GRAMIAN_STATUS_SIGMA,
+  // A range is not positive, or the dipole is on the sensor.
+  GRAMIAN_STATUS_RANGE,
+  // A step is not positive, or longer than the law allows at this range.
+  GRAMIAN_STATUS_STEP,
+  // Only some of the bearings come with a range.
+  GRAMIAN_STATUS_MIXED,
+} GramianStatus;
+
+// Which way to steer; see `gramian_heading`.
+typedef enum GramianLaw {
+  // The largest determinant of the two next bearings: step <= range.
+  GRAMIAN_LAW_MAX_DET = 0,
+  // The law of Hammel and Liu: step <= range.
+  GRAMIAN_LAW_HAMMEL_LIU,
+  // The fastest bearing, the circle about the target: step <= 2 range.
+  GRAMIAN_LAW_BEARING_RATE,
+  // Perpendicular to the line of sight now.
+  GRAMIAN_LAW_PERPENDICULAR,
+} GramianLaw;
+
+// To which side of the line of sight.
+typedef enum GramianSide {
+  // Clockwise.
+  GRAMIAN_SIDE_RIGHT = 0,
+  // Anticlockwise.
+  GRAMIAN_SIDE_LEFT,
+} GramianSide;
+
+// A bearings monitor. Its content is private: make it with
+// `gramian_monitor_init` before any other use. It may be copied.
+typedef struct GramianMonitor {
+  uint64_t content[24];
+} GramianMonitor;
+
+// What the bearings so far say. Infinity in a bound: there is none.
+typedef struct GramianAnswer {
+  // How many bearings there are.
+  uint32_t count;
+  // Rank of 4: below it the track is not observable.
+  uint32_t rank;
+  // Logarithm of the determinant of the information.
+  float log_determinant;
+  // Smallest singular value of the rows with unit columns.
+  float singular_value;
+  // Bounds on x0, y0, vx, vy at the first time.
+  float crlb_std[4];
+  // Statistic of the test of noisy bearings, and its degrees of freedom.
+  float statistic;
+  // Degrees of freedom of the statistic.
+  float dof;
+  // Probability of a statistic as large where the track is not observable.
+  float p_value;
+} GramianAnswer;
+
+// The running Fisher information of a dipole's pass. Its content is private:
+// make it with `gramian_dipole_sums_init` before any other use.
+typedef struct GramianDipoleSums {
+  uint64_t content[24];
+} GramianDipoleSums;
+
+#ifdef __cplusplus
+extern "C" {
+#endif // __cplusplus
+
+// Makes a monitor that has seen nothing.
+//
+// # Safety
+// `monitor` is null or points to memory for a monitor.
+enum GramianStatus gramian_monitor_init(struct GramianMonitor *monitor);
+
+// Takes in a bearing (s, rad, rad). `range` (m) is the target's distance as far
+// as it is known, for all bearings or none: 0 where it is not.
+//
+// # Safety
+// `monitor` is null or was made by `gramian_monitor_init`.
+enum GramianStatus gramian_monitor_push(struct GramianMonitor *monitor,
+                                        float time,
+                                        float bearing,
+                                        float sigma,
+                                        float range);
+
+// Says what the bearings so far determine.
+//
+// # Safety
+// `monitor` is null or was made by `gramian_monitor_init`; `answer` is null or
+// points to memory for an answer.
+enum GramianStatus gramian_monitor_answer(const struct GramianMonitor *monitor,
+                                          struct GramianAnswer *answer);
+
+// Gives the heading of the next leg, in (-pi, pi], clockwise from north
+// (rad, m).
+//
+// # Safety
+// `heading` is null or points to a float.
+enum GramianStatus gramian_heading(float bearing,
+                                   float range,
+                                   float step,
+                                   enum GramianLaw law,
+                                   enum GramianSide side,
+                                   float *heading);
+
+// Gives the field (T) at the sensor of a dipole of `moment` (A m^2) at `position`
+// (m) from it.
+//
+// # Safety
+// Each pointer is null or points to three floats.
+enum GramianStatus gramian_dipole_field(const float (*position)[3],
+                                        const float (*moment)[3],
+                                        float (*field)[3]);
+
+// Gives the derivatives of the field by position and by moment, row by row.
+//
+// # Safety
+// Each pointer is null or points to three floats, or nine for the results.
+enum GramianStatus gramian_dipole_jacobian(const float (*position)[3],
+                                           const float (*moment)[3],
+                                           float (*by_position)[3][3],
+                                           float (*by_moment)[3][3]);
+
+// Makes sums that hold no information.
+//
+// # Safety
+// `sums` is null or points to memory for sums.
+enum GramianStatus gramian_dipole_sums_init(struct GramianDipoleSums *sums);
+
+// Adds one sample of a three-axis sensor with standard deviation `sigma` (T): the
+// dipole is at `position`, `time` (s) after the instant of the state (r0, v, m).
+//
+// # Safety
+// `sums` is null or was made by `gramian_dipole_sums_init`; the others are null or
+// point to three floats.
+enum GramianStatus gramian_dipole_sums_push(struct GramianDipoleSums *sums,
+                                            float time,
+                                            const float (*position)[3],
+                                            const float (*moment)[3],
+                                            float sigma);
+
+// Gives the information on (r0, v, m), 9 x 9, row by row.
+//
+// # Safety
+// `sums` is null or was made by `gramian_dipole_sums_init`; `matrix` is null or
+// points to 81 floats.
+enum GramianStatus gramian_dipole_sums_matrix(const struct GramianDipoleSums *sums,
+                                              float (*matrix)[9][9]);
+
+#ifdef __cplusplus
+}  // extern "C"
+#endif  // __cplusplus
+
+#endif  /* GRAMIAN_H */
