@@ -129,18 +129,16 @@ enum GramianStatus gramian_heading(float bearing,
 //
 // # Safety
 // Each pointer is null or points to three floats.
-enum GramianStatus gramian_dipole_field(const float (*position)[3],
-                                        const float (*moment)[3],
-                                        float (*field)[3]);
+enum GramianStatus gramian_dipole_field(const float *position, const float *moment, float *field);
 
 // Gives the derivatives of the field by position and by moment, row by row.
 //
 // # Safety
 // Each pointer is null or points to three floats, or nine for the results.
-enum GramianStatus gramian_dipole_jacobian(const float (*position)[3],
-                                           const float (*moment)[3],
-                                           float (*by_position)[3][3],
-                                           float (*by_moment)[3][3]);
+enum GramianStatus gramian_dipole_jacobian(const float *position,
+                                           const float *moment,
+                                           float *by_position,
+                                           float *by_moment);
 
 // Makes sums that hold no information.
 //
@@ -156,8 +154,8 @@ enum GramianStatus gramian_dipole_sums_init(struct GramianDipoleSums *sums);
 // point to three floats.
 enum GramianStatus gramian_dipole_sums_push(struct GramianDipoleSums *sums,
                                             float time,
-                                            const float (*position)[3],
-                                            const float (*moment)[3],
+                                            const float *position,
+                                            const float *moment,
                                             float sigma);
 
 // Gives the information on (r0, v, m), 9 x 9, row by row.
@@ -165,8 +163,7 @@ enum GramianStatus gramian_dipole_sums_push(struct GramianDipoleSums *sums,
 // # Safety
 // `sums` is null or was made by `gramian_dipole_sums_init`; `matrix` is null or
 // points to 81 floats.
-enum GramianStatus gramian_dipole_sums_matrix(const struct GramianDipoleSums *sums,
-                                              float (*matrix)[9][9]);
+enum GramianStatus gramian_dipole_sums_matrix(const struct GramianDipoleSums *sums, float *matrix);
 
 #ifdef __cplusplus
 }  // extern "C"
