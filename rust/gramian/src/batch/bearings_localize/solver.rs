@@ -505,7 +505,9 @@ impl<const N: usize> Solver<N> {
                 };
                 let model = stepped(&fit.model, &change);
                 let (chi2, cost) = self.linearize(&model);
-                if cost <= fit.cost * (1.0 + 1e-13) + tolerance {
+                // What rounding of the bearings makes of the cost is no failure.
+                let rounding = (fit.cost * self.floor).sqrt();
+                if cost <= fit.cost * (1.0 + 1e-13) + tolerance + rounding {
                     (fit.model, fit.chi2, fit.cost) = (model, chi2, cost);
                     if quick && decrease < 1e-8 {
                         // Newton's next step would be nothing.
