@@ -31,8 +31,8 @@ fn a_c_program_watches_bearings() {
         .unwrap()
         .map(|entry| entry.unwrap().path())
         .filter(|path| {
-            let name = path.file_name().unwrap().to_string_lossy().into_owned();
-            name.starts_with("libgramian_capi") && name.ends_with(".a")
+            let name = path.file_stem().unwrap().to_string_lossy();
+            name.starts_with("libgramian_capi") && path.extension().is_some_and(|e| e == "a")
         })
         .max_by_key(|path| fs::metadata(path).unwrap().modified().unwrap())
         .unwrap();
