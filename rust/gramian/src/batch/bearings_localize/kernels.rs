@@ -183,7 +183,9 @@ impl pulp::WithSimd for Turn<'_> {
 /// dz/z = a + i b for a parameter gives its derivative b and the second ones,
 /// -(a b' + b a'). With residual e the Hessian of half the squares is therefore
 ///
-///     sum b b^T + sum e (a b^T + b a^T),
+/// ```text
+/// sum b b^T + sum e (a b^T + b a^T),
+/// ```
 ///
 /// the information and the bending. Where the range is hardly known the second
 /// is as large as the first along it, and steps without it crawl.

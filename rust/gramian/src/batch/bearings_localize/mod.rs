@@ -12,7 +12,9 @@
 //! target, w its derivatives over the range, s the reciprocal range and d the
 //! observer's displacement since the first bearing, the target is seen along
 //!
-//!     p = u + T w1 + T^2/2 w2 + .. - s d.
+//! ```text
+//! p = u + T w1 + T^2/2 w2 + .. - s d.
+//! ```
 //!
 //! The start is the pseudo-linear solution of Li & Sheng 2009, eq. 3, freed from
 //! its bias: cross(b, p) = 0 is homogeneous in h = (u, w, s), and noise adds to
