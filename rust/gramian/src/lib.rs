@@ -57,9 +57,10 @@ compile_error!(
     "gramian needs elementary functions: turn on the feature `std`, or `libm` without std"
 );
 
-#[cfg(feature = "alloc")]
+// Tests run on a computer that has both, whatever the crate is built without.
+#[cfg(any(feature = "alloc", test))]
 extern crate alloc;
-#[cfg(feature = "std")]
+#[cfg(any(feature = "std", test))]
 extern crate std;
 
 pub mod bearings;

@@ -13,7 +13,7 @@ pub trait RowSink<T, const N: usize> {
     fn push(&mut self, row: &[T; N]);
 }
 
-#[cfg(feature = "alloc")]
+#[cfg(any(feature = "alloc", test))]
 impl<T: Copy, const N: usize> RowSink<T, N> for alloc::vec::Vec<[T; N]> {
     fn push(&mut self, row: &[T; N]) {
         alloc::vec::Vec::push(self, *row);
