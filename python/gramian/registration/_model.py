@@ -40,8 +40,8 @@ class Setup:
     @property
     def flags(self) -> tuple[bool, bool, bool]:
         """Which extras there are, in the order of the extension module."""
-        gain, position, attitude = (extra in self.extras for extra in EXTRAS)
-        return gain, position, attitude
+        extras = self.extras
+        return "gain" in extras, "position" in extras, "attitude" in extras
 
     @property
     def kinds(self) -> tuple[tuple[str, str], ...]:
@@ -71,7 +71,7 @@ class Setup:
     @property
     def n(self) -> int:
         """Number of biases."""
-        return len(self.labels) * len(self.kinds)
+        return len(self.labels) * (len(self.kinds) if self.extras else self.d)
 
     def biases(self, value: ArrayLike | Mapping[str, float] | None, name: str = "biases") -> Array:
         """Return biases (..., n) from an array or from values by name."""
@@ -142,14 +142,19 @@ def setup(sensors: SensorsLike, sigma: ArrayLike | None, extras: Sequence[Extra]
             f"sigma has shape {noise.shape}: must be ({d},), {quantities} of every sensor, "
             f"or ({len(places)}, {d}), one line for each sensor"
         )
-    ordered = tuple(extra for extra in EXTRAS if extra in extras)
-    return Setup(labels, places, np.array(np.broadcast_to(noise, places.shape)), ordered)
+    ordered = tuple(extra for extra in EXTRAS if extra in extras) if extras else ()
+    if noise.ndim == 1:
+        noise = np.tile(noise, (len(places), 1))
+    return Setup(labels, places, noise, ordered)
 
 
 def targets(
     known: Setup, value: ArrayLike | Reports, biases: ArrayLike | Mapping[str, float] | None
 ) -> Array:
     """Return positions (..., K, d) from positions or from reports."""
+    # Small calls are common, and even a repeated import takes its time.
+    if isinstance(value, np.ndarray):
+        return value
     from gramian.registration._reports import Reports, fused
 
     if isinstance(value, Reports):
