@@ -6,7 +6,11 @@ shape (K, n). A model makes rows; `analyze` says what they determine.
 
 from __future__ import annotations
 
-from gramian import bearings, bounds, dipole, inertial, linear, maneuver, monte_carlo, registration
+import importlib
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+from gramian import bearings, bounds
 from gramian._core import __version__, set_threads
 from gramian.analysis import Observability, Suggestion, analyze
 from gramian.bounds import crlb, crlb_std, gram
@@ -20,6 +24,9 @@ from gramian.exceptions import (
     WorkerError,
 )
 from gramian.problem import Problem, from_function
+
+if TYPE_CHECKING:
+    from gramian import dipole, inertial, linear, maneuver, monte_carlo, registration
 
 __all__ = [
     "ConvergenceError",
@@ -48,3 +55,17 @@ __all__ = [
     "registration",
     "set_threads",
 ]
+
+#: Modules that are imported when they are first used, so that the import of the
+#: package stays light.
+_LAZY = frozenset({"dipole", "inertial", "linear", "maneuver", "monte_carlo", "registration"})
+
+
+def __getattr__(name: str) -> ModuleType:
+    if name in _LAZY:
+        return importlib.import_module(f"gramian.{name}")
+    raise AttributeError(f"module 'gramian' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_LAZY})
