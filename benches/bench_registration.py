@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import cache
+from typing import Any
 
+import exact
 import numpy as np
-from harness import OURS, Contest, Contestant, main
+from harness import ALL, FAST, OURS, Case, Contest, Contestant, c_function, main
+from limits import Limit
 
 from gramian import registration as reg
 
@@ -18,7 +22,7 @@ TARGET_A = np.stack([-20e3 + 400 * K[:200], 25e3 + 0 * K[:200]], axis=1)
 BIASES = np.array([300.0, np.radians(0.5), -200.0, np.radians(-0.4)])
 
 
-def numpy_fisher(p):
+def numpy_fisher(p: Any) -> Any:
     """Sum of H^T R^-1 H over all looks at once, as numpy does it best."""
     a, b = p - SENSORS[0], p - SENSORS[1]
     ra, rb = np.hypot(a[:, 0], a[:, 1]), np.hypot(b[:, 0], b[:, 1])
@@ -32,7 +36,7 @@ def numpy_fisher(p):
     return np.tensordot(h, solved, axes=([0, 1], [0, 1]))
 
 
-def loop_fisher(p):
+def loop_fisher(p: Any) -> Any:
     """The same look by look, as it is usually written."""
     total = np.zeros((4, 4), dtype=p.dtype)
     for x in p:
@@ -46,7 +50,7 @@ def loop_fisher(p):
     return total
 
 
-def scipy_ml(reports, *, sparse):
+def scipy_ml(reports: Any, *, sparse: bool) -> Any:
     """Positions and biases together by scipy.optimize.least_squares."""
     from scipy.optimize import least_squares
     from scipy.sparse import lil_matrix
@@ -54,11 +58,11 @@ def scipy_ml(reports, *, sparse):
     count = len(reports)
     sigma = SIGMA.ravel()
 
-    def parts(x):
+    def parts(x: Any) -> Any:
         offset = x[4:].reshape(-1, 1, 2) - SENSORS
         return offset, np.hypot(offset[..., 0], offset[..., 1])
 
-    def residual(x):
+    def residual(x: Any) -> Any:
         offset, r = parts(x)
         e = np.empty((count, 4))
         e[:, 0::2] = reports[..., 0] - r - x[[0, 2]]
@@ -66,7 +70,7 @@ def scipy_ml(reports, *, sparse):
         e[:, 1::2] = (turn + np.pi) % (2 * np.pi) - np.pi
         return (e / sigma).ravel()
 
-    def jacobian(x):
+    def jacobian(x: Any) -> Any:
         offset, r = parts(x)
         j = np.zeros((count, 4, 4 + 2 * count))
         j[:, range(4), range(4)] = -1 / sigma
@@ -92,77 +96,228 @@ def scipy_ml(reports, *, sparse):
     return least_squares(residual, start, jac=jacobian, x_scale=scale, xtol=1e-10).x[:4]
 
 
-def fisher_contest(*, peers: bool) -> Contest:
-    """481 looks at the target of motion 1."""
-    exact = loop_fisher(MOTION_1.astype(np.longdouble))
-    unit = np.sqrt(np.outer(np.diag(exact), np.diag(exact)))
+@cache
+def numba_kernel() -> Callable[..., Any]:
+    import numba
+
+    @numba.njit(fastmath=True)
+    def kernel(positions: Any, sensors: Any, variance: Any) -> Any:
+        out = np.zeros((positions.shape[0], 4, 4))
+        h, g = np.empty((2, 4)), np.empty((2, 4))
+        for n in range(positions.shape[0]):
+            for k in range(positions.shape[1]):
+                for s in range(2):
+                    x = positions[n, k, 0] - sensors[s, 0]
+                    y = positions[n, k, 1] - sensors[s, 1]
+                    sign, r = 1.0 - 2.0 * s, np.sqrt(x * x + y * y)
+                    h[0, 2 * s], h[1, 2 * s] = sign * x / r, sign * y / r
+                    h[0, 2 * s + 1], h[1, 2 * s + 1] = sign * y, -sign * x
+                a = b = d = 0.0
+                for i in range(4):
+                    a += variance[i] * h[0, i] * h[0, i]
+                    b += variance[i] * h[0, i] * h[1, i]
+                    d += variance[i] * h[1, i] * h[1, i]
+                w = 1 / (a * d - b * b)
+                for i in range(4):
+                    g[0, i] = w * (d * h[0, i] - b * h[1, i])
+                    g[1, i] = w * (a * h[1, i] - b * h[0, i])
+                for i in range(4):
+                    for j in range(4):
+                        out[n, i, j] += h[0, i] * g[0, j] + h[1, i] * g[1, j]
+        return out
+
+    return kernel
+
+
+def by_numba(data: Any) -> Callable[[], Any]:
+    kernel = numba_kernel()
+    return lambda: kernel(data, SENSORS, S2)
+
+
+def by_c(data: Any) -> Callable[[], Any]:
+    kernel = c_function("registration.c", "registration_fisher", *FAST)
+
+    def work() -> Any:
+        out = np.empty((len(data), 4, 4))
+        kernel(data, SENSORS, S2, len(data), data.shape[1], out)
+        return out
+
+    return work
+
+
+def exact_fisher(looks: Any) -> Any:
+    """The sum over the looks with 50 digits."""
+    import mpmath as mp
+
+    with mp.workdps(exact.DIGITS):
+        variance = mp.diag([mp.mpf(float(x)) ** 2 for x in SIGMA.ravel()])
+        total = mp.zeros(4)
+        for place in looks:
+            h = mp.zeros(2, 4)
+            for s, sign in ((0, 1), (1, -1)):
+                x, y = (mp.mpf(float(place[i])) - mp.mpf(float(SENSORS[s, i])) for i in (0, 1))
+                r = mp.sqrt(x * x + y * y)
+                h[0, 2 * s], h[1, 2 * s] = sign * x / r, sign * y / r
+                h[0, 2 * s + 1], h[1, 2 * s + 1] = sign * y, -sign * x
+            total += h.T * (h * variance * h.T) ** -1 * h
+        return exact.numbers(total)
+
+
+@cache
+def cases() -> dict[str, Case]:
+    """The target of motion 1, and one a hundred baselines away."""
+    made = {}
+    for name, looks in (
+        ("well", MOTION_1[::20].copy()),
+        ("ill", MOTION_1[::20] + np.array([0, 6e6])),
+    ):
+        wanted = exact.lazily(lambda looks=looks: exact_fisher(looks)[None])
+        made[name] = Case(looks[None], lambda found, wanted=wanted: exact.entries(found, wanted()))
+    return made
+
+
+def fisher_contest(tracks: int, looks: int, *, peers: bool, series: str = "") -> Contest:
+    """Many tracks of many looks in one call."""
+    path = np.stack([-30e3 + np.linspace(0, 120e3, looks), np.full(looks, 40e3)], axis=1)
+    part = min(tracks, 20)
+
+    def ours(data: Any) -> Callable[[], Any]:
+        return lambda: reg.fisher(data, SENSORS, SIGMA)
+
     contestants = [
-        Contestant(OURS, lambda: lambda: reg.fisher(MOTION_1, SENSORS, SIGMA)),
-        Contestant("numpy, all looks at once", lambda: lambda: numpy_fisher(MOTION_1)),
+        Contestant(OURS, ours),
+        Contestant("C, ten sums", by_c),
+        Contestant(
+            "numpy, all looks of a track at once",
+            lambda data: lambda: [numpy_fisher(p) for p in data[:part]],
+            part=part,
+        ),
     ]
     if peers:
-        contestants.append(Contestant("numpy, look by look", lambda: lambda: loop_fisher(MOTION_1)))
-    return Contest(
-        "registration: Fisher information of 481 looks",
-        "call",
-        1,
-        contestants,
-        error=lambda found: float(np.abs((found - exact) / unit).max()),
-        target="20 times numpy",
-    )
-
-
-def tracks_contest(tracks: int) -> Contest:
-    """The same for many tracks in one call."""
-    many = MOTION_1 + np.linspace(0, 1000, tracks)[:, None, None]
-    return Contest(
-        f"registration: Fisher information of {tracks} x 481 looks",
-        "track",
-        tracks,
-        [
-            Contestant(OURS, lambda: lambda: reg.fisher(many, SENSORS, SIGMA)),
+        contestants[1:1] = [Contestant("gramian, all threads", ours, threads=ALL)]
+        contestants += [
+            Contestant("numba", by_numba),
             Contestant(
-                "numpy, all looks of a track at once",
-                lambda: lambda: [numpy_fisher(p) for p in many[:20]],
-                work=20,
+                "numpy, look by look", lambda data: lambda: [loop_fisher(data[0])], part=1.0
             ),
-        ],
+        ]
+    return Contest(
+        f"registration Fisher information, {tracks} x {looks} looks",
+        "track",
+        float(tracks),
+        path + np.linspace(0, 1000, tracks)[:, None, None],
+        contestants,
+        limit=Limit(
+            {"fma": 46.0 * looks, "divide": looks, "root": 2.0 * looks},
+            "46 multiplications, a division and two roots a look",
+        ),
+        cases=cases(),
+        size=float(tracks if "trials" in series else looks),
+        series=series,
+        target="20 times numpy" if peers else "",
+        note="Error of an entry over the roots of its diagonal entries.",
     )
 
 
 def likelihood_contest(*, peers: bool) -> Contest:
     """Biases and positions of 200 looks: 404 unknowns."""
-    reports = reg.simulate(TARGET_A, SENSORS, SIGMA, BIASES, seed=1).values
-    found = reg.estimate(reports, SENSORS, SIGMA)
+
+    def reports(biases: Any, track: Any) -> Any:
+        return reg.simulate(track, SENSORS, SIGMA, biases, seed=1).values
+
+    def ours(data: Any) -> Callable[[], Any]:
+        return lambda: reg.estimate(data, SENSORS, SIGMA).biases
+
+    def case(track: Any) -> Case:
+        data = reports(BIASES, track)
+
+        def make() -> Any:
+            std = reg.estimate(data, SENSORS, SIGMA).std
+            return exact_estimate(data), std
+
+        wanted = exact.lazily(make)
+        return Case(data, lambda x: float(np.abs((x - wanted()[0]) / wanted()[1]).max()))
+
     contestants = [
-        Contestant(OURS, lambda: lambda: reg.estimate(reports, SENSORS, SIGMA).biases),
+        Contestant(OURS, ours),
         Contestant(
             "SciPy least_squares, analytic Jacobian",
-            lambda: lambda: scipy_ml(reports, sparse=False),
+            lambda data: lambda: scipy_ml(data, sparse=False),
         ),
     ]
     if peers:
         contestants.append(
             Contestant(
                 "SciPy least_squares, sparse differences",
-                lambda: lambda: scipy_ml(reports, sparse=True),
+                lambda data: lambda: scipy_ml(data, sparse=True),
             )
         )
     return Contest(
-        "registration: maximum likelihood of 200 looks",
-        "call",
-        1,
+        "registration maximum likelihood, 200 looks",
+        "estimate",
+        1.0,
+        reports(BIASES, TARGET_A),
         contestants,
-        # Distance from ours, in standard deviations: they must agree.
-        error=lambda other: float(np.abs((other - found.biases) / found.std).max()),
+        cases={"well": case(TARGET_A[::10]), "ill": case(TARGET_A[::10] + np.array([0, 60e3]))},
         target="100 times SciPy",
+        note="Error: distance from the most likely biases in deviations of the bound.",
     )
+
+
+def exact_estimate(reports: Any) -> Any:
+    """The most likely biases with 30 digits: Gauss-Newton, positions eliminated."""
+    import mpmath as mp
+
+    with mp.workdps(30):
+        sigma = [mp.mpf(float(x)) for x in SIGMA.ravel()]
+        z = [[mp.mpf(float(x)) for x in look.ravel()] for look in reports]
+        start = reg.estimate(reports, SENSORS, SIGMA)
+        biases = mp.matrix([mp.mpf(float(x)) for x in start.biases])
+        places = [
+            mp.matrix([look[0] * mp.sin(look[1]), look[0] * mp.cos(look[1])])
+            + mp.matrix([mp.mpf(float(x)) for x in SENSORS[0]])
+            for look in z
+        ]
+        for _ in range(60):
+            normal, right, parts = mp.zeros(4), mp.zeros(4, 1), []
+            for look, place in zip(z, places, strict=True):
+                e, p = mp.zeros(4, 1), mp.zeros(4, 2)
+                for s in range(2):
+                    x, y = (place[i] - mp.mpf(float(SENSORS[s, i])) for i in (0, 1))
+                    r2 = x * x + y * y
+                    r = mp.sqrt(r2)
+                    turn = look[2 * s + 1] - mp.atan2(x, y) - biases[2 * s + 1]
+                    turn -= 2 * mp.pi * mp.nint(turn / (2 * mp.pi))
+                    e[2 * s] = (look[2 * s] - r - biases[2 * s]) / sigma[2 * s]
+                    e[2 * s + 1] = turn / sigma[2 * s + 1]
+                    p[2 * s, 0], p[2 * s, 1] = x / r / sigma[2 * s], y / r / sigma[2 * s]
+                    p[2 * s + 1, 0] = y / r2 / sigma[2 * s + 1]
+                    p[2 * s + 1, 1] = -x / r2 / sigma[2 * s + 1]
+                b = mp.diag([1 / x for x in sigma])
+                inverse = (p.T * p) ** -1
+                kept = mp.eye(4) - p * inverse * p.T
+                normal += b * kept * b
+                right += b * kept * e
+                parts.append((inverse * p.T, e, b))
+            step = mp.lu_solve(normal, right)
+            biases += step
+            places = [
+                place + solve * (e - b * step)
+                for place, (solve, e, b) in zip(places, parts, strict=True)
+            ]
+            if max(abs(step[i]) / sigma[i] for i in range(4)) < mp.mpf(10) ** -14:
+                break
+        return np.array([float(x) for x in biases])
 
 
 def contests(quick: bool) -> Iterator[Contest]:
     """Yield the contests of this part."""
-    yield fisher_contest(peers=not quick)
-    yield tracks_contest(100 if quick else 1000)
+    yield fisher_contest(1, 481, peers=True)
+    yield fisher_contest(100 if quick else 1000, 481, peers=True)
+    for tracks in (10, 1000) if quick else (10, 100, 1000, 10_000):
+        yield fisher_contest(tracks, 50, peers=False, series="registration Fisher against trials")
+    for looks in (20, 1000) if quick else (10, 30, 100, 300, 1000):
+        yield fisher_contest(100, looks, peers=False, series="registration Fisher against samples")
     yield likelihood_contest(peers=not quick)
 
 

@@ -1,59 +1,116 @@
-"""The spine: Gram matrices and bounds of plain rows, import, memory, conversion."""
+"""The spine: Gram matrices and bounds of plain rows, conversion at the boundary, import."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from functools import cache
 from typing import Any
 
+import exact
 import numpy as np
-from harness import OURS, Contest, Contestant, Limit, main
+from harness import ALL, FAST, OURS, Case, Contest, Contestant, c_function, main
+from limits import Limit
 
 import gramian as gm
 
 
-def gram_contest(trials: int, samples: int, *, peers: bool) -> Contest:
+def rows_of(trials: int, samples: int, spread: float = 0.0) -> Any:
+    """Rows of four; `spread` decades between the units of the states."""
+    units = 10.0 ** np.linspace(0, spread, 4)
+    return np.random.default_rng(1).normal(size=(trials, samples, 4)) * units
+
+
+@cache
+def numba_gram() -> Callable[..., Any]:
+    import numba
+
+    @numba.njit(fastmath=True)
+    def kernel(rows: Any) -> Any:
+        out = np.zeros((rows.shape[0], 4, 4))
+        for b in range(rows.shape[0]):
+            for k in range(rows.shape[1]):
+                for i in range(4):
+                    for j in range(4):
+                        out[b, i, j] += rows[b, k, i] * rows[b, k, j]
+        return out
+
+    return kernel
+
+
+def gram_by_numba(data: Any) -> Callable[[], Any]:
+    kernel = numba_gram()
+    return lambda: kernel(data)
+
+
+def gram_by_c(data: Any) -> Callable[[], Any]:
+    kernel = c_function("linear.c", "gram4", *FAST)
+
+    def work() -> Any:
+        out = np.empty((len(data), 4, 4))
+        kernel(data, len(data), data.shape[1], out)
+        return out
+
+    return work
+
+
+@cache
+def gram_cases() -> dict[str, Case]:
+    """States in like units, and in units twelve decades apart."""
+    cases = {}
+    for name, spread in (("well", 0.0), ("ill", 12.0)):
+        data = rows_of(2, 60, spread)
+        wanted = exact.lazily(
+            lambda data=data: np.array([exact.numbers(exact.gram(rows)) for rows in data])
+        )
+        cases[name] = Case(data, lambda found, wanted=wanted: exact.entries(found, wanted()))
+    return cases
+
+
+def gram_contest(trials: int, samples: int, *, peers: bool, series: str = "") -> Contest:
     """Gram matrices of (trials, samples, 4) rows."""
-    rows = np.random.default_rng(1).normal(size=(trials, samples, 4))
 
-    def numba() -> Callable[[], Any]:
-        import numba
+    def ours(data: Any) -> Callable[[], Any]:
+        return lambda: gm.gram(data)
 
-        @numba.njit(fastmath=True)
-        def kernel(rows: Any) -> Any:
-            out = np.zeros((rows.shape[0], 4, 4))
-            for b in range(rows.shape[0]):
-                for k in range(rows.shape[1]):
-                    for i in range(4):
-                        for j in range(4):
-                            out[b, i, j] += rows[b, k, i] * rows[b, k, j]
-            return out
-
-        return lambda: kernel(rows)
-
-    exact = np.einsum("bki,bkj->bij", rows.astype(np.longdouble), rows.astype(np.longdouble))
     contestants = [
-        Contestant(OURS, lambda: lambda: gm.gram(rows)),
-        Contestant("numpy matmul", lambda: lambda: rows.transpose(0, 2, 1) @ rows),
+        Contestant(OURS, ours),
+        Contestant("C", gram_by_c),
+        Contestant("numpy matmul", lambda data: lambda: data.transpose(0, 2, 1) @ data),
     ]
     if peers:
+        contestants[1:1] = [Contestant("gramian, all threads", ours, threads=ALL)]
         contestants += [
-            Contestant("numpy einsum", lambda: lambda: np.einsum("bki,bkj->bij", rows, rows)),
-            Contestant("numba", numba),
+            Contestant("numpy einsum", lambda data: lambda: np.einsum("bki,bkj->bij", data, data)),
+            Contestant("numba", gram_by_numba),
         ]
+    kind = "memory" if trials * samples * 32 > 16e6 else "cache"
     return Contest(
         f"gram of rows, {trials} x {samples} x 4",
         "trial",
-        trials,
+        float(trials),
+        rows_of(trials, samples),
         contestants,
-        limit=Limit("memory", samples * 4 * 8, "each row read once, 32 bytes"),
-        error=lambda found: np.abs(
-            (found - exact) / np.abs(exact).max(axis=(1, 2), keepdims=True)
-        ).max(),
-        size=samples,
-        series="gram of rows against samples",
+        limit=Limit(
+            {kind: samples * 32.0 + 256, "fma": samples * 10.0},
+            "32 bytes of each row read, the result fetched and written; 10 products a row",
+        ),
+        cases=gram_cases(),
+        size=float(trials if "trials" in series else samples),
+        series=series,
+        note="Error of an entry over the roots of its diagonal entries; ill: units of states 12 "
+        "decades apart.",
     )
+
+
+def plain(a: Any) -> Any:
+    return np.sqrt(np.diagonal(np.linalg.inv(a.transpose(0, 2, 1) @ a), axis1=1, axis2=2))
+
+
+def by_qr(a: Any) -> Any:
+    inverse = np.linalg.inv(np.linalg.qr(a, mode="r"))
+    return np.sqrt((inverse**2).sum(axis=2))
 
 
 def bound_contest(trials: int) -> Contest:
@@ -63,82 +120,84 @@ def bound_contest(trials: int) -> Contest:
     ill = rng.normal(size=(1, 60, 4))
     ill[..., 3] = ill[..., 2] + 1e-7 * ill[..., 3]
 
-    def plain(a: Any) -> Any:
-        return np.sqrt(np.diagonal(np.linalg.inv(a.transpose(0, 2, 1) @ a), axis1=1, axis2=2))
+    def ours(data: Any) -> Callable[[], Any]:
+        return lambda: gm.crlb_std(data)
 
-    def by_qr(a: Any) -> Any:
-        inverse = np.linalg.inv(np.linalg.qr(a, mode="r"))
-        return np.sqrt((inverse**2).sum(axis=2))
-
-    of: dict[str, Callable[[Any], Any]] = {
-        OURS: gm.crlb_std,
-        "numpy inverse": plain,
-        "numpy QR": by_qr,
-    }
-
-    def error(a: Any) -> Callable[[str], float]:
-        import mpmath
-
-        def relative(name: str) -> float:
-            with mpmath.workdps(50):
-                j = mpmath.matrix(a[0].tolist())
-                covariance = (j.T * j) ** -1
-                exact = np.array([float(mpmath.sqrt(covariance[i, i])) for i in range(4)])
-            with np.errstate(invalid="ignore"):
-                found = of[name](a)[0]
-            return float(np.nan_to_num(np.abs(found / exact - 1), nan=np.inf).max())
-
-        return relative
+    def case(a: Any) -> Case:
+        wanted = exact.lazily(lambda: exact.bounds(exact.gram(a[0])))
+        return Case(a, lambda found: float(np.abs(found[0] / wanted() - 1).max()))
 
     return Contest(
         f"bounds of rows, {trials} x 60 x 4",
         "trial",
-        trials,
+        float(trials),
+        rows,
         [
-            Contestant(name, lambda function=function: lambda: function(rows))  # type: ignore[misc]
-            for name, function in of.items()
+            Contestant(OURS, ours),
+            Contestant("gramian, all threads", ours, threads=ALL),
+            Contestant("numpy inverse", lambda data: lambda: plain(data)),
+            Contestant("numpy QR", lambda data: lambda: by_qr(data)),
         ],
-        accuracy={"well": error(rows), "ill": error(ill)},
+        limit=Limit(
+            {"fma": 60 * 40.0 + 600, "divide": 60 * 4 + 40.0, "root": 60 * 4.0 + 20},
+            "each of 60 rows rotated in: 40 multiply-adds, 4 divisions, 4 roots; "
+            "then the singular values of the factor",
+        ),
+        cases={"well": case(rows[:1]), "ill": case(ill)},
+        note="Ill: two states that differ in the seventh digit alone. Ours decides the rank too.",
     )
 
 
 def conversion_contest() -> Contest:
     """The same Gram call on what needs no copy, and on what needs one."""
-    rows = np.random.default_rng(1).normal(size=(2000, 100, 4))
-    single, transposed = rows.astype(np.float32), np.asfortranarray(rows)
+    rows = rows_of(2000, 100)
     copy = np.empty_like(rows)
 
-    def copying() -> Callable[[], Any]:
+    def copying(given: Any) -> Callable[[Any], Callable[[], Any]]:
         def work() -> Any:
-            np.copyto(copy, transposed)
+            np.copyto(copy, given)
             return gm.gram(copy)
 
-        return work
+        return lambda _: work
 
+    single, transposed = rows.astype(np.float32), np.asfortranarray(rows)
+    strided = np.repeat(rows, 2, axis=1)[:, ::2]
+    lists = rows[:100].tolist()
     return Contest(
         "conversion at the boundary: gram of 2000 x 100 x 4",
         "trial",
-        2000,
+        2000.0,
+        rows,
         [
-            Contestant(OURS, lambda: lambda: gm.gram(rows)),
-            Contestant("float32 given", lambda: lambda: gm.gram(single)),
-            Contestant("column-major given", lambda: lambda: gm.gram(transposed)),
-            Contestant("one copy by numpy, then gram", copying),
+            Contestant(OURS, lambda data: lambda: gm.gram(data)),
+            Contestant("gramian, float32 given", lambda _: lambda: gm.gram(single)),
+            Contestant("numpy converts float32, then gramian", copying(single)),
+            Contestant("gramian, column-major given", lambda _: lambda: gm.gram(transposed)),
+            Contestant("numpy converts column-major, then gramian", copying(transposed)),
+            Contestant("gramian, every other row given", lambda _: lambda: gm.gram(strided)),
+            Contestant("numpy converts every other row, then gramian", copying(strided)),
+            Contestant("gramian, lists given", lambda _: lambda: gm.gram(lists), part=100.0),
+            Contestant(
+                "numpy converts lists, then gramian",
+                lambda _: lambda: gm.gram(np.array(lists)),
+                part=100.0,
+            ),
         ],
-        target="at most one copy",
+        target="at most one copy: no more than numpy's copy and the call on it",
     )
 
 
 def import_contest() -> Contest:
     """A fresh interpreter that imports the package, beside one that imports numpy."""
 
-    def start(code: str) -> Callable[[], Callable[[], Any]]:
-        return lambda: lambda: subprocess.run([sys.executable, "-c", code], check=True)
+    def start(code: str) -> Callable[[Any], Callable[[], Any]]:
+        return lambda _: lambda: subprocess.run([sys.executable, "-c", code], check=True)
 
     return Contest(
         "import, whole process",
         "import",
-        1,
+        1.0,
+        None,
         [
             Contestant(OURS, start("import gramian")),
             Contestant("numpy alone", start("import numpy")),
@@ -151,8 +210,10 @@ def import_contest() -> Contest:
 def contests(quick: bool) -> Iterator[Contest]:
     """All contests of this part."""
     yield gram_contest(10_000, 100, peers=True)
-    for samples in (10, 30, 300) if not quick else (30,):
-        yield gram_contest(10_000, samples, peers=False)
+    for trials in (100, 10_000) if quick else (10, 100, 1000, 10_000, 100_000):
+        yield gram_contest(trials, 50, peers=False, series="gram of rows against trials")
+    for samples in (10, 1000) if quick else (10, 30, 100, 300, 1000):
+        yield gram_contest(1000, samples, peers=False, series="gram of rows against samples")
     yield bound_contest(2000)
     yield conversion_contest()
     yield import_contest()

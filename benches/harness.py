@@ -1,7 +1,8 @@
 """Contests: the same work by several contestants, interleaved in one run.
 
 A bench module `bench_<part>.py` has one function, ``contests(quick)``, that yields
-`Contest`s. `run.py` runs them all; each module can also be run alone:
+`Contest`s. `run.py` runs them all, each part in a fresh process; a module can also
+be run alone:
 
     python benches/bench_spine.py [--quick]
 """
@@ -9,68 +10,86 @@ A bench module `bench_<part>.py` has one function, ``contests(quick)``, that yie
 from __future__ import annotations
 
 import ctypes
+import gc
+import math
+import os
 import statistics
 import subprocess
 import tempfile
 import time
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from limits import Limit, Rates
 
 HERE = Path(__file__).parent
 OURS = "gramian"
+ALL = os.cpu_count() or 1
+
+#: Set before numpy and its peers are imported, so that "one thread" is one.
+ONE_THREAD = {
+    "OPENBLAS_NUM_THREADS": "1",
+    "OMP_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "NUMBA_NUM_THREADS": "1",
+    "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1",
+    "JAX_PLATFORMS": "cpu",
+}
 
 
 @dataclass
 class Contestant:
     """One way to do the work.
 
-    `prepare()` imports what is needed, makes the inputs and returns a function that
-    does the work once; what it returns is handed to the contest's `error`. An
-    exception in it is listed with its message instead of a time.
+    `prepare(data)` imports what is needed and returns a function that does the work
+    once on this data. An exception in it is listed with its message instead of a time.
 
-    `work` is for a contestant so slow that it is given only a part of the work.
+    `part` is for a contestant so slow that it is given only so many units of the
+    work. `threads` is how many gramian may use. `limit` stands in for the contest's
+    where another method is used. One that answers another question is not `asked`
+    for its accuracy.
     """
 
     name: str
-    prepare: Callable[[], Callable[[], Any]]
-    work: float | None = None
+    prepare: Callable[[Any], Callable[[], Any]]
+    part: float | None = None
+    threads: int = 1
+    limit: Limit | None = None
+    asked: bool = True
 
 
 @dataclass
-class Limit:
-    """What binds a kernel: operations a unit of work, at the rate of `kind`.
+class Case:
+    """Data on which each contestant is asked for its relative error."""
 
-    kind: "fma" (vector multiply-adds, in lanes), "sincos" (sine and cosine of one
-    angle), "memory" (bytes), as measured by `limits.py` in the same run.
-    """
-
-    kind: str
-    operations: float
-    count: str  # where the number comes from, in words
+    data: Any
+    error: Callable[[Any], float]
 
 
 @dataclass
 class Contest:
-    """The same `work` units by each contestant; ours is named `gramian`.
+    """The same `work` units on the same data by each contestant; ours is named `gramian`.
 
-    `error` gives the relative error of what a contestant returned, against
-    high-precision arithmetic; `accuracy` names further cases: (well- and
-    ill-conditioned), each a function of the contestant's name, None where unknown.
+    `cases` are a well- and an ill-conditioned one, or more, against high-precision
+    arithmetic.
     """
 
     name: str
     unit: str
     work: float
+    data: Any
     contestants: Sequence[Contestant]
     limit: Limit | None = None
-    error: Callable[[Any], float] | None = None
-    accuracy: dict[str, Callable[[str], float | None]] = field(default_factory=dict)
-    threads: int = 1
+    cases: dict[str, Case] = field(default_factory=dict)
     size: float | None = None  # the size that a growth series varies
     series: str = ""  # contests of one series are drawn as time against size
     target: str = ""  # what was asked for, in words
+    note: str = ""
 
 
 @dataclass
@@ -81,93 +100,133 @@ class Row:
     contestant: str
     unit: str
     threads: int
-    minimum: float | None  # seconds a unit
-    median: float | None
-    ratio: float | None  # median over ours, of the same run
-    error: float | None = None
-    accuracy: dict[str, float | None] = field(default_factory=dict)
+    part: str = ""
+    work: float = 1.0  # units a call
+    minimum: float | None = None  # seconds a unit
+    median: float | None = None
+    ratio: float | None = None  # median over ours, of the same run
+    errors: dict[str, float | None] = field(default_factory=dict)
     fraction: float | None = None  # of the limit
     limit: str = ""
+    memory: float | None = None  # bytes at the peak beyond the inputs
     message: str = ""
     size: float | None = None
     series: str = ""
     target: str = ""
+    note: str = ""
 
 
-def run(contest: Contest, *, rounds: int, limits: dict[str, float] | None = None) -> list[Row]:
-    """Run a contest: each round times every contestant once, in turn."""
+@dataclass
+class _Ready:
+    contestant: Contestant
+    work: Callable[[], Any]
+    calls: int
+    units: float
+    times: list[float] = field(default_factory=list)
+
+    def go(self) -> None:
+        """Time enough calls that the clock's grain does not show."""
+        start = time.perf_counter()
+        for _ in range(self.calls):
+            self.work()
+        spent = time.perf_counter() - start
+        self.times.append(spent / self.calls / self.units)
+
+
+def run(
+    contest: Contest, *, rounds: int, limits: Rates, seconds: float = 0.02, patience: float = 4.0
+) -> list[Row]:
+    """Run a contest: each round times every contestant once, in turn.
+
+    `seconds` is how long each is timed in a round, `patience` what a slow one may
+    take in all.
+    """
     import gramian as gm
 
-    before = gm.set_threads(contest.threads)
+    ready: list[_Ready] = []
+    messages: dict[str, str] = {}
+    before = gm.set_threads(1)
     try:
-        ready: list[tuple[Contestant, Callable[[], Any], int]] = []
-        messages: dict[str, str] = {}
-        results: dict[str, Any] = {}
         for contestant in contest.contestants:
             try:
-                work = contestant.prepare()
-                results[contestant.name] = work()  # warm: compiles, fills caches
+                gm.set_threads(contestant.threads)
+                work = contestant.prepare(contest.data)
+                work()  # warm: compiles, fills caches
                 start = time.perf_counter()
                 work()
                 once = time.perf_counter() - start
             except Exception as error:  # a peer that fails is a result too
                 messages[contestant.name] = f"{type(error).__name__}: {error}".splitlines()[0]
                 continue
-            # Enough calls a round that the clock's grain and call cost do not show.
-            ready.append((contestant, work, max(1, min(1000, int(0.02 / max(once, 1e-7))))))
-        times: dict[str, list[float]] = {c.name: [] for c, _, _ in ready}
+            calls = max(1, min(1000, int(seconds / max(once, 1e-7))))
+            ready.append(_Ready(contestant, work, calls, contestant.part or contest.work))
+        gc.collect()
+        gc.disable()
         for _ in range(rounds):
-            for contestant, work, calls in ready:
-                if (
-                    times[contestant.name]
-                    and times[contestant.name][0]
-                    * len(times[contestant.name])
-                    * (contestant.work or contest.work)
-                    > 5.0
-                ):
+            for one in ready:
+                if one.times and sum(one.times) * one.units * one.calls > patience:
                     continue  # slow ones need no more rounds
-                start = time.perf_counter()
-                for _ in range(calls):
-                    work()
-                spent = (time.perf_counter() - start) / calls
-                times[contestant.name].append(spent / (contestant.work or contest.work))
+                if gm.set_threads(one.contestant.threads) != one.contestant.threads:
+                    one.work()  # starts the threads
+                one.go()
     finally:
+        gc.enable()
+        gm.set_threads(1)
+        rows = _rows(contest, ready, messages, limits)
         gm.set_threads(before)
-    ours = statistics.median(times[OURS]) if times.get(OURS) else None
+    return rows
+
+
+def _rows(
+    contest: Contest, ready: Sequence[_Ready], messages: dict[str, str], limits: Rates
+) -> list[Row]:
+    measured = {one.contestant.name: one.times for one in ready if one.times}
+    ours = statistics.median(measured[OURS]) if OURS in measured else None
     rows = []
     for contestant in contest.contestants:
-        name = contestant.name
-        measured = times.get(name)
+        times = measured.get(contestant.name)
         row = Row(
             contest.name,
-            name,
+            contestant.name,
             contest.unit,
-            contest.threads,
-            min(measured) if measured else None,
-            statistics.median(measured) if measured else None,
-            statistics.median(measured) / ours if measured and ours else None,
-            message=messages.get(name, ""),
+            contestant.threads,
+            work=contestant.part or contest.work,
+            message=messages.get(contestant.name, ""),
             size=contest.size,
             series=contest.series,
-            target=contest.target if name == OURS else "",
+            target=contest.target if contestant.name == OURS else "",
+            note=contest.note if contestant.name == OURS else "",
         )
-        if measured:
-            if contest.error is not None:
-                row.error = float(contest.error(results[name]))
-            row.accuracy = {case: of(name) for case, of in contest.accuracy.items()}
-            if contest.limit and limits and row.minimum:
-                best = contest.limit.operations / (limits[contest.limit.kind] * contest.threads)
-                row.fraction = best / row.minimum
-                row.limit = f"{contest.limit.kind}: {contest.limit.count}"
+        if times:
+            row.minimum, row.median = min(times), statistics.median(times)
+            row.ratio = row.median / ours if ours else None
+            if limit := contestant.limit or contest.limit:
+                least, kind = limit.best(limits["one" if contestant.threads == 1 else "all"])
+                row.fraction, row.limit = least / row.minimum, f"{kind}: {limit.count}"
+            if contestant.asked:
+                row.errors = {case: _error(contestant, of) for case, of in contest.cases.items()}
         rows.append(row)
     return rows
+
+
+def _error(contestant: Contestant, case: Case) -> float:
+    """Return the relative error on a case; infinite where no number comes out."""
+    import numpy as np
+
+    try:
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            error = float(case.error(contestant.prepare(case.data)()))
+    except Exception:  # it could not do the case at all
+        return math.inf
+    return error if math.isfinite(error) else math.inf
 
 
 def seconds(value: float | None) -> str:
     """Return a time with a unit that suits it."""
     if value is None:
         return "-"
-    for unit, size in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
+    for unit, size in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
         if value >= size:
             return f"{value / size:.3g} {unit}"
     return f"{value / 1e-9:.3g} ns"
@@ -175,42 +234,92 @@ def seconds(value: float | None) -> str:
 
 def markdown(rows: Iterable[Row]) -> str:
     """Return the rows as Markdown tables, one for each contest."""
-    text, contest = "", None
+    contests: dict[str, list[Row]] = {}
     for row in rows:
-        if row.contest != contest:
-            contest = row.contest
-            threads = f"{row.threads} thread" + ("s" if row.threads != 1 else "")
-            target = f" Asked for: {row.target}." if row.target else ""
-            text += f"\n### {contest}\n\nTime for one {row.unit}, {threads}.{target}\n\n"
-            text += "| contestant | median | minimum | x ours | relative error | of the limit |\n"
-            text += "|---|---|---|---|---|---|\n"
+        contests.setdefault(row.contest, []).append(row)
+    return "".join(_table(name, of) for name, of in contests.items())
+
+
+def _table(name: str, rows: Sequence[Row]) -> str:
+    first = next((row for row in rows if row.contestant == OURS), rows[0])
+    about = [f"Asked for: {first.target}."] * bool(first.target) + [first.note] * bool(first.note)
+    if any(row.memory is not None for row in rows):
+        text = f"\n### {name}\n\nMemory at the peak beyond the inputs. {' '.join(about)}\n\n"
+        text += "| contestant | MiB | |\n|---|---|---|\n"
+        for row in rows:
+            size = "-" if row.memory is None else f"{row.memory / 2**20:.1f}"
+            text += f"| {row.contestant} | {size} | {row.message} |\n"
+        return text
+    cases = list(dict.fromkeys(case for row in rows for case in row.errors))
+    limited = any(row.fraction for row in rows)
+    threads = any(row.threads != 1 for row in rows)
+    heads = ["contestant", *["threads"] * threads, "median", "minimum", "x ours"]
+    heads += [f"error, {case}" for case in cases] + ["of the limit"] * limited
+    text = f"\n### {name}\n\nTime for one {first.unit}. {' '.join(about)}\n"
+    if first.limit:
+        text += f"Limit: {first.limit}.\n"
+    text += f"\n| {' | '.join(heads)} |\n|{'---|' * len(heads)}\n"
+    for row in rows:
+        cells = [row.contestant] + [str(row.threads)] * threads
         if row.message:
-            text += f"| {row.contestant} | not run: {row.message} | | | | |\n"
-            continue
-        errors = [] if row.error is None else [f"{row.error:.1g}"]
-        errors += [f"{case} {e:.1g}" for case, e in row.accuracy.items() if e is not None]
-        fraction = f"{row.fraction:.0%} ({row.limit})" if row.fraction else ""
-        ratio = f"{row.ratio:.3g}" if row.ratio else ""
-        text += (
-            f"| {row.contestant} | {seconds(row.median)} | {seconds(row.minimum)} | {ratio} "
-            f"| {', '.join(errors)} | {fraction} |\n"
-        )
+            cells += [f"not run: {row.message}"] + [""] * (len(heads) - len(cells) - 1)
+        else:
+            cells += [seconds(row.median), seconds(row.minimum)]
+            cells.append(f"{row.ratio:.3g}" if row.ratio else "")
+            cells += [_digits(row.errors.get(case)) for case in cases]
+            cells += [f"{row.fraction:.0%}" if row.fraction else ""] * limited
+        text += f"| {' | '.join(cells)} |\n"
     return text
 
 
+def _digits(error: float | None) -> str:
+    if error is None:
+        return ""
+    return "no digit" if error >= 1 else f"{error:.1g}"
+
+
+@cache
 def c_library(source: str, *flags: str) -> ctypes.CDLL:
     """Compile benches/c/<source> with gcc -O3 -march=native and load it."""
-    out = Path(tempfile.gettempdir()) / f"gramian-bench-{Path(source).stem}{''.join(flags)}.so"
-    command = ["gcc", "-O3", "-march=native", "-shared", "-fPIC", *flags]
-    command += [str(HERE / "c" / source), "-o", str(out), "-lm"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise RuntimeError(done.stderr.strip().splitlines()[0])
-    return ctypes.CDLL(str(out))
+    compiler = ["gcc", "-O3", "-march=native", "-fPIC", *flags, "-c", str(HERE / "c" / source)]
+    with tempfile.TemporaryDirectory() as place:
+        # Linked without the flags: with -ffast-math the library would set the
+        # processor to flush small numbers to zero, for everyone in the process.
+        made, library = f"{place}/made.o", f"{place}/made.so"
+        for command in (
+            [*compiler, "-o", made],
+            ["gcc", "-shared", made, "-o", library, "-lm"],
+        ):
+            done = subprocess.run(command, capture_output=True, text=True, check=False)
+            if done.returncode:
+                raise RuntimeError(done.stderr.strip().splitlines()[0])
+        return ctypes.CDLL(library)
+
+
+FAST = ("-ffast-math", "-fopenmp-simd")
+
+
+def c_function(source: str, name: str, *flags: str, result: Any = None) -> Callable[..., Any]:
+    """Return a C function that takes numpy arrays, integers as long, and floats."""
+    function = getattr(c_library(source, *flags), name)
+    function.restype = result
+
+    def call(*arguments: Any) -> Any:
+        return function(*map(_argument, arguments))
+
+    return call
+
+
+def _argument(value: Any) -> Any:
+    if isinstance(value, int):
+        return ctypes.c_long(value)
+    return ctypes.c_double(value) if isinstance(value, float) else pointer(value)
 
 
 def pointer(array: Any) -> ctypes.c_void_p:
     """Return the address of a numpy array for a C function."""
+    if not (array.flags.c_contiguous and array.dtype == float):
+        raise ValueError("C takes contiguous arrays of doubles")
     return ctypes.c_void_p(array.ctypes.data)
 
 
@@ -221,8 +330,8 @@ def main(contests: Callable[[bool], Iterator[Contest]]) -> None:
     from limits import measure
 
     quick = "--quick" in sys.argv
+    only = [word for word in sys.argv[1:] if not word.startswith("-")]
     limits = measure()
-    rows: list[Row] = []
     for contest in contests(quick):
-        rows += run(contest, rounds=3 if quick else 7, limits=limits)
-        print(markdown(rows[-len(contest.contestants) :]), flush=True)
+        if not only or any(word in contest.name for word in only):
+            print(markdown(run(contest, rounds=3 if quick else 7, limits=limits)), flush=True)

@@ -1,51 +1,133 @@
-"""The machine's limit, measured in the same run: one thread."""
+"""The machine's limits, measured in the same run, on one thread and on all at once."""
 
 from __future__ import annotations
 
 import ctypes
+import os
 import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 
 import numpy as np
 from harness import c_library, pointer
 
+#: What each rate counts, a second.
+KINDS = {
+    "fma": "multiply-adds, in lanes of a vector",
+    "divide": "divisions, in lanes",
+    "root": "square roots, in lanes",
+    "sincos": "pairs of a sine and a cosine, in lanes",
+    "cache": "bytes read of 4 MB",
+    "memory": "bytes read of 128 MB",
+}
 
-def measure(seconds: float = 0.3) -> dict[str, float]:
-    """Return the best rates seen: multiply-add lanes, sine and cosine pairs, bytes a second."""
-    library = c_library("limits.c", "-ffast-math", "-lmvec")
-    library.fma_rate.restype = ctypes.c_double
-    library.fma_rate.argtypes = [ctypes.c_long, ctypes.c_void_p]
-    out = np.zeros(1)
-    angles = np.random.default_rng(0).uniform(-3, 3, 4096)
-    s, c = np.empty_like(angles), np.empty_like(angles)
-    big = 8_000_000
-    a, b, d = np.zeros(big), np.ones(big), np.ones(big)
-    size = ctypes.c_size_t
+#: Rates by number of threads ("one", "all") and kind.
+Rates = dict[str, dict[str, float]]
 
-    def sincos() -> float:
-        for _ in range(50):
-            library.sincos_rate(pointer(angles), pointer(s), pointer(c), size(angles.size))
-        return 50.0 * angles.size
 
-    def memory() -> float:
-        library.triad(pointer(a), pointer(b), pointer(d), size(big))
-        return 24.0 * big
+def measure(seconds: float = 0.1) -> Rates:
+    """Return the best rates seen in `seconds` each."""
+    library = c_library("limits.c", "-fno-math-errno")
+    works = {kind: _work(library, kind) for kind in KINDS}
+    one = {kind: _best(work, seconds, 1) for kind, work in works.items()}
+    threads = os.cpu_count() or 1
+    together = {kind: _best(work, seconds, threads) for kind, work in works.items()}
+    # Where others use the machine, one thread alone can be faster than all.
+    return {"one": one, "all": {kind: max(one[kind], together[kind]) for kind in KINDS}}
 
-    def fma() -> float:
-        done: float = library.fma_rate(2_000_000, pointer(out))
+
+def larger(first: Rates, second: Rates) -> Rates:
+    """Return the better of two measurements, kind by kind."""
+    return {
+        threads: {kind: max(rate, second[threads][kind]) for kind, rate in rates.items()}
+        for threads, rates in first.items()
+    }
+
+
+def _work(library: ctypes.CDLL, kind: str) -> Callable[[], float]:
+    """Return what does some of the work and tells how much; threads may call it together."""
+    name = {"cache": "read", "memory": "read"}.get(kind, kind)
+    function = getattr(library, f"{name}_rate")
+    function.restype = ctypes.c_double
+    size, many = ctypes.c_size_t, ctypes.c_long
+    if kind == "sincos":
+        angles = np.random.default_rng(0).uniform(-3, 3, 512)
+
+        def sincos() -> float:
+            s, c = np.empty_like(angles), np.empty_like(angles)
+            done: float = function(
+                pointer(angles), pointer(s), pointer(c), size(angles.size), many(500)
+            )
+            return done
+
+        return sincos
+    if name == "read":
+        array = np.ones(2**24 if kind == "memory" else 2**19)
+        repeats = 1 if kind == "memory" else 16
+
+        def read() -> float:
+            out = np.zeros(1)
+            done: float = function(pointer(array), size(array.size), many(repeats), pointer(out))
+            return done
+
+        return read
+    repeats = 200_000 if kind == "fma" else 10_000
+
+    def arithmetic() -> float:
+        out = np.zeros(1)
+        done: float = function(many(repeats), pointer(out))
         return done
 
-    rates = {}
-    for kind, work in (("fma", fma), ("sincos", sincos), ("memory", memory)):
-        best, end = 0.0, time.perf_counter() + seconds
-        work()
-        while time.perf_counter() < end:
+    return arithmetic
+
+
+def _best(work: Callable[[], float], seconds: float, threads: int) -> float:
+    """Return the best rate of several goes: never fewer than three, however slow the machine."""
+    best, goes = 0.0, 0
+    with ThreadPoolExecutor(threads) as pool:
+
+        def go() -> float:
+            if threads == 1:
+                return work()
+            # Long enough that the start of the threads does not show.
+            jobs = [pool.submit(lambda: sum(work() for _ in range(10))) for _ in range(threads)]
+            return sum(job.result() for job in jobs)
+
+        go()  # warm: pages are mapped, the clock is up
+        end = time.perf_counter() + seconds
+        while goes < 3 or time.perf_counter() < end:
             start = time.perf_counter()
-            done = work()
+            done = go()
             best = max(best, done / (time.perf_counter() - start))
-        rates[kind] = best
-    return rates
+            goes += 1
+    return best
+
+
+@dataclass
+class Limit:
+    """What binds a kernel: operations a unit of work, by the kinds of `KINDS`.
+
+    Multiply-adds and sines share the arithmetic units, divisions and roots the
+    divider, bytes the way to the caches; the three run beside one another, so the
+    slowest of them binds.
+    """
+
+    operations: dict[str, float]
+    count: str  # where the numbers come from, in words
+
+    def best(self, rates: dict[str, float]) -> tuple[float, str]:
+        """Return the least seconds a unit, and the kinds that bind."""
+        groups = (("fma", "sincos"), ("divide", "root"), ("cache", "memory"))
+        times = []
+        for group in groups:
+            kinds = [kind for kind in group if self.operations.get(kind)]
+            spent = sum(self.operations[kind] / rates[kind] for kind in kinds)
+            times.append((spent, " + ".join(kinds)))
+        return max(times)
 
 
 if __name__ == "__main__":
-    for kind, rate in measure().items():
-        print(f"{kind:8} {rate / 1e9:8.2f} G/s")
+    for threads, rates in measure().items():
+        for kind, rate in rates.items():
+            print(f"{threads:4} {kind:8} {rate / 1e9:8.2f} G/s  {KINDS[kind]}")

@@ -1,87 +1,237 @@
-"""Run all contests and write the tables and pictures: python benches/run.py [--quick] [PART ...].
+"""Run all contests: python benches/run.py [--quick] [--record] [PART ...].
 
-Writes benches/results/latest.json, latest.md and PNG pictures.
+Each part runs in a fresh process, so that none disturbs another and each has its
+own peak of memory. Results are written as they come: benches/results/latest.json,
+latest.md and pictures; stopped by Ctrl-C, they hold what is done. `--record` writes
+benches/RESULTS.md and its pictures too.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import datetime
 import importlib
 import importlib.metadata
 import json
+import math
 import os
 import platform
+import re
 import resource
+import signal
 import subprocess
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
-import numpy as np
-from harness import HERE, OURS, Row, markdown, run
-from limits import measure
+from harness import HERE, ONE_THREAD, OURS, Row, markdown, run
+from limits import larger, measure
+from report import document, pictures
 from rich.console import Console
-from rich.progress import Progress
 
 RESULTS = HERE / "results"
 PEERS = (
     "numpy", "scipy", "numba", "jax", "control", "magpylib", "stonesoup", "pybounds", "distributed",
 )  # fmt: skip
+MARK = "@bench "  # before what a part tells its parent on a line
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("parts", nargs="*", help="spine, bearings, ...; all by default")
-    parser.add_argument(
-        "--quick", action="store_true", help="fewer rounds and sizes: under 3 minutes"
-    )
+    parser = argparse.ArgumentParser(description=__doc__.split("\n\n", maxsplit=1)[0])
+    parser.add_argument("parts", nargs="*", help="kernels, spine, bearings, ...; all by default")
+    parser.add_argument("--quick", action="store_true", help="fewer rounds, sizes and peers")
+    parser.add_argument("--record", action="store_true", help="also write benches/RESULTS.md")
+    parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
-    parts = options.parts or sorted(path.stem[6:] for path in HERE.glob("bench_*.py"))
-    console = Console()
-    limits = measure()
-    about = describe(limits)
-    rows: list[Row] = []
-    with Progress(console=console, disable=not console.is_terminal) as progress:
-        task = progress.add_task("benchmarks", total=None)
-        for part in parts:
-            module = importlib.import_module(f"bench_{part}")
-            for contest in module.contests(options.quick):
-                progress.update(task, description=f"{part}: {contest.name}", advance=1)
-                new = run(contest, rounds=3 if options.quick else 9, limits=limits)
-                rows += new
-                console.print(markdown(new), markup=False, highlight=False, soft_wrap=True)
-    about["peak memory, MiB"] = round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
-    RESULTS.mkdir(exist_ok=True)
-    growth = slopes(rows)
-    data = {"about": about, "limits": limits, "growth": growth, "rows": [asdict(r) for r in rows]}
-    (RESULTS / "latest.json").write_text(json.dumps(data, indent=1, default=float))
-    (RESULTS / "latest.md").write_text(document(about, growth, rows))
-    pictures(rows)
-    console.print(f"written to {RESULTS}", highlight=False)
+    known = ["kernels", *sorted(path.stem[6:] for path in HERE.glob("bench_*.py"))]
+    if wrong := set(options.parts) - set(known):
+        parser.error(f"no part is named {', '.join(sorted(wrong))}: they are {', '.join(known)}")
+    if options.child:
+        part(options.parts[0], quick=options.quick)
+        return
+    os.environ.update(ONE_THREAD)
+    Run(options.parts or known, quick=options.quick, record=options.record).go()
 
 
-def describe(limits: dict[str, float]) -> dict[str, object]:
-    """Return the machine, the versions and the limits."""
+class Run:
+    """All parts one after the other; what is done is written at once."""
+
+    def __init__(self, parts: list[str], *, quick: bool, record: bool) -> None:
+        self.parts, self.quick, self.record = parts, quick, record
+        self.console = Console(soft_wrap=True, highlight=False)
+        self.rows: list[Row] = []
+        self.limits = measure()
+        self.about = describe(quick=quick)
+        self.parts_about: dict[str, Any] = {}
+        self.start = time.perf_counter()
+
+    def go(self) -> None:
+        stopped = False
+        try:
+            for number, name in enumerate(self.parts):
+                self._part(number, name)
+        except KeyboardInterrupt:
+            stopped = True
+            self.about["stopped"] = "before its end"
+        self._write()
+        pictures(self.rows, RESULTS)
+        if self.record and not stopped:
+            self._write(HERE / "RESULTS.md", "img/")
+            (HERE / "img").mkdir(exist_ok=True)
+            pictures(self.rows, HERE / "img")
+        self.console.print(f"written to {RESULTS}")
+        if stopped:
+            sys.exit(130)
+
+    def _part(self, number: int, name: str) -> None:
+        began = time.perf_counter()
+        with self.console.status("") as status:
+            for told in kernels(quick=self.quick) if name == "kernels" else child(name, self.quick):
+                if "contest" in told:
+                    minutes = (time.perf_counter() - self.start) / 60
+                    line = f"[{number + 1}/{len(self.parts)}] {minutes:.1f} min  {name}: "
+                    line += told["contest"]
+                    status.update(line)
+                    if not self.console.is_terminal:
+                        self.console.print(line)
+                elif "rows" in told:
+                    new = [Row(**row) for row in told["rows"]]
+                    self.rows += new
+                    self.console.print(markdown(new), markup=False)
+                    self._write()
+                elif "limits" in told:
+                    self.limits = larger(self.limits, told["limits"])
+                elif "peak" in told:
+                    self.parts_about[name] = {"peak memory, MiB": told["peak"]}
+                else:
+                    self.console.print(f"{name}: {told['failed']}", markup=False)
+                    self.rows.append(Row(name, OURS, "", 1, part=name, message=told["failed"]))
+        about = self.parts_about.setdefault(name, {})
+        about["seconds"] = round(time.perf_counter() - began, 1)
+        self._write()
+
+    def _write(self, path: Path | None = None, beside: str = "") -> None:
+        """Write what there is."""
+        RESULTS.mkdir(exist_ok=True)
+        self.about["minutes"] = round((time.perf_counter() - self.start) / 60, 1)
+        text = document(self.about, self.limits, self.parts_about, self.rows, beside)
+        (path or RESULTS / "latest.md").write_text(text)
+        data = {
+            "about": self.about,
+            "limits": self.limits,
+            "parts": self.parts_about,
+            "rows": [asdict(row) for row in self.rows],
+        }
+        whole = json.dumps(plain(data), indent=1, allow_nan=False)
+        (RESULTS / "latest.json").write_text(whole + "\n")
+
+
+def plain(value: Any) -> Any:
+    """Return what JSON can hold: infinities as words."""
+    if isinstance(value, dict):
+        return {key: plain(of) for key, of in value.items()}
+    if isinstance(value, list):
+        return [plain(of) for of in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return value
+
+
+def part(name: str, *, quick: bool) -> None:
+    """Run one part in this process and tell the parent of it."""
+    # The parent is told too, and stops in order.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+    def tell(**what: Any) -> None:
+        print(MARK + json.dumps(what), flush=True)
+
+    limits = measure(0.03)
+    tell(limits=limits)
+    for contest in importlib.import_module(f"bench_{name}").contests(quick):
+        tell(contest=contest.name)
+        rows = run(
+            contest,
+            rounds=3 if quick else 7,
+            limits=limits,
+            seconds=0.01 if quick else 0.02,
+            patience=0.5 if quick else 4.0,
+        )
+        for row in rows:
+            row.part = name
+        tell(rows=[asdict(row) for row in rows])
+    tell(peak=round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024))
+
+
+def child(name: str, quick: bool) -> Iterator[dict[str, Any]]:
+    """Yield what a part tells from a process of its own."""
+    command = [sys.executable, "-W", "ignore", __file__, "--child", name]
+    command += ["--quick"] * quick
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, errors="replace"
+    ) as process:
+        try:
+            for line in process.stdout or ():
+                if line.startswith(MARK):
+                    yield json.loads(line[len(MARK) :])
+            last = process.stderr.read().strip().splitlines() if process.stderr else []
+        except BaseException:
+            process.kill()
+            raise
+        if process.wait():
+            yield {"failed": last[-1] if last else f"ended with status {process.returncode}"}
+
+
+def kernels(*, quick: bool) -> Iterator[dict[str, Any]]:
+    """Yield the timings of `cargo bench`, which are of the crate without Python."""
+    yield {"contest": "cargo bench -p gramian --bench kernels"}
+    command = ["cargo", "bench", "-p", "gramian", "--bench", "kernels", "--", "--max-time"]
+    command += ["0.1" if quick else "1"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=HERE.parent)
+    except OSError as error:
+        yield {"failed": str(error)}
+        return
+    rows = []
+    units = {"ns": 1e-9, "µs": 1e-6, "ms": 1e-3, "s": 1.0}
+    time_of = r"([\d.]+) (ns|µs|ms|s)\s+│ "
+    for line in done.stdout.splitlines():
+        found = re.match(rf"\s+[├╰]─ (\S+)\s+{time_of * 3}", line)
+        if found:
+            name, *times = found.groups()
+            low, _, median = (float(x) * units[u] for x, u in zip(*[iter(times)] * 2, strict=True))
+            rows.append(
+                asdict(
+                    Row(
+                        "kernels of the crate, one call", name, "call", 1, part="kernels",
+                        minimum=low, median=median,
+                    )
+                )
+            )  # fmt: skip
+    yield {"rows": rows} if rows else {"failed": done.stderr.strip().splitlines()[-1]}
+
+
+def describe(*, quick: bool) -> dict[str, object]:
+    """Return the machine, the versions and the command."""
     about: dict[str, object] = {
         "date": datetime.date.today().isoformat(),
-        "command": "make bench" if "--quick" not in sys.argv else "make bench-quick",
+        "command": "make bench-quick" if quick else "make bench",
         "processor": _processor(),
         "cores": os.cpu_count(),
-        "system": platform.platform(),
+        "load at the start": round(os.getloadavg()[0], 2),
+        "system": f"{platform.system()} {platform.release()}, {platform.machine()}",
         "python": platform.python_version(),
         "gcc": _first_line("gcc", "--version"),
         "rustc": _first_line("rustc", "--version"),
+        "commit": _first_line("git", "rev-parse", "--short", "HEAD"),
     }
     for package in ("gramian", *PEERS):
-        try:
+        about[package] = "not installed"
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
             about[package] = importlib.metadata.version(package)
-        except importlib.metadata.PackageNotFoundError:
-            about[package] = "not installed"
-    about["multiply-adds, G lanes/s"] = round(limits["fma"] / 1e9, 2)
-    about["sine and cosine pairs, G/s"] = round(limits["sincos"] / 1e9, 3)
-    about["memory, GB/s"] = round(limits["memory"] / 1e9, 1)
     return about
 
 
@@ -91,99 +241,17 @@ def _processor() -> str:
     except OSError:
         return platform.processor()
     name = next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), "")
-    flags = next((line for line in lines if line.startswith("flags")), "")
-    wide = [flag for flag in ("avx2", "fma", "avx512f") if f" {flag}" in flags]
-    return f"{name} ({', '.join(wide)})"
+    flags = next((line for line in lines if line.startswith("flags")), "").split()
+    wide = [flag for flag in ("avx2", "fma", "avx512f") if flag in flags]
+    return f"{name} ({', '.join(wide)})" if wide else name
 
 
 def _first_line(*command: str) -> str:
     try:
-        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.split(
-            "\n"
-        )[0]
+        done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=HERE)
     except (OSError, subprocess.CalledProcessError):
         return "not found"
-
-
-def slopes(rows: Sequence[Row]) -> dict[str, float]:
-    """Return the slope of log time of a whole call against log size, for each series of ours."""
-    found = {}
-    for series in dict.fromkeys(row.series for row in rows if row.series):
-        ours = [r for r in rows if r.series == series and r.contestant == OURS and r.minimum]
-        sizes = [r.size for r in ours]
-        if len(set(sizes)) > 1:
-            times = [r.minimum for r in ours]
-            found[series] = float(np.polyfit(np.log(sizes), np.log(times), 1)[0])
-    return found
-
-
-def document(about: dict[str, object], growth: dict[str, float], rows: Sequence[Row]) -> str:
-    """Return the whole run as Markdown."""
-    text = "# Benchmarks\n\n"
-    text += (
-        "One run; contestants take turns within it, so the ratios hold where the machine's speed\n"
-    )
-    text += "drifts. `x ours` is a contestant's median over ours: above 1, ours is faster.\n\n"
-    text += "| | |\n|---|---|\n"
-    text += "".join(f"| {key} | {value} |\n" for key, value in about.items())
-    if growth:
-        text += "\n## Growth\n\nSlope of log time of one unit against log size.\n\n"
-        text += "| series | slope |\n|---|---|\n"
-        text += "".join(f"| {series} | {slope:.2f} |\n" for series, slope in growth.items())
-    return text + "\n## Contests\n" + markdown(rows)
-
-
-def pictures(rows: Sequence[Row]) -> None:
-    """Draw time against size, the fraction of the limit, and speed against accuracy."""
-    from gramian.plot import COLORS, figure
-
-    series = [s for s in dict.fromkeys(r.series for r in rows) if s]
-    if series:
-        fig = figure(5.2 * min(3, len(series)), 3.8 * -(-len(series) // 3))
-        panels = fig.subplots(-(-len(series) // 3), min(3, len(series)), squeeze=False).ravel()
-        for axes, name in zip(panels, series, strict=False):
-            of = [r for r in rows if r.series == name and r.minimum and r.size]
-            for contestant in dict.fromkeys(r.contestant for r in of):
-                points = [(r.size, r.minimum * 1e6) for r in of if r.contestant == contestant]
-                width = 2.5 if contestant == OURS else 1.2
-                axes.loglog(*zip(*points, strict=True), "o-", linewidth=width, label=contestant)
-            axes.set_title(name, fontsize="medium")
-            axes.set_ylabel("us a unit")
-            axes.set_xlabel("size")
-            axes.legend(fontsize="x-small")
-            axes.grid(alpha=0.3, which="both")
-        for axes in panels[len(series) :]:
-            axes.set_visible(False)
-        fig.savefig(RESULTS / "size.png")
-    limited = [r for r in rows if r.contestant == OURS and r.fraction]
-    if limited:
-        fig = figure(8.0, 0.8 + 0.32 * len(limited))
-        axes = fig.subplots()
-        names = [f"{r.contest} ({r.limit.split(':')[0]})" for r in limited]
-        axes.barh(names, [100 * r.fraction for r in limited], color=COLORS["observer"])
-        axes.axvline(100, color="black", linewidth=0.8)
-        axes.invert_yaxis()
-        axes.set_xlabel("% of the limit that binds")
-        fig.savefig(RESULTS / "limit.png")
-    compared = list(dict.fromkeys(r.contest for r in rows))
-    points = []
-    for contest in compared:
-        for r in rows:
-            if r.contest == contest and r.ratio and not r.message:
-                errors = [e for e in (r.error, *r.accuracy.values()) if e is not None]
-                if errors:
-                    points.append((r.contestant, r.ratio, max(*errors, 1e-17)))
-    if points:
-        fig = figure(7.5, 5.0)
-        axes = fig.subplots()
-        for contestant in dict.fromkeys(p[0] for p in points):
-            of_one = [(ratio, error) for name, ratio, error in points if name == contestant]
-            axes.loglog(*zip(*of_one, strict=True), "o", label=contestant)
-        axes.set_xlabel("time over ours, same work")
-        axes.set_ylabel("relative error, worst case measured")
-        axes.legend(fontsize="x-small", ncols=2)
-        axes.grid(alpha=0.3)
-        fig.savefig(RESULTS / "accuracy.png")
+    return done.stdout.split("\n")[0]
 
 
 if __name__ == "__main__":
