@@ -1,6 +1,6 @@
 //! Cramer-Rao bounds from a spectrum: `inf` for what cannot be determined.
 
-use crate::scalar::{Real, hypot};
+use crate::scalar::{Real, all_finite, hypot};
 use crate::spectrum::{Spectrum, touch_tolerance};
 
 /// Standard deviation of each state at the Cramer-Rao bound, from the scaled
@@ -26,8 +26,8 @@ pub fn standard_deviations<T: Real>(
     }
 }
 
-/// The Cramer-Rao bound on the covariance, n x n; `false` and nothing written
-/// where the rank is short, since no such matrix exists then.
+/// The Cramer-Rao bound on the covariance, n x n; `false` where the rank is short,
+/// since no such matrix exists then, or an entry is not finite.
 pub fn covariance<T: Real>(s: &[T], v: &[T], scale: &[T], rank: usize, out: &mut [T]) -> bool {
     let n = s.len();
     if rank < n {
@@ -43,16 +43,18 @@ pub fn covariance<T: Real>(s: &[T], v: &[T], scale: &[T], rank: usize, out: &mut
             out[j * n + i] = value;
         }
     }
-    true
+    all_finite(&out[..n * n])
 }
 
-/// Standard deviations at the Cramer-Rao bound of a fixed-size problem.
+/// Standard deviations at the Cramer-Rao bound of a fixed-size problem; infinite
+/// for what is not determined, or exceeds the numbers of this type.
 ///
 /// ```
-/// use gramian::{bound, rows::RowSink, spectrum::Spectrum, square_root::SquareRoot};
-/// let mut root = SquareRoot::<f64, 2>::new();
-/// root.push(&[2.0, 0.0]);
+/// use gramian::{bound, spectrum::Spectrum, square_root::SquareRootInformation};
+/// let mut root = SquareRootInformation::<f64, 2>::new();
+/// root.push(&[2.0, 0.0])?;
 /// assert_eq!(bound::crlb_std(&Spectrum::new(&root)), [0.5, f64::INFINITY]);
+/// # Ok::<(), gramian::scalar::NumberError>(())
 /// ```
 pub fn crlb_std<T: Real, const N: usize>(spectrum: &Spectrum<T, N>) -> [T; N] {
     let mut out = [T::zero(); N];
@@ -65,4 +67,29 @@ pub fn crlb_std<T: Real, const N: usize>(spectrum: &Spectrum<T, N>) -> [T; N] {
         &mut out,
     );
     out
+}
+
+/// The Cramer-Rao bound on the covariance of a fixed-size problem; `None` where the
+/// rank is short, since no such matrix exists then, or where an entry exceeds the
+/// numbers of this type.
+///
+/// ```
+/// use gramian::{bound, square_root::SquareRootInformation};
+/// let mut root = SquareRootInformation::<f64, 2>::new();
+/// root.push(&[2.0, 0.0])?;
+/// assert_eq!(bound::crlb(&root.spectrum()), None);
+/// root.push(&[0.0, 4.0])?;
+/// assert_eq!(bound::crlb(&root.spectrum()), Some([[0.25, 0.0], [0.0, 0.0625]]));
+/// # Ok::<(), gramian::scalar::NumberError>(())
+/// ```
+pub fn crlb<T: Real, const N: usize>(spectrum: &Spectrum<T, N>) -> Option<[[T; N]; N]> {
+    let mut out = [[T::zero(); N]; N];
+    let exists = covariance(
+        spectrum.singular_values(),
+        spectrum.vectors().as_flattened(),
+        spectrum.scale(),
+        spectrum.rank(),
+        out.as_flattened_mut(),
+    );
+    exists.then_some(out)
 }

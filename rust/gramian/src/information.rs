@@ -1,13 +1,13 @@
 //! Fisher information (with unit noise, the Gram matrix) as a fixed-size sum.
 //!
 //! Half the digits of the rows are lost in the sum. Take ranks, bounds and
-//! determinants from [`SquareRoot`](crate::square_root::SquareRoot); keep this
+//! determinants from [`SquareRootInformation`](crate::square_root::SquareRootInformation); keep this
 //! for what needs the matrix itself.
 
 use nalgebra::SMatrix;
 
 use crate::rows::RowSink;
-use crate::scalar::Real;
+use crate::scalar::{NumberError, Real, check_finite};
 
 /// J = sum of row^T row.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,15 +29,29 @@ impl<T: Real, const N: usize> Information<T, N> {
     }
 
     /// Adds the information of independent measurements of the same states.
-    pub fn add(&mut self, other: &Self) {
-        self.matrix += other.matrix;
+    ///
+    /// # Errors
+    /// [`Error::Number`] where the sum exceeds the numbers of this type; nothing is
+    /// added then.
+    pub fn add(&mut self, other: &Self) -> Result<(), Error> {
+        Ok(self.replace(self.matrix + other.matrix)?)
+    }
+
+    /// Takes a matrix in place of the present one if it is finite.
+    fn replace(&mut self, matrix: SMatrix<T, N, N>) -> Result<(), NumberError> {
+        if !matrix.iter().all(nalgebra::ComplexField::is_finite) {
+            return Err(OVERFLOW);
+        }
+        self.matrix = matrix;
+        Ok(())
     }
 
     /// Adds what is known of state `index` beforehand: its standard deviation.
     ///
     /// # Errors
     /// [`Error::Index`] for a state that does not exist, [`Error::Sigma`] for a
-    /// deviation that is not positive and finite.
+    /// deviation that is not positive and finite, [`Error::Number`] where 1 over its
+    /// square exceeds the numbers of this type.
     pub fn prior(&mut self, index: usize, sigma: T) -> Result<(), Error> {
         if index >= N {
             return Err(Error::Index { index, states: N });
@@ -48,8 +62,9 @@ impl<T: Real, const N: usize> Information<T, N> {
                 given: sigma.double(),
             });
         }
-        self.matrix[(index, index)] += T::one() / (sigma * sigma);
-        Ok(())
+        let mut matrix = self.matrix;
+        matrix[(index, index)] += T::one() / (sigma * sigma);
+        Ok(self.replace(matrix)?)
     }
 
     /// The information on the states in `keep` when all others are known.
@@ -72,7 +87,8 @@ impl<T: Real, const N: usize> Information<T, N> {
     /// # Errors
     /// [`Error::Index`] as above; [`Error::Singular`] when the other states are
     /// not determined even with these known. (Eliminate on the rows then:
-    /// [`eliminate`](crate::square_root::eliminate).)
+    /// [`eliminate`](crate::square_root::eliminate).) [`Error::Number`] where a
+    /// product on the way exceeds the numbers of this type.
     pub fn marginalize_others<const M: usize>(
         &self,
         keep: &[usize; M],
@@ -116,11 +132,11 @@ impl<T: Real, const N: usize> Information<T, N> {
             }
         }
         let half = T::of(0.5);
-        Ok(Information {
-            matrix: SMatrix::from_fn(|i, j| {
-                half * (work[(keep[i], keep[j])] + work[(keep[j], keep[i])])
-            }),
-        })
+        let mut out = Information::new();
+        out.replace(SMatrix::from_fn(|i, j| {
+            half * work[(keep[i], keep[j])] + half * work[(keep[j], keep[i])]
+        }))?;
+        Ok(out)
     }
 }
 
@@ -131,14 +147,21 @@ impl<T: Real, const N: usize> Default for Information<T, N> {
 }
 
 impl<T: Real, const N: usize> RowSink<T, N> for Information<T, N> {
-    fn push(&mut self, row: &[T; N]) {
+    fn push(&mut self, row: &[T; N]) -> Result<(), NumberError> {
+        check_finite("row", row)?;
+        let mut sum = self.matrix;
         for i in 0..N {
             for j in 0..N {
-                self.matrix[(i, j)] += row[i] * row[j];
+                sum[(i, j)] += row[i] * row[j];
             }
         }
+        self.replace(sum)
     }
 }
+
+const OVERFLOW: NumberError = NumberError::Overflow {
+    result: "information",
+};
 
 fn check_indices<const M: usize, const N: usize>(keep: &[usize; M]) -> Result<(), Error> {
     for (position, &index) in keep.iter().enumerate() {
@@ -171,6 +194,14 @@ pub enum Error {
         /// That state.
         index: usize,
     },
+    /// A number that is not finite, or too large to go on with.
+    Number(NumberError),
+}
+
+impl From<NumberError> for Error {
+    fn from(error: NumberError) -> Self {
+        Self::Number(error)
+    }
 }
 
 impl core::fmt::Display for Error {
@@ -184,6 +215,7 @@ impl core::fmt::Display for Error {
                 f,
                 "sigma of state {index} = {given}: must be > 0 and finite"
             ),
+            Self::Number(error) => error.fmt(f),
             Self::Singular { index } => write!(
                 f,
                 "state {index} cannot be eliminated: it is not determined even when the others are known"

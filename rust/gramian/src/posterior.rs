@@ -21,8 +21,11 @@
 //! discrete-time nonlinear filtering"; as eqs. (4) and (5) in Xu et al. 2009.
 //! [`shrink`] is Carlson's triangular measurement update (1973).
 
+use crate::bound::crlb_std;
 use crate::lane::Lane;
-use crate::scalar::Real;
+use crate::scalar::{NumberError, Real, check_finite};
+use crate::spectrum::Spectrum;
+use crate::square_root::SquareRootInformation;
 
 /// Which matrix the factor is a root of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -222,8 +225,20 @@ pub fn variances_of_information<L: Lane>(root: &[L], n: usize, out: &mut [L], wo
 /// covariance = out^T out, all n x n, row-major.
 ///
 /// # Errors
-/// [`Error::Asymmetric`] and [`Error::Indefinite`], with the place.
+/// [`Error::Asymmetric`] and [`Error::Indefinite`], with the place; [`Error::Number`]
+/// for an entry that is not finite; [`Error::Length`] for slices that are not n x n.
 pub fn semidefinite_root<T: Real>(covariance: &[T], n: usize, out: &mut [T]) -> Result<(), Error> {
+    for (array, given) in [("covariance", covariance.len()), ("out", out.len())] {
+        let wanted = n.saturating_mul(n);
+        if given != wanted {
+            return Err(Error::Length {
+                array,
+                given,
+                wanted,
+            });
+        }
+    }
+    check_finite("covariance", covariance)?;
     let slack = T::EPSILON * T::of(16.0 * n as f64);
     out[..n * n].fill(T::zero());
     for j in 0..n {
@@ -253,7 +268,9 @@ pub fn semidefinite_root<T: Real>(covariance: &[T], n: usize, out: &mut [T]) -> 
             }
             if !negligible {
                 out[j * n + k] = rest / root;
-            } else if rest.abs() > slack.sqrt() * (diagonal * covariance[k * n + k]).abs().sqrt() {
+            } else if rest.abs()
+                > slack.sqrt() * (diagonal.abs().sqrt() * covariance[k * n + k].abs().sqrt())
+            {
                 return Err(Error::Indefinite { index: k });
             }
         }
@@ -268,37 +285,48 @@ pub fn semidefinite_root<T: Real>(covariance: &[T], n: usize, out: &mut [T]) -> 
 /// use gramian::posterior::Posterior;
 /// // A position and a velocity; only the position is measured, to 1 m.
 /// let mut bound = Posterior::<f64, 2>::unknown();
-/// bound.update(&[1.0, 0.0]);
+/// bound.update(&[1.0, 0.0])?;
 /// assert!(bound.standard_deviations()[1].is_infinite());
 /// // x' = x + v: the inverse transition, and no process noise.
-/// bound.predict(&[[1.0, -1.0], [0.0, 1.0]], &[]);
-/// bound.update(&[1.0, 0.0]);
+/// bound.predict(&[[1.0, -1.0], [0.0, 1.0]], &[])?;
+/// bound.update(&[1.0, 0.0])?;
 /// let [position, velocity] = bound.standard_deviations();
 /// assert!((position - 1.0).abs() < 1e-15 && (velocity - 2.0_f64.sqrt()).abs() < 1e-15);
+/// # Ok::<(), gramian::scalar::NumberError>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Posterior<T: Real, const N: usize> {
-    root: crate::square_root::SquareRoot<T, N>,
+    root: SquareRootInformation<T, N>,
 }
 
 impl<T: Real, const N: usize> Posterior<T, N> {
     /// Nothing is known.
     pub fn unknown() -> Self {
         Self {
-            root: crate::square_root::SquareRoot::new(),
+            root: SquareRootInformation::new(),
         }
     }
 
     /// Takes in one whitened measurement row, or a row of prior knowledge.
-    pub fn update(&mut self, row: &[T; N]) {
-        crate::rows::RowSink::push(&mut self.root, row);
+    ///
+    /// # Errors
+    /// As [`SquareRootInformation::push`]; the row is not taken in then.
+    pub fn update(&mut self, row: &[T; N]) -> Result<(), NumberError> {
+        self.root.push(row)
     }
 
     /// Moves the state: x' = F x + sum of g w, with `inverse` = F^-1, `noise` the
     /// vectors g and w of unit variance.
-    pub fn predict(&mut self, inverse: &[[T; N]; N], noise: &[[T; N]]) {
+    ///
+    /// # Errors
+    /// [`NumberError::NotFinite`] with the entry, row by row, of `inverse` or
+    /// `noise`; [`NumberError::Overflow`] where the information moved exceeds the
+    /// numbers of this type. The state is not moved then.
+    pub fn predict(&mut self, inverse: &[[T; N]; N], noise: &[[T; N]]) -> Result<(), NumberError> {
+        check_finite("inverse", inverse.as_flattened())?;
+        check_finite("noise", noise.as_flattened())?;
         let mut work = [[T::zero(); N]; N];
-        let mut moved = crate::square_root::SquareRoot::new();
+        let mut moved = SquareRootInformation::new();
         for row in self.root.factor() {
             let mut out = [T::zero(); N];
             for j in 0..N {
@@ -306,32 +334,46 @@ impl<T: Real, const N: usize> Posterior<T, N> {
                     out[k] += row[j] * inverse[j][k];
                 }
             }
-            crate::rows::RowSink::push(&mut moved, &out);
+            moved.absorb(&out);
         }
         let mut factor = *moved.factor();
         for g in noise {
             shrink(factor.as_flattened_mut(), N, g, work.as_flattened_mut());
         }
-        self.root = crate::square_root::SquareRoot::new();
+        let mut root = SquareRootInformation::new();
         for row in &factor {
-            crate::rows::RowSink::push(&mut self.root, row);
+            root.absorb(row);
         }
+        self.root = root.sound()?;
+        Ok(())
     }
 
     /// The triangular factor of the information.
-    pub fn root(&self) -> &crate::square_root::SquareRoot<T, N> {
+    pub fn root(&self) -> &SquareRootInformation<T, N> {
         &self.root
     }
 
-    /// The bound on each state; infinite where it is not determined.
+    /// The bound on each state; infinite where it is not determined, or exceeds the
+    /// numbers of this type.
     pub fn standard_deviations(&self) -> [T; N] {
-        crate::bound::crlb_std(&crate::spectrum::Spectrum::new(&self.root))
+        crlb_std(&Spectrum::new(&self.root))
     }
 }
 
 /// What can be wrong with a covariance.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Error {
+    /// A number that is not finite.
+    Number(NumberError),
+    /// An array that is not n x n.
+    Length {
+        /// Its name.
+        array: &'static str,
+        /// Its length.
+        given: usize,
+        /// The length it must have.
+        wanted: usize,
+    },
     /// Two entries that should be equal are not.
     Asymmetric {
         /// Row of the one above the diagonal.
@@ -346,9 +388,21 @@ pub enum Error {
     },
 }
 
+impl From<NumberError> for Error {
+    fn from(error: NumberError) -> Self {
+        Self::Number(error)
+    }
+}
+
 impl core::fmt::Display for Error {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
+            Self::Number(error) => error.fmt(f),
+            Self::Length {
+                array,
+                given,
+                wanted,
+            } => write!(f, "{array} has {given} entries: must have {wanted}"),
             Self::Asymmetric { row, column } => write!(
                 f,
                 "entries [{row}, {column}] and [{column}, {row}] differ: a covariance is symmetric"

@@ -11,7 +11,9 @@ pub trait Real: RealField + Copy {
     const EPSILON: Self;
     /// Positive infinity: the value of a bound that does not exist.
     const INFINITY: Self;
-    /// The nearest representable number.
+    /// The largest finite number.
+    const MAX: Self;
+    /// The nearest representable number; infinite past the largest.
     fn of(value: f64) -> Self;
     /// The same number in double precision.
     fn double(self) -> f64;
@@ -20,6 +22,7 @@ pub trait Real: RealField + Copy {
 impl Real for f32 {
     const EPSILON: Self = f32::EPSILON;
     const INFINITY: Self = f32::INFINITY;
+    const MAX: Self = f32::MAX;
     #[allow(clippy::cast_possible_truncation)]
     #[inline]
     fn of(value: f64) -> Self {
@@ -34,6 +37,7 @@ impl Real for f32 {
 impl Real for f64 {
     const EPSILON: Self = f64::EPSILON;
     const INFINITY: Self = f64::INFINITY;
+    const MAX: Self = f64::MAX;
     #[inline]
     fn of(value: f64) -> Self {
         value
@@ -44,19 +48,140 @@ impl Real for f64 {
     }
 }
 
+/// What can be wrong with a number, whatever it stands for.
+///
+/// The errors of all modules hold one of these where a number is at fault. Numbers
+/// are checked on the way in, and results on the way out: what would overflow is
+/// an error too, unless the documentation says that `inf` is the answer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum NumberError {
+    /// An input that is not finite.
+    NotFinite {
+        /// The name of the input.
+        name: &'static str,
+        /// Which entry of it; 0 for a single number.
+        index: usize,
+        /// The value given.
+        given: f64,
+    },
+    /// An input outside its range.
+    OutOfRange {
+        /// The name of the input.
+        name: &'static str,
+        /// The value given.
+        given: f64,
+        /// The values allowed, in words.
+        allowed: &'static str,
+    },
+    /// A result that exceeds the numbers of this type, though all inputs are finite.
+    Overflow {
+        /// The name of the result.
+        result: &'static str,
+    },
+}
+
+impl NumberError {
+    /// The same error at another entry.
+    #[must_use]
+    pub fn at(mut self, entry: usize) -> Self {
+        if let Self::NotFinite { index, .. } = &mut self {
+            *index = entry;
+        }
+        self
+    }
+}
+
+impl core::fmt::Display for NumberError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::NotFinite { name, index, given } => {
+                write!(f, "{name}[{index}] = {given}: must be finite")
+            }
+            Self::OutOfRange {
+                name,
+                given,
+                allowed,
+            } => write!(f, "{name} = {given}: must be {allowed}"),
+            Self::Overflow { result } => write!(
+                f,
+                "{result}: too large for this number type; other units may help, or f64"
+            ),
+        }
+    }
+}
+
+impl core::error::Error for NumberError {}
+
+/// Refuses the first entry that is not finite.
+#[inline]
+pub(crate) fn check_finite<T: Real>(name: &'static str, values: &[T]) -> Result<(), NumberError> {
+    if all_finite(values) {
+        return Ok(());
+    }
+    let index = values.iter().position(|x| !x.is_finite()).unwrap_or(0);
+    Err(NumberError::NotFinite {
+        name,
+        index,
+        given: values[index].double(),
+    })
+}
+
+/// Refuses a number that is not positive and finite.
+#[inline]
+pub(crate) fn check_positive<T: Real>(name: &'static str, value: T) -> Result<(), NumberError> {
+    if value > T::zero() && value.is_finite() {
+        return Ok(());
+    }
+    Err(NumberError::OutOfRange {
+        name,
+        given: value.double(),
+        allowed: "> 0 and finite",
+    })
+}
+
+#[inline]
+pub(crate) fn all_finite<T: Real>(values: &[T]) -> bool {
+    values.iter().all(nalgebra::ComplexField::is_finite)
+}
+
 /// The angle in (-pi, pi] that differs from `angle` by whole turns.
+///
+/// A large angle is taken as it is, though the number next to it may be turns away.
+///
+/// # Units
+/// rad.
+///
+/// # Errors
+/// [`NumberError::NotFinite`].
 ///
 /// ```
 /// # use gramian::scalar::wrap_angle;
-/// assert!((wrap_angle(6.0_f64) - (6.0 - core::f64::consts::TAU)).abs() < 1e-15);
-/// assert_eq!(wrap_angle(-core::f64::consts::PI), core::f64::consts::PI);
+/// # use core::f64::consts::{PI, TAU};
+/// assert!((wrap_angle(6.0)? - (6.0 - TAU)).abs() < 1e-15);
+/// assert_eq!(wrap_angle(-PI)?, PI);
+/// # Ok::<(), gramian::scalar::NumberError>(())
 /// ```
+pub fn wrap_angle<T: Real>(angle: T) -> Result<T, NumberError> {
+    check_finite("angle", &[angle])?;
+    Ok(wrapped(angle))
+}
+
+/// [`wrap_angle`] of a number known to be finite.
 #[inline]
-pub fn wrap_angle<T: Real>(angle: T) -> T {
+pub(crate) fn wrapped<T: Real>(angle: T) -> T {
     let turn = T::two_pi();
-    let wrapped = angle - turn * (angle / turn).round();
+    // Past this many turns the product below has no digits left; a remainder has
+    // no rounding, but takes its time.
+    let wrapped = if angle.abs() < T::of(1e4) {
+        angle - turn * (angle / turn).round()
+    } else {
+        let rest = angle % turn;
+        rest - turn * (rest / turn).round()
+    };
     if wrapped <= -T::pi() {
         wrapped + turn
+    } else if wrapped > T::pi() {
+        wrapped - turn
     } else {
         wrapped
     }
@@ -64,10 +189,11 @@ pub fn wrap_angle<T: Real>(angle: T) -> T {
 
 /// sqrt(a^2 + b^2) without overflow or underflow on the way.
 #[inline]
-pub fn hypot<T: Real>(a: T, b: T) -> T {
+pub(crate) fn hypot<T: Real>(a: T, b: T) -> T {
     let (a, b) = (a.abs(), b.abs());
     let (large, small) = if a >= b { (a, b) } else { (b, a) };
-    if small == T::zero() {
+    // What is infinite stays so, instead of becoming inf / inf.
+    if small == T::zero() || large == T::INFINITY {
         return large;
     }
     let ratio = small / large;

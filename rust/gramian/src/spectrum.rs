@@ -4,8 +4,8 @@
 //! the rows, never from the information matrix or its determinant: the decision
 //! is then the same in metres and in kilometres, and keeps all digits.
 
-use crate::scalar::{Real, hypot};
-use crate::square_root::SquareRoot;
+use crate::scalar::{NumberError, Real, hypot};
+use crate::square_root::SquareRootInformation;
 
 /// The relative tolerance below which a singular value of the scaled rows
 /// counts as zero: 32 eps sqrt(max(rows, states)), the rounding that the rows
@@ -14,13 +14,14 @@ pub fn default_rtol<T: Real>(rows: usize, states: usize) -> T {
     T::EPSILON * T::of(32.0) * T::of(rows.max(states).max(1) as f64).sqrt()
 }
 
-/// 1 / norm of each column of the n x n factor `r`; 1 where a column is zero,
-/// so that a state which nothing measures stays a zero column.
+/// 1 / norm of each column of the n x n factor `r`; 1 where a column is zero, or
+/// so small that the quotient overflows: a state which nothing measures.
 pub fn unit_columns<T: Real>(r: &[T], n: usize, scale: &mut [T]) {
     for j in 0..n {
         let norm = (0..n).fold(T::zero(), |norm, i| hypot(norm, r[i * n + j]));
-        scale[j] = if norm > T::zero() {
-            T::one() / norm
+        let inverse = T::one() / norm;
+        scale[j] = if inverse.is_finite() {
+            inverse
         } else {
             T::one()
         };
@@ -50,7 +51,8 @@ pub fn decompose<T: Real>(
             v[j * n + i] = if i == j { T::one() } else { T::zero() };
         }
     }
-    if largest == T::zero() {
+    if !(T::one() / largest).is_finite() {
+        // Smaller than any normal number: nothing.
         s[..n].fill(T::zero());
         return;
     }
@@ -158,18 +160,31 @@ pub fn touch_tolerance<T: Real>(s: &[T], rank: usize, rtol: T) -> T {
     perturbation.clamp(T::EPSILON * four, T::of(1e-2))
 }
 
-/// Rank, singular values and null space of a [`SquareRoot`] of fixed size.
+/// Refuses a rank tolerance that is not in [0, 1).
+pub(crate) fn check_rtol<T: Real>(rtol: T) -> Result<(), NumberError> {
+    if rtol >= T::zero() && rtol < T::one() {
+        return Ok(());
+    }
+    Err(NumberError::OutOfRange {
+        name: "rtol",
+        given: rtol.double(),
+        allowed: "in [0, 1)",
+    })
+}
+
+/// Rank, singular values and null space of a [`SquareRootInformation`] of fixed size.
 ///
 /// ```
-/// use gramian::{rows::RowSink, spectrum::Spectrum, square_root::SquareRoot};
-/// let mut root = SquareRoot::<f64, 2>::new();
-/// root.push(&[1.0, 1e6]);
-/// root.push(&[2.0, 2e6]);
+/// use gramian::{spectrum::Spectrum, square_root::SquareRootInformation};
+/// let mut root = SquareRootInformation::<f64, 2>::new();
+/// root.push(&[1.0, 1e6])?;
+/// root.push(&[2.0, 2e6])?;
 /// let spectrum = Spectrum::new(&root);
 /// assert_eq!(spectrum.rank(), 1);
 /// // x0 = 1e6 with x1 = -1 leaves every measurement as it is.
 /// let null = spectrum.null_vector(0).unwrap();
 /// assert!((null[0] / null[1] + 1e6).abs() < 1e-6);
+/// # Ok::<(), gramian::scalar::NumberError>(())
 /// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Spectrum<T, const N: usize> {
@@ -182,13 +197,21 @@ pub struct Spectrum<T, const N: usize> {
 
 impl<T: Real, const N: usize> Spectrum<T, N> {
     /// Decomposes the factor with its columns scaled to unit length.
-    pub fn new(root: &SquareRoot<T, N>) -> Self {
+    pub fn new(root: &SquareRootInformation<T, N>) -> Self {
         let count = usize::try_from(root.count()).unwrap_or(usize::MAX);
-        Self::with_rtol(root, default_rtol(count, N))
+        Self::within(root, default_rtol(count, N))
     }
 
     /// The same with another rank tolerance, relative to the largest value.
-    pub fn with_rtol(root: &SquareRoot<T, N>, rtol: T) -> Self {
+    ///
+    /// # Errors
+    /// [`NumberError::OutOfRange`] for a tolerance that is not in [0, 1).
+    pub fn with_rtol(root: &SquareRootInformation<T, N>, rtol: T) -> Result<Self, NumberError> {
+        check_rtol(rtol)?;
+        Ok(Self::within(root, rtol))
+    }
+
+    pub(crate) fn within(root: &SquareRootInformation<T, N>, rtol: T) -> Self {
         let r = root.factor().as_flattened();
         let mut scale = [T::one(); N];
         let mut singular_values = [T::zero(); N];
@@ -241,7 +264,7 @@ impl<T: Real, const N: usize> Spectrum<T, N> {
     /// The i-th unobservable combination in physical units, `None` from the
     /// nullity on.
     pub fn null_vector(&self, i: usize) -> Option<[T; N]> {
-        let mut vector = *self.vectors.get(self.rank + i)?;
+        let mut vector = *self.vectors.get(self.rank.checked_add(i)?)?;
         for (value, scale) in vector.iter_mut().zip(&self.scale) {
             *value *= *scale;
         }

@@ -2,7 +2,7 @@
 //! the one below) or alloc (there is no allocator here).
 #![no_std]
 
-use gramian::{bearings, bound, spectrum::Spectrum, square_root::SquareRoot};
+use gramian::{bearings, bound, spectrum::Spectrum, square_root::SquareRootInformation};
 
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
@@ -12,7 +12,7 @@ fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
 /// Uses the crate, so that nothing is left out of the link.
 #[unsafe(no_mangle)]
 pub extern "C" fn no_std_check(time: f32, east: f32) -> f32 {
-    let mut root = SquareRoot::<f32, 4>::new();
+    let mut root = SquareRootInformation::<f32, 4>::new();
     let pushed = bearings::push_rows(
         &[0.0, time],
         &[[0.0, 0.0], [0.0, east]],

@@ -12,9 +12,7 @@
 use std::io::{self, BufRead};
 
 use gramian::dipole;
-use gramian::rows::RowSink;
-use gramian::square_root::SquareRoot;
-use gramian::{bound, spectrum::Spectrum};
+use gramian::square_root::SquareRootInformation;
 
 /// The sensor's noise, T.
 const SIGMA: f32 = 5e-8;
@@ -34,7 +32,7 @@ fn position(time: f32, crossing: f32) -> [f32; 3] {
 
 fn main() -> io::Result<()> {
     // Information on (crossing instant, moment in units of 100 A m^2).
-    let mut information = SquareRoot::<f32, 4>::new();
+    let mut information = SquareRootInformation::<f32, 4>::new();
     let (mut peak_field, mut crossing) = (0.0_f32, 0.0_f32);
     let (mut best_growth, mut last_bound) = (0.0_f32, f32::INFINITY);
     let (mut seen, mut captured) = (false, false);
@@ -72,14 +70,17 @@ fn main() -> io::Result<()> {
         for axis in 0..3 {
             let by_crossing = -SPEED * jacobian.position[axis][0];
             let moment = jacobian.moment[axis];
-            information.push(&[
+            let row = [
                 by_crossing / SIGMA,
                 100.0 * moment[0] / SIGMA,
                 100.0 * moment[1] / SIGMA,
                 100.0 * moment[2] / SIGMA,
-            ]);
+            ];
+            if let Err(error) = information.push(&row) {
+                println!("{time} s: {error}");
+            }
         }
-        let bound = bound::crlb_std(&Spectrum::new(&information))[0];
+        let bound = information.crlb_std()[0];
         let growth = if last_bound.is_finite() {
             1.0 / (bound * bound) - 1.0 / (last_bound * last_bound)
         } else {

@@ -248,7 +248,7 @@ mod tests {
                         let u = t / span;
                         // Across north and south both, within +-pi.
                         let b = 3.0 + (2.0 * u - 0.7 + bent * u * u).atan();
-                        crate::scalar::wrap_angle(b + 0.01 * noise.normal())
+                        crate::scalar::wrapped(b + 0.01 * noise.normal())
                     })
                     .collect();
                 let plain = bearings::observability_test(&times, &bearings, &[0.01]).unwrap();

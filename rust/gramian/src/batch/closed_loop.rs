@@ -9,7 +9,7 @@ use super::{Items, Threads};
 use crate::bearings::bearing;
 use crate::maneuver::steer::{Limits, escape, steer, within_turn};
 use crate::maneuver::{Law, Side};
-use crate::scalar::{hypot, wrap_angle};
+use crate::scalar::{hypot, wrapped};
 
 /// What is the same in all trials.
 #[derive(Clone, Copy, Debug)]
@@ -115,7 +115,7 @@ fn run(
     let mut before = None;
     for (sample, out) in out.iter_mut().enumerate() {
         let measured = (sample == 0 || lost[sample] == 0.0)
-            .then(|| wrap_angle(bearing(at, setting.target) + setting.sigma * noise[sample]));
+            .then(|| wrapped(bearing(at, setting.target) + setting.sigma * noise[sample]));
         if let Some(bearing) = measured {
             seen.push(Sighting { at, bearing });
             if sample == 0 {
@@ -231,7 +231,7 @@ fn linearize(setting: &Setting<'_>, seen: &[Sighting], position: [f64; 2]) -> Li
         let (x, y) = (px - sighting.at[0], py - sighting.at[1]);
         let squared = (x * x + y * y).max(f64::MIN_POSITIVE);
         let (u, v) = (y / squared * weight, -x / squared * weight);
-        let residual = wrap_angle(sighting.bearing - x.atan2(y)) * weight;
+        let residual = wrapped(sighting.bearing - x.atan2(y)) * weight;
         cost += residual * residual;
         gradient[0] += u * residual;
         gradient[1] += v * residual;

@@ -6,8 +6,7 @@ use super::simd::Path;
 use super::{Items, Threads};
 use crate::bearings;
 use crate::maneuver::{Error, row};
-use crate::rows::RowSink;
-use crate::square_root::SquareRoot;
+use crate::square_root::SquareRootInformation;
 
 /// Samples that are taken apart into vectors at once.
 const CHUNK: usize = 64;
@@ -221,23 +220,23 @@ pub fn fisher_det(
 }
 
 fn root_det(sighting: Sighting<'_>) -> Result<f64, Error> {
-    let mut root = SquareRoot::<f64, 2>::new();
+    let mut root = SquareRootInformation::<f64, 2>::new();
     for i in 0..sighting.positions.len() {
         let (_, east, north, sigma) = sighting.sample(i);
-        root.push(&row(east, north, sigma).map_err(|error| error.at(i))?);
+        root.absorb(&row(east, north, sigma).map_err(|error| error.at(i))?);
     }
-    Ok(root.determinant() * root.determinant())
+    Ok(root.determinant())
 }
 
 fn root_det_moving(sighting: Sighting<'_>) -> Result<f64, Error> {
-    let mut root = SquareRoot::<f64, 4>::new();
+    let mut root = SquareRootInformation::<f64, 4>::new();
     for i in 0..sighting.positions.len() {
         let (time, east, north, sigma) = sighting.sample(i);
         let row =
             bearings::row(time, east, north, sigma).map_err(|_| Error::OnTarget { index: i })?;
-        root.push(&row);
+        root.absorb(&row);
     }
-    Ok(root.determinant() * root.determinant())
+    Ok(root.determinant())
 }
 
 fn pairs_det(sighting: Sighting<'_>) -> Result<f64, Error> {

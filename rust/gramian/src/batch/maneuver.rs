@@ -3,9 +3,8 @@
 use super::{Items, Threads};
 use crate::bearings;
 use crate::maneuver::{AtStandoff, Error, Law, Side, Steering, heading, row};
-use crate::rows::RowSink;
 use crate::scalar::hypot;
-use crate::square_root::SquareRoot;
+use crate::square_root::SquareRootInformation;
 
 /// The side of a number: its sign.
 fn side(value: f64) -> Side {
@@ -101,7 +100,7 @@ fn one_path(paths: &Paths<'_>, trial: usize, n: usize, out: &mut [f64]) -> Resul
     let (ranges, out) = out.split_at_mut(n);
     let (headings, out) = out.split_at_mut(n - 1);
     let (information, determinants) = out.split_at_mut(4 * n);
-    let mut root = SquareRoot::<f64, 2>::new();
+    let mut root = SquareRootInformation::<f64, 2>::new();
     let mut flown = n;
     for k in 0..n {
         let (east, north) = (target[0] - position[0], target[1] - position[1]);
@@ -109,13 +108,13 @@ fn one_path(paths: &Paths<'_>, trial: usize, n: usize, out: &mut [f64]) -> Resul
         bearings[k] = bearings::bearing(position, target);
         ranges[k] = hypot(east, north);
         if k < flown {
-            root.push(&row(east, north, sigma).map_err(|error| error.at(k))?);
+            root.absorb(&row(east, north, sigma).map_err(|error| error.at(k))?);
         }
         let r = root.factor();
         let xy = r[0][0] * r[0][1];
         let yy = r[0][1] * r[0][1] + r[1][1] * r[1][1];
         information[4 * k..4 * k + 4].copy_from_slice(&[r[0][0] * r[0][0], xy, xy, yy]);
-        determinants[k] = root.determinant() * root.determinant();
+        determinants[k] = root.determinant();
         if k + 1 < n {
             let leg = if k < flown {
                 steering

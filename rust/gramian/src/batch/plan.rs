@@ -8,9 +8,8 @@ use super::{Items, Threads};
 use crate::maneuver::plan::{self, Criterion, Error, Legs, Target};
 use crate::maneuver::steer::{Arc, Limits, follow};
 use crate::maneuver::{Law, Side, heading};
-use crate::rows::RowSink;
 use crate::scalar::hypot;
-use crate::square_root::SquareRoot;
+use crate::square_root::SquareRootInformation;
 
 /// The expectation of a criterion over possible targets, as a function of the
 /// headings and step lengths of a path.
@@ -34,7 +33,7 @@ pub struct Candidate<const N: usize> {
     /// What is to be made large or small; the same kind for all candidates.
     pub criterion: Criterion<f64, N>,
     /// The information there is before the path.
-    pub prior: SquareRoot<f64, N>,
+    pub prior: SquareRootInformation<f64, N>,
 }
 
 impl<const N: usize> Objective<N> {
@@ -247,10 +246,10 @@ pub(super) fn by_law(law: Law, side: Side, bearing: f64, range: f64, length: f64
 }
 
 /// A square root of the information in `rows` (of length N, row-major).
-pub fn prior<const N: usize>(rows: &[f64]) -> SquareRoot<f64, N> {
-    let mut root = SquareRoot::new();
+pub fn prior<const N: usize>(rows: &[f64]) -> SquareRootInformation<f64, N> {
+    let mut root = SquareRootInformation::new();
     for row in rows.as_chunks::<N>().0 {
-        root.push(row);
+        root.absorb(row);
     }
     root
 }

@@ -17,9 +17,8 @@
 //! the printed (8) has index slips; Lemma 1 and (10)-(15) stand.
 
 use super::{Error, check_length};
-use crate::rows::RowSink;
 use crate::scalar::Real;
-use crate::square_root::SquareRoot;
+use crate::square_root::SquareRootInformation;
 
 /// The form in which a discriminant is computed; all give the same number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -177,15 +176,15 @@ pub fn discriminant_sum_qr<T: Real>(
     check_track(times, bearings, weights, 4)?;
     let m = times.len();
     let (origin, half) = middle(times);
-    let mut root = SquareRoot::<T, 4>::new();
+    let mut root = SquareRootInformation::<T, 4>::new();
     for i in 0..m {
         let w = weights.map_or(T::one(), |w| w[i].sqrt());
         let (s, c) = (bearings[i] - bearings[m / 2]).sin_cos();
         let time = (times[i] - origin) / half;
         // Columns in the order cos, T cos, sin, T sin: the large ones first.
-        root.push(&[w * c, w * time * c, w * s, w * time * s]);
+        root.absorb(&[w * c, w * time * c, w * s, w * time * s]);
     }
-    let d = root.determinant() * half * half;
+    let d = root.root_determinant() * half * half;
     Ok(d * d)
 }
 
@@ -226,13 +225,13 @@ pub fn fixed_target_sum_qr<T: Real>(
     weights: Option<&[T]>,
 ) -> Result<T, Error> {
     check_track(times, bearings, weights, 2)?;
-    let mut root = SquareRoot::<T, 2>::new();
+    let mut root = SquareRootInformation::<T, 2>::new();
     for (i, &bearing) in bearings.iter().enumerate() {
         let w = weights.map_or(T::one(), |w| w[i].sqrt());
         let (s, c) = (bearing - bearings[bearings.len() / 2]).sin_cos();
-        root.push(&[w * c, w * s]);
+        root.absorb(&[w * c, w * s]);
     }
-    let d = root.determinant();
+    let d = root.root_determinant();
     Ok(d * d)
 }
 

@@ -29,6 +29,8 @@ pub use rows::{bearing, position, push_rows, row};
 pub(crate) use test::{Clock, Residuals, SMALLEST, Sums, check_sigma, fit};
 pub use test::{Test, observability_test};
 
+use crate::scalar::NumberError;
+
 fn check_length(array: &'static str, given: usize, wanted: usize) -> Result<(), Error> {
     if given == wanted {
         Ok(())
@@ -89,15 +91,6 @@ pub enum Error {
         /// The value given.
         given: f64,
     },
-    /// A number that is not finite.
-    NotFinite {
-        /// The array it stands in.
-        name: &'static str,
-        /// Which sample.
-        index: usize,
-        /// The value given.
-        given: f64,
-    },
     /// A distance that is not positive.
     Distance {
         /// Which sample.
@@ -119,6 +112,8 @@ pub enum Error {
         /// The one before.
         before: f64,
     },
+    /// A number that is not finite, or too large to go on with.
+    Number(NumberError),
 }
 
 impl Error {
@@ -129,20 +124,27 @@ impl Error {
             Self::OnTarget { index }
             | Self::Overhead { index }
             | Self::Sigma { index, .. }
-            | Self::NotFinite { index, .. }
             | Self::Distance { index, .. }
             | Self::Mixed { index }
             | Self::Times { index, .. }
             | Self::Weight { index, .. } => *index = sample,
+            Self::Number(error) => *error = error.at(sample),
             Self::Length { .. } | Self::Cotangent { .. } | Self::TooFew { .. } => {}
         }
         self
     }
 }
 
+impl From<NumberError> for Error {
+    fn from(error: NumberError) -> Self {
+        Self::Number(error)
+    }
+}
+
 impl core::fmt::Display for Error {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
+            Self::Number(error) => error.fmt(f),
             Self::OnTarget { index } => write!(
                 f,
                 "observer[{index}] is at the target's position: a bearing needs a range > 0"
@@ -163,9 +165,6 @@ impl core::fmt::Display for Error {
                 f,
                 "{array} has {given} entries: must have {wanted}, one for each time"
             ),
-            Self::NotFinite { name, index, given } => {
-                write!(f, "{name}[{index}] = {given}: must be finite")
-            }
             Self::Distance { index, given } => {
                 write!(f, "distance[{index}] = {given} m: must be > 0 and finite")
             }

@@ -24,10 +24,9 @@
 use super::Error;
 use crate::bound::crlb_std;
 use crate::chi_square;
-use crate::rows::RowSink;
-use crate::scalar::{Real, hypot};
+use crate::scalar::{NumberError, Real, hypot};
 use crate::spectrum::{Spectrum, decompose, default_rtol};
-use crate::square_root::SquareRoot;
+use crate::square_root::SquareRootInformation;
 
 /// Takes bearings one by one and says what they determine so far.
 ///
@@ -54,7 +53,7 @@ use crate::square_root::SquareRoot;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Monitor<T> {
     /// Of the rows in turned axes with time from `origin`.
-    root: SquareRoot<T, 4>,
+    root: SquareRootInformation<T, 4>,
     /// The instant of the state, and the latest.
     first: T,
     last: T,
@@ -100,7 +99,7 @@ impl<T: Real> Monitor<T> {
     pub fn new() -> Self {
         let zero = T::zero();
         Self {
-            root: SquareRoot::new(),
+            root: SquareRootInformation::new(),
             first: zero,
             last: zero,
             origin: zero,
@@ -119,7 +118,7 @@ impl<T: Real> Monitor<T> {
     /// s, rad, rad, m.
     ///
     /// # Errors
-    /// [`Error::Times`], [`Error::Sigma`], [`Error::NotFinite`], [`Error::Distance`]
+    /// [`Error::Times`], [`Error::Sigma`], [`Error::Number`], [`Error::Distance`]
     /// for one that is not positive, [`Error::Mixed`] for one that only some
     /// bearings have. The bearing is not taken in then.
     pub fn push(
@@ -143,7 +142,7 @@ impl<T: Real> Monitor<T> {
         let t = time - self.origin;
         let weight = T::one() / (range * sigma);
         let (x, y) = (weight * cos, -(weight * sin));
-        self.root.push(&[x, y, t * x, t * y]);
+        self.root.absorb(&[x, y, t * x, t * y]);
         let g = T::one() / (range * range);
         let (mut a, mut b) = (g, g * g);
         for k in 0..5 {
@@ -174,7 +173,7 @@ impl<T: Real> Monitor<T> {
         for (name, value) in [("times", time), ("bearings", bearing)] {
             if !value.is_finite() {
                 let given = value.double();
-                return Err(Error::NotFinite { name, index, given });
+                return Err(NumberError::NotFinite { name, index, given }.into());
             }
         }
         if !(sigma > T::zero() && sigma.is_finite()) {
@@ -204,10 +203,10 @@ impl<T: Real> Monitor<T> {
     /// number doubles, this keeps T small, and with it the rounding.
     fn move_origin(&mut self) {
         let shift = self.second[1] / self.second[0];
-        let mut moved = SquareRoot::new();
+        let mut moved = SquareRootInformation::new();
         for row in self.root.factor() {
             // Still triangular: columns move by multiples of earlier ones.
-            moved.push(&[
+            moved.absorb(&[
                 row[0],
                 row[1],
                 row[2] - shift * row[0],
@@ -241,7 +240,7 @@ impl<T: Real> Monitor<T> {
             relative_motion: [T::zero(); 4],
         };
         // The product itself where it can be formed: no logarithm's rounding.
-        let product = self.root.determinant();
+        let product = self.root.root_determinant();
         let square = product * product;
         if square > T::zero() && square.is_finite() {
             answer.determinant = square;
@@ -256,11 +255,11 @@ impl<T: Real> Monitor<T> {
     fn spectrum(&self) -> Spectrum<T, 4> {
         let (sin, cos) = self.turn.sin_cos();
         let shift = self.origin - self.first;
-        let mut root = SquareRoot::new();
+        let mut root = SquareRootInformation::new();
         for row in self.root.factor() {
             let [x, y, vx, vy] = *row;
             let (vx, vy) = (vx + shift * x, vy + shift * y);
-            root.push(&[
+            root.absorb(&[
                 cos * x + sin * y,
                 cos * y - sin * x,
                 cos * vx + sin * vy,
@@ -268,7 +267,7 @@ impl<T: Real> Monitor<T> {
             ]);
         }
         let count = usize::try_from(self.count()).unwrap_or(usize::MAX);
-        Spectrum::with_rtol(&root, default_rtol(count, 4))
+        Spectrum::within(&root, default_rtol(count, 4))
     }
 
     fn test(&self, answer: &mut Answer<T>) {
@@ -316,7 +315,7 @@ impl<T: Real> Monitor<T> {
         let scale = squares / total;
         answer.statistic = s[3] * s[3] / scale;
         answer.dof = total / scale * (m - T::of(3.0)) / m;
-        answer.p_value = chi_square::survival(answer.statistic, answer.dof);
+        answer.p_value = chi_square::tail(answer.statistic, answer.dof);
         answer.relative_motion = self.motion(&position, &velocity);
     }
 
@@ -398,7 +397,7 @@ mod tests {
                 // Noise of half a degree from a fixed sequence.
                 let noise = 0.0087 * (f64::from(i * i) * 0.7).sin() * 1.4;
                 let t = 20.0 * f64::from(i);
-                let b = crate::scalar::wrap_angle(bearing(t, turn) + noise + 3.0);
+                let b = crate::scalar::wrapped(bearing(t, turn) + noise + 3.0);
                 #[allow(clippy::cast_possible_truncation)]
                 single.push(t as f32, b as f32, 0.0087, None).unwrap();
                 double.push(t, b, 0.0087, None).unwrap();
@@ -492,7 +491,7 @@ mod tests {
         ));
         assert!(matches!(
             monitor.push(1.0, f64::NAN, 0.1, None),
-            Err(Error::NotFinite { .. })
+            Err(Error::Number(_))
         ));
         assert!(matches!(
             monitor.push(1.0, 0.1, 0.1, Some(-1.0)),

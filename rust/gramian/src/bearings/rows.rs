@@ -68,7 +68,7 @@ pub fn push_rows<T: Real>(
             s,
         )
         .map_err(|error| error.at(i))?;
-        sink.push(&row);
+        sink.push(&row)?;
     }
     Ok(())
 }

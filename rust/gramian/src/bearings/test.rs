@@ -265,12 +265,12 @@ pub(crate) fn fit<T: Real>(
     let dof = T::of(dof as f64);
     let along = [sin, cos, T::zero(), T::zero()];
     let (mut best, mut statistic) = descend(smallest(&blocks(gram), &along), track);
-    let mut p_value = chi_square::survival(statistic, dof);
+    let mut p_value = chi_square::tail(statistic, dof);
     if p_value < T::of(0.2) {
         let (other, second) = descend(along, track);
         if second < statistic {
             (best, statistic) = (other, second);
-            p_value = chi_square::survival(statistic, dof);
+            p_value = chi_square::tail(statistic, dof);
         }
     }
     (best, statistic, p_value)

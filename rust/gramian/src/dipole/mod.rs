@@ -24,7 +24,7 @@ pub mod localize;
 pub use accumulator::Accumulator;
 
 use crate::rows::RowSink;
-use crate::scalar::Real;
+use crate::scalar::{NumberError, Real};
 
 /// The magnetic constant over 4 pi, in H/m: 1e-7 to nine digits (CODATA 2018
 /// gives 1.00000000055e-7).
@@ -249,10 +249,10 @@ pub fn measure<T: Real>(
 ///
 /// ```
 /// use gramian::dipole::{Pass, Sensing, push_rows};
-/// use gramian::{spectrum::Spectrum, square_root::SquareRoot};
+/// use gramian::{spectrum::Spectrum, square_root::SquareRootInformation};
 /// let times = [0.0_f64, 4.0, 8.0, 12.0, 16.0, 20.0];
 /// let pass = Pass::of(&[-10.0, -10.0, 5.0, 1.0, 1.0, 0.0, 10.0, 20.0, 10.0]);
-/// let mut root = SquareRoot::new();
+/// let mut root = SquareRootInformation::new();
 /// push_rows(&times, &pass, &[[0.0; 3]], &Sensing::Vector, &[1e-9], &mut root).unwrap();
 /// assert_eq!(Spectrum::new(&root).rank(), 8);
 /// ```
@@ -282,14 +282,14 @@ pub fn push_rows<T: Real>(
             match sensing {
                 Sensing::Vector => {
                     for i in 0..3 {
-                        sink.push(&row(&j.position[i], &j.moment[i], time, s));
+                        sink.push(&row(&j.position[i], &j.moment[i], time, s))?;
                     }
                 }
                 Sensing::TotalField(ambient) => {
                     let h = field(&place, &pass.moment).map_err(|error| error.at(k))?;
                     let (_, u) = total(ambient, &h);
                     let by_position = product(&j.position, &u);
-                    sink.push(&row(&by_position, &product(&j.moment, &u), time, s));
+                    sink.push(&row(&by_position, &product(&j.moment, &u), time, s))?;
                 }
             }
         }
@@ -375,6 +375,8 @@ pub enum Error {
         /// The length it must have.
         wanted: usize,
     },
+    /// A number that is not finite, or too large to go on with.
+    Number(NumberError),
 }
 
 impl Error {
@@ -383,15 +385,23 @@ impl Error {
     pub fn at(mut self, sample: usize) -> Self {
         match &mut self {
             Self::OnSensor { index } | Self::Sigma { index, .. } => *index = sample,
+            Self::Number(error) => *error = error.at(sample),
             Self::Length { .. } => {}
         }
         self
     }
 }
 
+impl From<NumberError> for Error {
+    fn from(error: NumberError) -> Self {
+        Self::Number(error)
+    }
+}
+
 impl core::fmt::Display for Error {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
+            Self::Number(error) => error.fmt(f),
             Self::OnSensor { index } => write!(
                 f,
                 "sample {index}: the dipole is on the sensor, where its field is infinite; \
@@ -415,7 +425,7 @@ impl core::error::Error for Error {}
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::square_root::SquareRoot;
+    use crate::square_root::SquareRootInformation;
     use proptest::prelude::*;
 
     const SENSOR: [[f64; 3]; 1] = [[0.0; 3]];
@@ -509,7 +519,7 @@ mod tests {
         let mut rows = alloc::vec::Vec::<[f64; 9]>::new();
         let sensing = Sensing::TotalField(ambient);
         push_rows(&times, &pass, &SENSOR, &sensing, &[1e-9], &mut rows).unwrap();
-        let mut root = SquareRoot::new();
+        let mut root = SquareRootInformation::new();
         let turned = |x: &[f64; 3]| {
             let b = ambient;
             [
@@ -525,7 +535,7 @@ mod tests {
         };
         let (scale, turn) = (pass.state(), turn.state());
         for row in &rows {
-            root.push(row);
+            root.push(row).unwrap();
             for (null, three) in [(scale, 3.0), (turn, 1.0)] {
                 let terms: [f64; 9] =
                     core::array::from_fn(|i| row[i] * null[i] * if i < 6 { 1.0 } else { three });

@@ -12,9 +12,8 @@
 pub mod plan;
 pub mod steer;
 
-use crate::rows::RowSink;
-use crate::scalar::{Real, hypot, wrap_angle};
-use crate::square_root::SquareRoot;
+use crate::scalar::{NumberError, Real, hypot, wrapped};
+use crate::square_root::SquareRootInformation;
 
 /// A closed-form law of heading.
 ///
@@ -130,7 +129,7 @@ impl Side {
 #[inline]
 pub fn heading<T: Real>(bearing: T, range: T, step: T, law: Law, side: Side) -> Result<T, Error> {
     let (cos, sin) = law.turn(range, step)?;
-    Ok(wrap_angle(bearing + side.sign::<T>() * sin.atan2(cos)))
+    Ok(wrapped(bearing + side.sign::<T>() * sin.atan2(cos)))
 }
 
 /// The range after a leg at `cos` of the angle off the line of sight.
@@ -235,7 +234,7 @@ fn turn_to<T: Real>(range: T, step: T, to: T) -> (T, T) {
 /// The whitened row of a bearing of a fixed target, by its position.
 ///
 /// Pushed into [`Information<T, 2>`](crate::information::Information) or
-/// [`SquareRoot<T, 2>`] it is the running information of a path.
+/// [`SquareRootInformation<T, 2>`] it is the running information of a path.
 ///
 /// # Errors
 /// [`Error::OnTarget`], [`Error::Sigma`].
@@ -280,9 +279,9 @@ pub struct Choice<T> {
 /// As [`row`], and [`Error::Step`].
 ///
 /// ```
-/// use gramian::{maneuver, rows::RowSink, square_root::SquareRoot};
-/// let mut information = SquareRoot::<f32, 2>::new();
-/// information.push(&maneuver::row(0.0, 1000.0, 0.01).unwrap());
+/// use gramian::{maneuver, square_root::SquareRootInformation};
+/// let mut information = SquareRootInformation::<f32, 2>::new();
+/// information.push(&maneuver::row(0.0, 1000.0, 0.01).unwrap()).unwrap();
 /// let headings = [0.0, 0.5, 1.0, 1.5];
 /// let best = maneuver::best_heading(
 ///     &information, [0.0, 0.0], [0.0, 1000.0], 20.0, 0.01, 0.0, &headings,
@@ -290,7 +289,7 @@ pub struct Choice<T> {
 /// assert_eq!(best.unwrap().unwrap().index, 3);
 /// ```
 pub fn best_heading<T: Real>(
-    information: &SquareRoot<T, 2>,
+    information: &SquareRootInformation<T, 2>,
     position: [T; 2],
     target: [T; 2],
     step: T,
@@ -305,7 +304,7 @@ pub fn best_heading<T: Real>(
     }
     let mut start = *information;
     if start.count() == 0 {
-        start.push(&row(
+        start.absorb(&row(
             target[0] - position[0],
             target[1] - position[1],
             sigma,
@@ -321,8 +320,8 @@ pub fn best_heading<T: Real>(
             continue;
         }
         let mut root = start;
-        root.push(&row(east, north, sigma)?);
-        let determinant = root.determinant() * root.determinant();
+        root.absorb(&row(east, north, sigma)?);
+        let determinant = root.determinant();
         if best.is_none_or(|best| determinant > best.determinant) {
             best = Some(Choice {
                 index,
@@ -394,6 +393,8 @@ pub enum Error {
         /// The stand-off range.
         standoff: f64,
     },
+    /// A number that is not finite, or too large to go on with.
+    Number(NumberError),
 }
 
 impl Error {
@@ -405,6 +406,7 @@ impl Error {
             | Self::Sigma { index, .. }
             | Self::TooLong { index, .. }
             | Self::Inside { index, .. } => *index = sample,
+            Self::Number(error) => *error = error.at(sample),
             Self::Range { .. } | Self::Step { .. } => {}
         }
         self
@@ -422,9 +424,16 @@ impl core::fmt::Display for Law {
     }
 }
 
+impl From<NumberError> for Error {
+    fn from(error: NumberError) -> Self {
+        Self::Number(error)
+    }
+}
+
 impl core::fmt::Display for Error {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
+            Self::Number(error) => error.fmt(f),
             Self::OnTarget { index } => write!(
                 f,
                 "position {index} is the target's: a bearing needs a range > 0"

@@ -11,10 +11,9 @@
 //! family: D (log det), A (trace of the bound), E (smallest eigenvalue).
 
 use crate::bearings;
-use crate::rows::RowSink;
-use crate::scalar::Real;
+use crate::scalar::{NumberError, Real};
 use crate::spectrum::{Spectrum, decompose};
-use crate::square_root::SquareRoot;
+use crate::square_root::SquareRootInformation;
 
 /// What is to be made large or small.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -61,7 +60,7 @@ pub struct Target<'a, T, const N: usize> {
     /// Standard deviation of a bearing.
     pub sigma: T,
     /// The square root of the information there is before the path.
-    pub prior: &'a SquareRoot<T, N>,
+    pub prior: &'a SquareRootInformation<T, N>,
     /// What counts as one unit of each state, for the trace and the eigenvalue.
     pub scale: [T; N],
 }
@@ -211,14 +210,14 @@ fn row<T: Real, const N: usize>(
 fn accumulate<T: Real, const N: usize>(
     legs: &Legs<'_, T>,
     target: &Target<'_, T, N>,
-    mut each: impl FnMut(usize, &SquareRoot<T, N>),
-) -> Result<(SquareRoot<T, N>, [T; 2]), Error> {
-    let mut root = SquareRoot::new();
+    mut each: impl FnMut(usize, &SquareRootInformation<T, N>),
+) -> Result<(SquareRootInformation<T, N>, [T; 2]), Error> {
+    let mut root = SquareRootInformation::new();
     for line in target.prior.factor() {
-        root.push(&core::array::from_fn(|i| line[i] * target.scale[i]));
+        root.absorb(&core::array::from_fn(|i| line[i] * target.scale[i]));
     }
     let mut at = legs.start;
-    root.push(&row(at, 0, legs.dt, target)?);
+    root.absorb(&row(at, 0, legs.dt, target)?);
     each(0, &root);
     let mut sample = 0;
     for leg in 0..legs.headings.len() {
@@ -227,7 +226,7 @@ fn accumulate<T: Real, const N: usize>(
         for _ in 0..legs.counts[leg] {
             at = [at[0] + length * sin, at[1] + length * cos];
             sample += 1;
-            root.push(&row(at, sample, legs.dt, target)?);
+            root.absorb(&row(at, sample, legs.dt, target)?);
             each(sample, &root);
         }
     }
@@ -237,7 +236,7 @@ fn accumulate<T: Real, const N: usize>(
 /// The criterion and its derivative G by the information on the scaled states:
 /// a change dJ changes the value by the trace of G dJ.
 fn differentiate<T: Real, const N: usize>(
-    root: &SquareRoot<T, N>,
+    root: &SquareRootInformation<T, N>,
     scale: &[T; N],
     criterion: &Criterion<T, N>,
 ) -> (T, [[T; N]; N]) {
@@ -294,7 +293,7 @@ fn differentiate<T: Real, const N: usize>(
 }
 
 fn smallest_eigenvalue<T: Real, const N: usize>(
-    root: &SquareRoot<T, N>,
+    root: &SquareRootInformation<T, N>,
     sharpness: T,
 ) -> (T, [[T; N]; N]) {
     let mut s = [T::zero(); N];
@@ -402,11 +401,20 @@ pub enum Error {
         /// The length it must have.
         wanted: usize,
     },
+    /// A number that is not finite, or too large to go on with.
+    Number(NumberError),
+}
+
+impl From<NumberError> for Error {
+    fn from(error: NumberError) -> Self {
+        Self::Number(error)
+    }
 }
 
 impl core::fmt::Display for Error {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
+            Self::Number(error) => error.fmt(f),
             Self::OnTarget { sample } => write!(
                 f,
                 "sample {sample} of the path is on the target: a bearing needs a range > 0"
@@ -445,8 +453,10 @@ mod tests {
     }
 
     fn check<const N: usize>(scale: [f64; N], criterion: Criterion<f64, N>) {
-        let mut prior = SquareRoot::new();
-        prior.push(&core::array::from_fn(|i| 1e-3 / scale[i]));
+        let mut prior = SquareRootInformation::new();
+        prior
+            .push(&core::array::from_fn(|i| 1e-3 / scale[i]))
+            .unwrap();
         let target = Target {
             state: [60.0, 900.0, 3.0, -2.0],
             sigma: 0.03,
@@ -511,7 +521,7 @@ mod tests {
 
     #[test]
     fn the_smooth_eigenvalue_is_below_the_sharp_one() {
-        let prior = SquareRoot::new();
+        let prior = SquareRootInformation::new();
         let target = Target::<f64, 2> {
             state: [60.0, 900.0, 0.0, 0.0],
             sigma: 0.03,
@@ -533,7 +543,7 @@ mod tests {
 
     #[test]
     fn what_is_not_determined_has_no_bound() {
-        let prior = SquareRoot::new();
+        let prior = SquareRootInformation::new();
         let target = Target::<f64, 4> {
             state: [60.0, 900.0, 3.0, -2.0],
             sigma: 0.03,

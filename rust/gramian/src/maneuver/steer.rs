@@ -1,7 +1,7 @@
 //! Headings that keep a path clear of circles and within its rate of turn.
 
 use crate::bearings;
-use crate::scalar::{Real, hypot, wrap_angle};
+use crate::scalar::{Real, hypot, wrapped};
 
 /// A disc that must not be entered.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -121,17 +121,17 @@ pub fn steer<T: Real>(
     // taken with twice that margin.
     let margin = T::EPSILON * T::of(16.0);
     let clear = |heading: T| {
-        let turned = before
-            .is_none_or(|before| wrap_angle(heading - before).abs() <= limits.max_turn + margin);
+        let turned =
+            before.is_none_or(|before| wrapped(heading - before).abs() <= limits.max_turn + margin);
         turned
             && (0..limits.len()).all(|i| {
                 let (middle, half) = forbidden(at, length, &limits.circle(i, time));
-                half == T::zero() || wrap_angle(heading - middle).abs() >= half + margin
+                half == T::zero() || wrapped(heading - middle).abs() >= half + margin
             })
     };
     let mut best: Option<(T, T)> = None;
     let mut offer = |heading: T| {
-        let off = wrap_angle(heading - wanted).abs();
+        let off = wrapped(heading - wanted).abs();
         if best.is_none_or(|(least, _)| off < least) && clear(heading) {
             best = Some((off, heading));
         }
@@ -212,7 +212,7 @@ pub fn follow<T: Real>(
 /// The heading nearest to `wanted` that a turn from `before` reaches.
 pub fn within_turn<T: Real>(wanted: T, before: Option<T>, max_turn: T) -> T {
     match before {
-        Some(before) => before + wrap_angle(wanted - before).clamp(-max_turn, max_turn),
+        Some(before) => before + wrapped(wanted - before).clamp(-max_turn, max_turn),
         None => wanted,
     }
 }

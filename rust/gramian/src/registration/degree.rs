@@ -2,9 +2,8 @@
 
 use super::Error;
 use super::pair::Plane;
-use crate::rows::RowSink;
 use crate::scalar::Real;
-use crate::square_root::SquareRoot;
+use crate::square_root::SquareRootInformation;
 
 /// eta = 2 det((1/K) sum of projectors)^(1/4), look by look, without allocation.
 ///
@@ -24,7 +23,7 @@ use crate::square_root::SquareRoot;
 pub struct Running<T> {
     sensors: [[T; 2]; 2],
     sigma: [[T; 2]; 2],
-    root: SquareRoot<T, 4>,
+    root: SquareRootInformation<T, 4>,
     looks: u32,
 }
 
@@ -35,7 +34,7 @@ impl<T: Real> Running<T> {
         Self {
             sensors: [a, b],
             sigma: [sigma_a, sigma_b],
-            root: SquareRoot::new(),
+            root: SquareRootInformation::new(),
             looks: 0,
         }
     }
@@ -54,7 +53,7 @@ impl<T: Real> Running<T> {
         let plane = Plane::new(offset(0), offset(1), &self.sigma[0], &self.sigma[1])
             .map_err(|error| error.at(self.looks as usize))?;
         for row in plane.basis() {
-            self.root.push(&row);
+            self.root.absorb(&row);
         }
         self.looks = self.looks.saturating_add(1);
         Ok(())
@@ -66,7 +65,7 @@ impl<T: Real> Running<T> {
     }
 
     /// The triangular factor of the looks, in biases over their deviations.
-    pub fn root(&self) -> &SquareRoot<T, 4> {
+    pub fn root(&self) -> &SquareRootInformation<T, 4> {
         &self.root
     }
 
@@ -76,6 +75,6 @@ impl<T: Real> Running<T> {
             return T::zero();
         }
         let two = T::one() + T::one();
-        two * self.root.determinant().sqrt() / T::of(f64::from(self.looks))
+        two * self.root.root_determinant().sqrt() / T::of(f64::from(self.looks))
     }
 }

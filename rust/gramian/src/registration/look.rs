@@ -1,7 +1,7 @@
 //! One look of any number of sensors, in the plane or in space.
 
 use super::{Dimension, Error, Layout, MOST, pair};
-use crate::scalar::{Real, hypot, wrap_angle};
+use crate::scalar::{Real, hypot, wrapped};
 use crate::square_root::reflect;
 
 /// What one sensor measures of a target, and how that depends on the target's
@@ -213,7 +213,7 @@ pub fn fill<T: Real>(
                 let difference = if q == 0 {
                     difference
                 } else {
-                    wrap_angle(difference)
+                    wrapped(difference)
                 };
                 line[c - 1] = difference / sigma[s * d + q];
             }

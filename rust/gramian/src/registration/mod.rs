@@ -25,7 +25,7 @@ pub mod estimate;
 pub mod look;
 pub mod pair;
 
-use crate::scalar::Real;
+use crate::scalar::{NumberError, Real};
 
 /// The most biases that one sensor can have.
 pub const MOST: usize = 10;
@@ -195,22 +195,33 @@ pub enum Error {
         /// The length that fits.
         wanted: usize,
     },
+    /// A number that is not finite, or too large to go on with.
+    Number(NumberError),
 }
 
 impl Error {
     /// The same error at another look.
     #[must_use]
     pub fn at(mut self, index: usize) -> Self {
-        if let Self::OnSensor { look, .. } | Self::Overhead { look, .. } = &mut self {
-            *look = index;
+        match &mut self {
+            Self::OnSensor { look, .. } | Self::Overhead { look, .. } => *look = index,
+            Self::Number(error) => *error = error.at(index),
+            _ => {}
         }
         self
+    }
+}
+
+impl From<NumberError> for Error {
+    fn from(error: NumberError) -> Self {
+        Self::Number(error)
     }
 }
 
 impl core::fmt::Display for Error {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
+            Self::Number(error) => error.fmt(f),
             Self::Sensors { given } => write!(
                 f,
                 "sensors has {given} entries: registration wants 2 or more sensors"

@@ -10,7 +10,7 @@
 //! of them, without an inverse.
 
 use super::Error;
-use crate::scalar::{Real, hypot, wrap_angle};
+use crate::scalar::{Real, hypot, wrapped};
 
 /// What one look of two sensors says: a plane of the four whitened biases.
 ///
@@ -157,7 +157,7 @@ pub(crate) fn reduce<T: Real>(
         if let Some(report) = report {
             e[2 * s] = (report[2 * s] - range - biases[2 * s]) * weight[2 * s];
             let turn = report[2 * s + 1] - x.atan2(y) - biases[2 * s + 1];
-            e[2 * s + 1] = wrap_angle(turn) * weight[2 * s + 1];
+            e[2 * s + 1] = wrapped(turn) * weight[2 * s + 1];
         }
     }
     let sum = |i: usize, j: usize| (0..4).fold(o, |sum, k| sum + g[k][i] * g[k][j]);
