@@ -44,13 +44,13 @@ impl Path {
             #[cfg(target_arch = "x86_64")]
             Self::Avx512 => {
                 if let Some(simd) = pulp::x86::V4::try_new() {
-                    return simd.vectorize(|| kernel.with_simd(simd));
+                    return pulp::Simd::vectorize(simd, kernel);
                 }
             }
             #[cfg(target_arch = "x86_64")]
             Self::Avx2 => {
                 if let Some(simd) = pulp::x86::V3::try_new() {
-                    return simd.vectorize(|| kernel.with_simd(simd));
+                    return pulp::Simd::vectorize(simd, kernel);
                 }
             }
             Self::Plain => return kernel.with_simd(pulp::Scalar::new()),

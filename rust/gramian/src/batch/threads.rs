@@ -58,6 +58,9 @@ impl Threads {
                 let first = out
                     .par_chunks_mut(task * size)
                     .enumerate()
+                    // Each task can be taken by itself: else the threads get
+                    // halves of the range, which may hold unequal work.
+                    .with_max_len(1)
                     .filter_map(|(index, chunk)| {
                         run(chunk, size, index * task, &scratch, &each).err()
                     })
