@@ -235,7 +235,7 @@ fn add<S: pulp::Simd, const N: usize>(
 /// The same for all vectors of x, in strips of as many as there are registers for.
 #[inline(always)]
 fn strips<S: pulp::Simd>(x: &Along<'_, S>, y: (&[f64], &[f64])) -> S::f64s {
-    let most = if S::REGISTER_COUNT >= 32 { 8 } else { 4 };
+    let most = if S::REGISTER_COUNT >= 32 { 8 } else { 6 };
     let mut total = x.simd.splat_f64s(0.0);
     let mut first = 0;
     while first < x.count() {
@@ -295,10 +295,7 @@ impl pulp::WithSimd for Sum<'_> {
 
 /// The sum or maximum of D^2 over x and y without a quotient, lane by lane.
 #[inline(always)]
-fn apart<S: pulp::Simd, const MAXIMUM: bool>(
-    x: &Along<'_, S>,
-    y: (&[f64], &[f64]),
-) -> S::f64s {
+fn apart<S: pulp::Simd, const MAXIMUM: bool>(x: &Along<'_, S>, y: (&[f64], &[f64])) -> S::f64s {
     let mut total = x.simd.splat_f64s(0.0);
     let mut first = 0;
     while first + 4 <= x.count() {

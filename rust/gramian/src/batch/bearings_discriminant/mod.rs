@@ -142,7 +142,7 @@ pub fn fixed_target_sum(
 pub fn cost(m: usize, method: Method) -> f64 {
     let m = m as f64;
     match method {
-        Method::Direct => 0.07 * m.powi(4) / 24.0 + m * m,
+        Method::Direct => 0.08 * m.powi(4) / 24.0 + m * m,
         Method::Factored => 0.5 * m.powi(3) / 6.0 + m * m,
         Method::Qr => 40.0 * m,
     }
