@@ -93,6 +93,29 @@ class Contest:
 
 
 @dataclass
+class Footprint:
+    """The memory that contestants take at the peak: `measure(name)` gives bytes."""
+
+    name: str
+    contestants: Sequence[str]
+    measure: Callable[[str], float]
+    note: str = ""
+    target: str = ""
+
+    def run(self) -> list[Row]:
+        """Measure each once."""
+        rows = []
+        for name in self.contestants:
+            row = Row(self.name, name, "call", 1, note=self.note, target=self.target)
+            try:
+                row.memory = self.measure(name)
+            except Exception as error:  # listed, as in a contest
+                row.message = f"{type(error).__name__}: {error}".splitlines()[0]
+            rows.append(row)
+        return rows
+
+
+@dataclass
 class Row:
     """The outcome of one contestant."""
 
@@ -323,7 +346,7 @@ def pointer(array: Any) -> ctypes.c_void_p:
     return ctypes.c_void_p(array.ctypes.data)
 
 
-def main(contests: Callable[[bool], Iterator[Contest]]) -> None:
+def main(contests: Callable[[bool], Iterator[Contest | Footprint]]) -> None:
     """Run one bench module alone and print its tables."""
     import sys
 
@@ -334,4 +357,8 @@ def main(contests: Callable[[bool], Iterator[Contest]]) -> None:
     limits = measure()
     for contest in contests(quick):
         if not only or any(word in contest.name for word in only):
-            print(markdown(run(contest, rounds=3 if quick else 7, limits=limits)), flush=True)
+            if isinstance(contest, Footprint):
+                rows = contest.run()
+            else:
+                rows = run(contest, rounds=3 if quick else 7, limits=limits)
+            print(markdown(rows), flush=True)

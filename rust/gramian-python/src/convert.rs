@@ -288,7 +288,7 @@ fn contiguous<'py>(
     ]
     .into_py_dict(py)?;
     let array = numpy
-        .call_method("array", (array,), Some(&options))
+        .call_method("asarray", (array,), Some(&options))
         .map_err(|error| unreadable(error.value(py).to_string()))?;
     array.extract()
 }

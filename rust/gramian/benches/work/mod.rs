@@ -3,7 +3,17 @@
 
 use std::hint::black_box;
 
-use gramian::batch::{self, Items, Method, Stream, Target, Threads, simd::Path};
+use gramian::batch::plan::{Candidate, Objective};
+use gramian::batch::{
+    self, Items, Method, Passes, Paths, Recursion, Sightings, Span, Stream, Target, Threads,
+    bearings_localize, registration as biases, simd::Path,
+};
+use gramian::dipole::localize::{Knowledge, Options};
+use gramian::maneuver::plan::Criterion;
+use gramian::maneuver::{AtStandoff, Law};
+use gramian::posterior::Form;
+use gramian::registration::{Layout, estimate};
+use gramian::square_root::SquareRoot;
 
 /// A kernel, ready to be called.
 pub type Work = Box<dyn FnMut()>;
@@ -26,6 +36,26 @@ pub const ALL: &[(&str, Make)] = &[
     ("discriminant_qr_1024", || {
         discriminant_sum(1024, Method::Qr)
     }),
+    ("bearings_test_64x100", bearing_test),
+    ("bearings_quadruple_64", best_quadruple),
+    ("bearings_log_det_64x60", log_det_trials),
+    ("bearings_localize_64x60", localize),
+    ("maneuver_fisher_64x100", maneuver_fisher),
+    ("maneuver_det_64x100", maneuver_det),
+    ("maneuver_paths_64x100", maneuver_paths),
+    ("plan_gradient_100", plan_gradient),
+    ("dipole_fisher_64x200", dipole_fisher),
+    ("dipole_rows_64x50", dipole_rows),
+    ("dipole_localize_21", dipole_localize),
+    ("registration_fisher_64x100", registration_fisher),
+    ("registration_estimate_200", registration_estimate),
+    ("posterior_covariance_64x50", || posterior(Form::Covariance)),
+    ("posterior_information_64x50", || {
+        posterior(Form::Information)
+    }),
+    ("linear_levels_16x15x3", linear_levels),
+    ("linear_powers_16x15x3", linear_powers),
+    ("linear_gramian_16x6x3", linear_gramian),
 ];
 
 /// The work of this name.
@@ -141,6 +171,417 @@ fn discriminant_sum(m: usize, method: Method) -> Work {
             Items::each(&bearings, m),
             None,
             method,
+            Threads::One,
+            &mut out,
+        );
+        assert!(done.is_ok());
+        black_box(&out);
+    })
+}
+
+fn bearing_test() -> Work {
+    let (times, bearings) = bearings(100);
+    let mut out = vec![0.0; 64 * batch::TEST_SIZE];
+    Box::new(move || {
+        let done = batch::observability_tests(
+            Items::shared(&times),
+            Items::each(&bearings, 100),
+            Items::shared(&[0.01]),
+            Threads::One,
+            Path::Best,
+            &mut out,
+        );
+        assert!(done.is_ok());
+        black_box(&out);
+    })
+}
+
+fn best_quadruple() -> Work {
+    let (times, bearings) = bearings(64);
+    Box::new(move || {
+        let best = batch::best_quadruple(&times, &bearings[..64], Threads::One);
+        assert!(best.is_ok());
+        let _ = black_box(best);
+    })
+}
+
+fn log_det_trials() -> Work {
+    let (times, bearings) = bearings(60);
+    let mut out = vec![0.0; 64];
+    Box::new(move || {
+        batch::bearing_log_det_trials(
+            &times,
+            &bearings[..60],
+            &[0.01],
+            1,
+            0,
+            Threads::One,
+            Path::Best,
+            &mut out,
+        );
+        black_box(&out);
+    })
+}
+
+fn localize() -> Work {
+    let (times, observer, _) = tracks(60);
+    let (_, mut bearings) = bearings(60);
+    for (bearing, noise) in bearings.iter_mut().zip(normals(64 * 60)) {
+        *bearing += 0.005 * noise;
+    }
+    let mut out = vec![0.0; 64 * bearings_localize::Layout { states: 4 }.size()];
+    Box::new(move || {
+        let track = bearings_localize::Track {
+            times: Items::shared(&times),
+            observer: Items::shared(&observer),
+            sigma: Items::shared(&[0.005]),
+            prior: None,
+        };
+        bearings_localize::localize(
+            &track,
+            Items::each(&bearings, 60),
+            4,
+            bearings_localize::Options::default(),
+            Threads::One,
+            Path::Best,
+            &mut out,
+        );
+        black_box(&out);
+    })
+}
+
+/// 64 paths of 100 positions east of a target 10 km north.
+fn paths() -> Vec<f64> {
+    normals(64 * 100 * 2)
+        .iter()
+        .map(|e| 1000.0 * e.clamp(-3.0, 3.0))
+        .collect()
+}
+
+const FAR: [f64; 2] = [8000.0, 9000.0];
+
+fn maneuver_fisher() -> Work {
+    let positions = paths();
+    let mut out = vec![0.0; 64 * 4];
+    Box::new(move || {
+        let done = batch::fisher(sightings(&positions), Threads::One, Path::Best, &mut out);
+        assert!(done.is_ok());
+        black_box(&out);
+    })
+}
+
+fn sightings(positions: &[f64]) -> Sightings<'_> {
+    Sightings {
+        positions: Items::each(positions, 200),
+        target: Items::shared(&FAR),
+        times: Items::shared(&[]),
+        sigma: Items::shared(&[0.01]),
+    }
+}
+
+fn maneuver_det() -> Work {
+    let positions = paths();
+    let mut out = vec![0.0; 64];
+    Box::new(move || {
+        let done = batch::fisher_det(
+            sightings(&positions),
+            batch::Determinant::Root,
+            Threads::One,
+            &mut out,
+        );
+        assert!(done.is_ok());
+        black_box(&out);
+    })
+}
+
+fn maneuver_paths() -> Work {
+    let start: Vec<f64> = normals(64 * 2).iter().map(|e| 1000.0 * e).collect();
+    let mut out = vec![0.0; 64 * batch::path_size(100)];
+    Box::new(move || {
+        let paths = Paths {
+            target: Items::shared(&FAR),
+            start: Items::each(&start, 2),
+            step: Items::shared(&[20.0]),
+            side: Items::shared(&[1.0]),
+            sigma: Items::shared(&[1.0]),
+            standoff: Items::shared(&[0.0]),
+            law: Law::MaxDet,
+            at_standoff: AtStandoff::Stop,
+        };
+        let done = batch::trajectories(paths, 100, Threads::One, &mut out);
+        assert!(done.is_ok());
+        black_box(&out);
+    })
+}
+
+fn plan_gradient() -> Work {
+    let candidate = Candidate {
+        state: [0.0, 1000.0, 0.0, 0.0],
+        weight: 1.0,
+        criterion: Criterion::LogDet,
+        prior: SquareRoot::new(),
+    };
+    let objective =
+        Objective::<2>::new([0.0; 2], 1.0, vec![1; 99], 0.03, [1.0; 2], vec![candidate]);
+    let headings: Vec<f64> = (0..99).map(|i| 0.2 + 0.018 * f64::from(i)).collect();
+    let lengths = vec![20.0; 99];
+    let (mut by_heading, mut by_length) = (vec![0.0; 99], vec![0.0; 99]);
+    Box::new(move || {
+        let value = objective.gradient(&headings, &lengths, &mut by_heading, &mut by_length);
+        assert!(value.is_ok());
+        black_box((&by_heading, &by_length));
+    })
+}
+
+/// Positions, velocities and moments of 64 passes, and times.
+fn passes(samples: usize) -> [Vec<f64>; 4] {
+    let noise = normals(64 * 9);
+    let part = |first: usize, size: [f64; 3], at: [f64; 3]| -> Vec<f64> {
+        noise
+            .chunks_exact(9)
+            .flat_map(|e| [0, 1, 2].map(|i| at[i] + size[i] * e[first + i]))
+            .collect()
+    };
+    let step = 20.0 / samples as f64;
+    [
+        part(0, [10.0, 10.0, 1.0], [0.0, 0.0, 30.0]),
+        part(3, [1.0, 1.0, 0.1], [0.0; 3]),
+        part(6, [30.0; 3], [0.0; 3]),
+        (0..samples).map(|i| step * i as f64).collect(),
+    ]
+}
+
+fn passing([position, velocity, moment, times]: &[Vec<f64>; 4]) -> Passes<'_> {
+    Passes {
+        position: Items::each(position, 3),
+        velocity: Items::each(velocity, 3),
+        moment: Items::each(moment, 3),
+        times: Items::shared(times),
+        sigma: Items::shared(&[1e-9]),
+        sensors: Items::shared(&[0.0; 3]),
+    }
+}
+
+fn dipole_fisher() -> Work {
+    let given = passes(200);
+    let mut out = vec![0.0; 64 * 81];
+    Box::new(move || {
+        out.fill(0.0);
+        let done = batch::dipole_fisher(&passing(&given), Threads::One, Path::Best, &mut out);
+        assert!(done.is_ok());
+        black_box(&out);
+    })
+}
+
+fn dipole_rows() -> Work {
+    let given = passes(50);
+    let mut out = vec![0.0; 64 * 50 * 27];
+    Box::new(move || {
+        let sensing = gramian::dipole::Sensing::Vector;
+        let done = batch::dipole_rows(&passing(&given), &sensing, Threads::One, &mut out);
+        assert!(done.is_ok());
+        black_box(&out);
+    })
+}
+
+/// Table 1 of Dai et al. 2020, z0 and vz known.
+fn dipole_localize() -> Work {
+    let times: Vec<f64> = (0..21).map(f64::from).collect();
+    let state = [[-10.0, -10.0, 5.0], [1.0, 1.0, 0.0], [10.0, 20.0, 10.0]];
+    let mut field = vec![0.0; 63];
+    let passes = Passes {
+        position: Items::shared(&state[0]),
+        velocity: Items::shared(&state[1]),
+        moment: Items::shared(&state[2]),
+        times: Items::shared(&times),
+        sigma: Items::shared(&[1e-9]),
+        sensors: Items::shared(&[0.0; 3]),
+    };
+    let sensing = gramian::dipole::Sensing::Vector;
+    let done = batch::dipole_measure(&passes, &sensing, Threads::One, &mut field);
+    assert!(done.is_ok());
+    let mut exact = [None; 11];
+    (exact[2], exact[5]) = (Some(5.0), Some(0.0));
+    let knowledge = Knowledge {
+        exact,
+        prior: [None; 11],
+    };
+    let sensors = [[0.0; 3]];
+    let mut out = vec![0.0; batch::dipole_localized_size(21, 1)];
+    Box::new(move || {
+        let done = batch::dipole_localize(
+            Items::shared(&times),
+            Items::each(&field, 63),
+            &sensors,
+            &knowledge,
+            &Options::default(),
+            Threads::One,
+            &mut out,
+        );
+        assert!(done.is_ok());
+        black_box(&out);
+    })
+}
+
+const SENSORS: [f64; 4] = [0.0, 0.0, 60e3, 0.0];
+const DEVIATIONS: [f64; 4] = [50.0, 0.00175, 50.0, 0.00175];
+
+fn registration_fisher() -> Work {
+    let positions: Vec<f64> = (0..64 * 100)
+        .flat_map(|i| {
+            [
+                -30e3 + 1.2e3 * f64::from(i % 100),
+                40e3 + f64::from(i / 100),
+            ]
+        })
+        .collect();
+    let mut out = vec![0.0; 64 * 16];
+    Box::new(move || {
+        let scene = biases::Scene {
+            layout: Layout::PAIR,
+            sensors: Items::shared(&SENSORS),
+            sigma: Items::shared(&DEVIATIONS),
+            biases: Items::shared(&[0.0; 4]),
+            positions: Items::each(&positions, 200),
+        };
+        let done = biases::fisher(scene, Threads::One, Path::Best, &mut out);
+        assert!(done.is_ok());
+        black_box(&out);
+    })
+}
+
+fn registration_estimate() -> Work {
+    let positions: Vec<f64> = (0..200)
+        .flat_map(|i| [-20e3 + 400.0 * f64::from(i), 25e3])
+        .collect();
+    let mut reports = vec![0.0; 800];
+    let biases_true = [300.0, 0.0087, -200.0, -0.007];
+    let done = estimate::report(
+        &Layout::PAIR,
+        &SENSORS,
+        &biases_true,
+        &positions,
+        &mut reports,
+    );
+    assert!(done.is_ok());
+    for (report, (noise, sigma)) in reports
+        .iter_mut()
+        .zip(normals(800).iter().zip(DEVIATIONS.iter().cycle()))
+    {
+        *report += noise * sigma;
+    }
+    let mut out = vec![0.0; biases::answer_size(&Layout::PAIR, 0)];
+    Box::new(move || {
+        let question = estimate::Question {
+            layout: Layout::PAIR,
+            sensors: &SENSORS,
+            sigma: &DEVIATIONS,
+            prior: None,
+            method: estimate::Method::MaximumLikelihood,
+            iterations: 50,
+            tolerance: 1e-6,
+            noise_share: 0.5,
+            bend: 0.05,
+        };
+        let reports = Items::each(&reports, 800);
+        let done = biases::estimate(&question, reports, false, Threads::One, &mut out);
+        assert!(done.is_ok());
+        black_box(&out);
+    })
+}
+
+fn posterior(form: Form) -> Work {
+    let rows: Vec<f64> = normals(64 * 50)
+        .iter()
+        .flat_map(|e| [0.45 * e.cos(), 0.0, -0.45 * e.sin(), 0.0])
+        .collect();
+    // Position and velocity, east and north; F^T, or F^-1.
+    let one = if form == Form::Covariance { 1.0 } else { -1.0 };
+    let mut transition = [0.0; 16];
+    for i in 0..4 {
+        transition[5 * i] = 1.0;
+    }
+    if form == Form::Covariance {
+        (transition[4], transition[14]) = (one, one);
+    } else {
+        (transition[1], transition[11]) = (one, one);
+    }
+    let mut root = [0.0; 16];
+    let mut noise = [0.0; 16];
+    for i in 0..4 {
+        (root[5 * i], noise[5 * i]) = (2.0, 0.1);
+    }
+    let mut out = vec![0.0; 64 * (50 * 4 + 16)];
+    Box::new(move || {
+        let recursion = Recursion {
+            form,
+            states: 4,
+            steps: 50,
+            root: Items::shared(&root),
+            rows: Items::each(&rows, 50 * 4),
+            after: Items::shared(&[]),
+            transition: Items::shared(&transition),
+            noise: Items::shared(&noise),
+            every_root: false,
+        };
+        batch::posterior(recursion, Threads::One, Path::Best, &mut out);
+        black_box(&out);
+    })
+}
+
+/// 16 systems: A (n, n), C (3, n).
+fn systems(n: usize) -> (Vec<f64>, Vec<f64>) {
+    let all = normals(16 * (n + 3) * n);
+    let (a, c) = all.split_at(16 * n * n);
+    let root = (n as f64).sqrt();
+    (a.iter().map(|x| x / root).collect(), c.to_vec())
+}
+
+fn linear_levels() -> Work {
+    let (a, c) = systems(15);
+    let mut out = vec![0.0; 16 * 30];
+    Box::new(move || {
+        batch::linear_levels(
+            Items::each(&a, 225),
+            Items::each(&c, 45),
+            15,
+            None,
+            Threads::One,
+            Path::Best,
+            &mut out,
+        );
+        black_box(&out);
+    })
+}
+
+fn linear_powers() -> Work {
+    let (a, c) = systems(15);
+    let mut out = vec![0.0; 16 * 45 * 15];
+    Box::new(move || {
+        let done = batch::observability_matrix(
+            Items::each(&a, 225),
+            Items::each(&c, 45),
+            15,
+            14,
+            Threads::One,
+            Path::Best,
+            &mut out,
+        );
+        assert!(done.is_ok());
+        black_box(&out);
+    })
+}
+
+fn linear_gramian() -> Work {
+    let (a, c) = systems(6);
+    let mut out = vec![0.0; 16 * 36];
+    Box::new(move || {
+        let done = batch::linear_gramian(
+            Items::each(&a, 36),
+            Items::each(&c, 18),
+            None,
+            6,
+            Span::Samples(50),
             Threads::One,
             &mut out,
         );

@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::simd::Path;
+use super::simd::{Path, lane_sums};
 use super::{Items, Stream, Threads};
 use crate::dipole::localize::{self, Knowledge, Located, Options, localize};
 use crate::dipole::{Error, MU0_OVER_4PI, Pass, Sensing, field, jacobian, measure, push_rows};
@@ -427,7 +427,7 @@ impl pulp::WithSimd for Moments<'_> {
             sums[5] = simd.mul_add_e_f64s(w4, t, sums[5]);
             sums[6] = simd.mul_add_e_f64s(w4, squared, sums[6]);
         }
-        let mut out = sums.map(|sum| simd.reduce_sum_f64s(sum));
+        let mut out = lane_sums(simd, &sums);
         let first = self.times.len() - rest.len();
         for k in first..self.times.len() {
             let weight = if common {

@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::simd::Path;
+use super::simd::{Path, lane_sums};
 use super::{Items, Threads};
 use crate::bearings;
 use crate::maneuver::{Error, row};
@@ -173,7 +173,7 @@ impl pulp::WithSimd for Sums<'_> {
             }
             start += count;
         }
-        sums.map(|sum| simd.reduce_sum_f64s(sum))
+        lane_sums(simd, &sums)
     }
 }
 

@@ -1,6 +1,6 @@
 //! sum of w row^T row, trial by trial.
 
-use super::simd::Path;
+use super::simd::{Path, lane_sums};
 use super::{Items, Threads};
 
 /// Gram matrices (trials, n, n) of rows (trials, K, n), with a weight for each
@@ -67,7 +67,7 @@ impl pulp::WithSimd for Four<'_> {
                 }
             }
         }
-        let mut sums = sums.map(|sum| simd.reduce_sum_f64s(sum));
+        let mut sums = lane_sums(simd, &sums);
         let (rest, _) = self.rows[blocks.len() * 4 * S::F64_LANES..].as_chunks::<4>();
         for row in rest {
             let mut k = 0;

@@ -4,7 +4,7 @@ use alloc::vec;
 use alloc::vec::Vec;
 use core::convert::Infallible;
 
-use super::simd::Path;
+use super::simd::{Path, lane_sums};
 use super::{Items, Stream, Threads};
 use crate::registration::estimate::{Answer, Estimator, Question, Status, report};
 use crate::registration::pair::Plane;
@@ -251,7 +251,8 @@ impl pulp::WithSimd for Sum<'_> {
                 let m3 = mul(scales[3], mul(r1, dot));
                 let m4 = mul(scales[4], mul(both, cross));
                 let m5 = mul(scales[5], mul(r2, both));
-                let [s0, s1, s2, s3, s4, s5] = [m0, m1, m2, m3, m4, m5].map(|m| mul(m, m));
+                let (s0, s1, s2) = (mul(m0, m0), mul(m1, m1), mul(m2, m2));
+                let (s3, s4, s5) = (mul(m3, m3), mul(m4, m4), mul(m5, m5));
                 let add = |a: S::f64s, b: S::f64s| simd.add_f64s(a, b);
                 let p00 = add(s0, add(s1, s2));
                 let p33 = add(s2, add(s4, s5));
@@ -274,7 +275,7 @@ impl pulp::WithSimd for Sum<'_> {
                 }
             }
         }
-        let mut total = sums.map(|s| simd.reduce_sum_f64s(s));
+        let mut total = lane_sums(simd, &sums);
         for k in positions.len() - left..positions.len() {
             let Ok(plane) = self.pair.plane(k, sigma) else {
                 total = [f64::NAN; 10];

@@ -110,6 +110,19 @@ fn polynomial<S: pulp::Simd, const N: usize>(simd: S, c: &[f64; N], z: S::f64s) 
     sum
 }
 
+/// The sum over the lanes of each vector.
+///
+/// By a loop: what is handed to `array::map` is compiled without the CPU features
+/// of the path, and then every vector goes through memory and a call.
+#[inline(always)]
+pub fn lane_sums<S: pulp::Simd, const N: usize>(simd: S, vectors: &[S::f64s; N]) -> [f64; N] {
+    let mut sums = [0.0; N];
+    for n in 0..N {
+        sums[n] = simd.reduce_sum_f64s(vectors[n]);
+    }
+    sums
+}
+
 /// Sine and cosine of each lane, within 1.5 units in the last place.
 ///
 /// A kernel calls this between its own vector operations; [`sin_cos_slice`] is
