@@ -473,7 +473,7 @@ def test_contest(trials: int, m: int) -> Contest:
             for b in bearings[:few]:
                 fit = optimize.least_squares(
                     lambda c, b=b: (b - np.arctan2(c[0] + c[1] * t, 1 + c[2] * t)) / sigma,
-                    [np.tan(b.mean()), 0.0, 0.0],
+                    [np.tan(b[0]), 0.0, 0.0],
                     xtol=1e-14,
                     ftol=1e-14,
                     gtol=1e-14,
@@ -509,13 +509,19 @@ def test_contest(trials: int, m: int) -> Contest:
 
 
 def closest_p(times: Any, bearings: Any, sigma: float) -> Any:
-    """The probability with 30 digits: Newton on the three parameters of the fit."""
+    """The probability with 30 digits: Gauss-Newton on the fit, from SciPy's answer."""
     import mpmath as mp
+    from scipy import optimize
 
     with mp.workdps(30):
         t = [mp.mpf(float(x)) / mp.mpf(float(times[-1])) for x in times]
         b = [mp.mpf(float(x)) for x in bearings]
-        c = mp.matrix([mp.tan(sum(b) / len(b)), 0, 0])
+        scaled = times / times[-1]
+        near = optimize.least_squares(
+            lambda c: bearings - np.arctan2(c[0] + c[1] * scaled, 1 + c[2] * scaled),
+            [np.tan(bearings[0]), 0.0, 0.0],
+        )
+        c = mp.matrix(near.x.tolist())
         for _ in range(60):
             normal, right, chi2 = mp.zeros(3), mp.zeros(3, 1), mp.mpf(0)
             for x, z in zip(t, b, strict=True):

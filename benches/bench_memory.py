@@ -49,6 +49,11 @@ def gram_of(change: Callable[[Any], Any]) -> Work:
     return make
 
 
+def numpy_copy(trials: int) -> Callable[[], Any]:
+    given = rows(trials).tolist()
+    return lambda: np.array(given)
+
+
 def every_other(given: Any) -> Any:
     return np.repeat(given, 2, axis=1)[:, ::2]
 
@@ -108,9 +113,7 @@ WORKS: dict[str, tuple[int, float, dict[str, Work]]] = {
             "gramian, column-major given": gram_of(np.asfortranarray),
             "gramian, every other row given": gram_of(every_other),
             "gramian, lists given": gram_of(lambda given: given.tolist()),
-            "numpy, a copy of the lists": lambda trials: (
-                lambda given=rows(trials).tolist(): np.array(given)  # type: ignore[misc]
-            ),
+            "numpy, a copy of the lists": numpy_copy,
         },
     ),
     "bearings Gram and det, 50000 x 100": (
