@@ -44,10 +44,13 @@ def growth(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
     found: dict[str, dict[str, float]] = {}
     for series in dict.fromkeys(row.series for row in rows if row.series):
         of = [row for row in rows if row.series == series and row.minimum and row.size]
+        whole = {row.size: row.work for row in of if row.contestant == OURS}
         for contestant in dict.fromkeys(row.contestant for row in of):
-            points = sorted((r.size, r.minimum * r.work) for r in of if r.contestant == contestant)
+            points = sorted(
+                (r.size, r.minimum * whole[r.size]) for r in of if r.contestant == contestant
+            )
             points = points[len(points) // 2 - 1 :] if len(points) > 2 else points
-            if len({size for size, _ in points}) > 1 and "part" not in contestant:
+            if len({size for size, _ in points}) > 1:
                 sizes, times = np.log(points).T
                 found.setdefault(series, {})[contestant] = float(np.polyfit(sizes, times, 1)[0])
     return found
@@ -145,44 +148,59 @@ def _size(rows: Sequence[Row], path: Path) -> None:
     ]
     if not series:
         return
-    columns = min(3, len(series))
+    columns = min(2, len(series))
     lines = -(-len(series) // columns)
-    fig = _figure(4.0 * columns, 3.1 * lines)
+    fig = _figure(6.4 * columns, 2.6 * lines)
     panels = fig.subplots(lines, columns, squeeze=False).ravel()
     for axes, name in zip(panels, series, strict=False):
-        of = [row for row in rows if row.series == name and row.minimum and row.size]
-        dashes: dict[str, int] = {}
-        for contestant in dict.fromkeys(row.contestant for row in of):
-            points = sorted((r.size, r.minimum * 1e6) for r in of if r.contestant == contestant)
-            if len(points) < 2:
-                continue
-            style = next((s for s in STYLES if s[0] == family(contestant)), ("", "grey", "."))
-            count = dashes[style[0]] = dashes.get(style[0], -1) + 1
-            axes.loglog(
-                *zip(*points, strict=True),
-                marker=style[2],
-                color=style[1],
-                linestyle=("-", "--", ":", "-.")[count % 4],
-                linewidth=2.2 if contestant == OURS else 1.2,
-                markersize=4,
-                label=contestant,
-            )
-        unit = of[0].unit
-        axes.set_title(name, fontsize=9)
-        axes.set_ylabel(f"us a {unit}")
-        axes.set_xlabel(name.rsplit("against ", 1)[-1])
-        axes.legend(fontsize=6.5, frameon=False)
-        axes.grid(alpha=0.25, which="major")
+        _panel(axes, name, [r for r in rows if r.series == name and r.minimum and r.size])
     for axes in panels[len(series) :]:
         axes.set_visible(False)
     fig.savefig(path)
+
+
+def _panel(axes: Any, name: str, rows: Sequence[Row]) -> None:
+    """Draw one series: calls that do the whole work, against size."""
+    whole = {row.size: row.work for row in rows if row.contestant == OURS}
+    dashes: dict[str, int] = {}
+    for contestant in dict.fromkeys(row.contestant for row in rows):
+        points = sorted(
+            ((row.size or 0), (row.minimum or 0) * whole[row.size] * 1e6)
+            for row in rows
+            if row.contestant == contestant
+        )
+        if len(points) < 2:
+            continue
+        style = next((s for s in STYLES if s[0] == family(contestant)), ("", "grey", "."))
+        count = dashes[style[0]] = dashes.get(style[0], -1) + 1
+        axes.loglog(
+            *zip(*points, strict=True),
+            marker=style[2],
+            color=style[1],
+            linestyle=("-", "--", ":", "-.")[count % 4],
+            linewidth=2.4 if contestant == OURS else 1.2,
+            markersize=4.5,
+            label=contestant,
+        )
+    axes.set_title(name, fontsize=9.5, loc="left")
+    from matplotlib.ticker import NullLocator
+
+    sizes = sorted({row.size or 0 for row in rows})
+    axes.set_xticks(sizes, [f"{size:g}" for size in sizes])
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.set_ylabel("us a call")
+    axes.set_xlabel(name.rsplit("against ", 1)[-1])
+    axes.legend(fontsize=7.5, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.02))
+    axes.grid(alpha=0.25, which="major")
 
 
 def _limit(rows: Sequence[Row], path: Path) -> None:
     limited = [
         row
         for row in rows
-        if row.contestant == OURS and row.fraction and (not row.series or not _seen(row, rows))
+        if row.contestant == OURS
+        and row.fraction
+        and (not row.series or (row.series.startswith("sum") and not _seen(row, rows)))
     ]
     if not limited:
         return
@@ -200,18 +218,20 @@ def _limit(rows: Sequence[Row], path: Path) -> None:
             if name != "gramian" and value > 0.5:
                 axes.plot(value, place, mark, color=color, markersize=5.5, markeredgecolor="white",
                           markeredgewidth=0.5, label=name)  # fmt: skip
-        axes.annotate(
-            row.limit.split(":")[0], (100 * (row.fraction or 0), place), (5, 0),
-            textcoords="offset points", va="center", fontsize=7, color="#0b5fa5",
-        )  # fmt: skip
+        words = f"{row.fraction or 0:.0%} of {row.limit.split(':')[0]}"
+        axes.text(110, place, words, va="center", fontsize=8, color="#0b5fa5")
     axes.set_yticks(range(len(limited)), [row.contest for row in limited], fontsize=7.5)
     axes.axvline(100, color="black", linewidth=0.8)
     axes.set_xlim(0, 108)
+    axes.text(110, -1.0, "gramian", fontsize=8, fontweight="bold", color="#0b5fa5")
     axes.invert_yaxis()
-    axes.set_xlabel("% of the limit that binds (named beside the bar), one thread; bars: gramian")
+    axes.set_xlabel("% of the limit, one thread; bars: gramian")
     seen = dict(zip(*_legend(axes), strict=True))
     if seen:
-        axes.legend(seen.values(), seen.keys(), fontsize=7.5, loc="lower right", frameon=False)
+        fig.legend(
+            seen.values(), seen.keys(), fontsize=8, ncols=len(seen), frameon=False,
+            loc="outside lower center",
+        )  # fmt: skip
     fig.savefig(path)
 
 

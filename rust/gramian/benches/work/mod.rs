@@ -13,7 +13,7 @@ use gramian::maneuver::plan::Criterion;
 use gramian::maneuver::{AtStandoff, Law};
 use gramian::posterior::Form;
 use gramian::registration::{Layout, estimate};
-use gramian::square_root::SquareRoot;
+use gramian::square_root::SquareRootInformation;
 
 /// A kernel, ready to be called.
 pub type Work = Box<dyn FnMut()>;
@@ -319,7 +319,7 @@ fn plan_gradient() -> Work {
         state: [0.0, 1000.0, 0.0, 0.0],
         weight: 1.0,
         criterion: Criterion::LogDet,
-        prior: SquareRoot::new(),
+        prior: SquareRootInformation::new(),
     };
     let objective =
         Objective::<2>::new([0.0; 2], 1.0, vec![1; 99], 0.03, [1.0; 2], vec![candidate]);
