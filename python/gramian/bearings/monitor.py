@@ -65,7 +65,7 @@ class Monitor:
     close passages, somewhat more rarely (at 5 %, 3 to 5 %). The near bearings, which say
     most, count least then, so `observability_test` has more power there.
 
-    The Rust type under it, `bearings::Monitor`, needs no allocator and 116 bytes in
+    The Rust type under it, `bearings::Monitor`, needs no allocator and 220 bytes in
     single precision.
 
     Examples

@@ -54,7 +54,7 @@ typedef enum GramianSide {
 // A bearings monitor. Its content is private: make it with
 // `gramian_monitor_init` before any other use. It may be copied.
 typedef struct GramianMonitor {
-  uint64_t content[24];
+  uint64_t content[32];
 } GramianMonitor;
 
 // What the bearings so far say. Infinity in a bound: there is none.

@@ -76,7 +76,7 @@ pub enum GramianSide {
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct GramianMonitor {
-    content: [u64; 24],
+    content: [u64; 32],
 }
 
 /// The running Fisher information of a dipole's pass. Its content is private:
@@ -87,11 +87,12 @@ pub struct GramianDipoleSums {
     content: [u64; 24],
 }
 
-const fn fits<T>() -> bool {
-    size_of::<T>() <= size_of::<[u64; 24]>() && align_of::<T>() <= align_of::<u64>()
+const fn fits<T, C>() -> bool {
+    size_of::<T>() <= size_of::<C>() && align_of::<T>() <= align_of::<C>()
 }
 
-const _: () = assert!(fits::<Monitor<f32>>() && fits::<Accumulator<f32>>());
+const _: () = assert!(fits::<Monitor<f32>, GramianMonitor>());
+const _: () = assert!(fits::<Accumulator<f32>, GramianDipoleSums>());
 
 /// What the bearings so far say. Infinity in a bound: there is none.
 #[repr(C)]
