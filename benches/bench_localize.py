@@ -8,6 +8,7 @@ from typing import Any
 import exact
 import numpy as np
 from harness import ALL, FAST, OURS, Case, Contest, Contestant, c_function, main
+from limits import Limit
 
 from gramian import bearings
 
@@ -133,6 +134,11 @@ def estimates_contest(trials: int, peer_trials: int) -> Contest:
                 part=float(peer_trials),
             ),
         ],
+        limit=Limit(
+            {"fma": 5.0 * 63 * M, "divide": 5.0 * 2 * M},
+            "a start and 4 linearisations of each bearing: an arc tangent (25 multiply-adds and a "
+            "division), a row (10 and a division), 4 columns made orthogonal (28)",
+        ),
         cases={"well": case(SIGMA / 5), "ill": case(SIGMA * 2)},
         target=TARGET,
         note="Error: distance from the most likely state in deviations of the bound; ours gives "

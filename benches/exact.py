@@ -29,6 +29,11 @@ def det(matrix: Any) -> Any:
         return mp.det(matrix)
 
 
+def log_det(matrix: Any) -> float:
+    with mp.workdps(DIGITS):
+        return float(mp.log(mp.det(matrix)))
+
+
 def bounds(information: Any) -> Array:
     """Return the roots of the diagonal of the inverse."""
     with mp.workdps(DIGITS):

@@ -285,7 +285,8 @@ def _table(name: str, rows: Sequence[Row]) -> str:
     for row in rows:
         cells = [row.contestant] + [str(row.threads)] * threads
         if row.message:
-            cells += [f"not run: {row.message}"] + [""] * (len(heads) - len(cells) - 1)
+            message = row.message.replace("|", "\\|")
+            cells += [f"not run: {message}"] + [""] * (len(heads) - len(cells) - 1)
         else:
             cells += [seconds(row.median), seconds(row.minimum)]
             cells.append(f"{row.ratio:.3g}" if row.ratio else "")

@@ -121,7 +121,8 @@ def worst(rows: Sequence[Row]) -> str:
     if missing:
         text += "\n## Not run\n\n| contest | contestant | message |\n|---|---|---|\n"
         for row in missing:
-            text += f"| {row.contest} | {row.contestant} | {row.message} |\n"
+            message = row.message.replace("|", "\\|")
+            text += f"| {row.contest} | {row.contestant} | {message} |\n"
     return text
 
 
