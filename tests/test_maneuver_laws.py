@@ -148,7 +148,7 @@ def test_landing_on_the_target_is_an_error():
         ({"speed": 0.0}, "speed = 0.0 m/s: must be > 0"),
         ({"speed": [20.0, np.nan]}, r"speed\[1\] = nan m/s: must be > 0 and finite"),
         ({"dt": -1.0}, "dt = -1.0 s: must be > 0"),
-        ({"steps": 0}, "steps = 0: must be a whole number >= 1"),
+        ({"steps": 0}, "steps = 0: must be >= 1"),
         ({"start": [0.0, 1000.0]}, "position 0 is the target's"),
         ({"start": [0.0, 990.0]}, "sample 0: the step, 20 m, is longer than the range, 10 m"),
         ({"sigma": 0.0}, "sigma = 0 rad: must be > 0"),

@@ -332,7 +332,7 @@ def test_limits_that_nothing_keeps_are_told():
         ({"speed": np.nan}, "speed = nan: must be finite"),
         ({"dt": 0.0}, "dt = 0.0 s: must be > 0"),
         ({"dt": -1.0}, "dt = -1.0 s: must be > 0"),
-        ({"steps": 1}, "steps = 1: must be a whole number >= 2"),
+        ({"steps": 1}, "steps = 1: must be >= 2"),
         ({"steps": 2.5}, "steps = 2.5"),
         ({"start": [0.0, 1000.0]}, "start is on target"),
         ({"start": [0.0]}, "start has shape"),

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._numbers import reals
 from gramian.bounds import _at_least_one
 from gramian.exceptions import InputError
 from gramian.problem import Problem
@@ -319,7 +320,7 @@ def as_problem(problem_or_rows: Problem | ArrayLike, names: Sequence[str] | None
         if names is not None:
             raise InputError("names was given with a problem, which has its own")
         return problem_or_rows
-    rows = np.asarray(problem_or_rows)
+    rows = reals(problem_or_rows, "rows")
     if rows.ndim != 2 or 0 in rows.shape:
         raise InputError(f"rows has shape {rows.shape}: must be (rows, states), not empty")
     return Problem(rows, names or [f"x{i}" for i in range(rows.shape[1])])

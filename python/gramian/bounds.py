@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._numbers import reals
 from gramian.exceptions import InputError, UnobservableError
 from gramian.posterior import (
     Posterior,
@@ -106,7 +107,7 @@ def crlb_std(
         return _core.crlb_std(_at_least_one(problem.all_rows), problem.rtol)
     rows: ArrayLike = rows_or_problem
     if prior is not None:
-        rows = np.asarray(rows, dtype=float)
+        rows = reals(rows, "rows")
         extra = _prior_rows(prior, rows.shape[-1])
         extra = np.broadcast_to(extra, (*rows.shape[:-2], *extra.shape))
         rows = np.concatenate([rows, extra], axis=-2)
@@ -172,7 +173,7 @@ def _with_prior(problem: Problem, prior: Mapping[str, float] | ArrayLike | None)
 def _prior_rows(prior: Mapping[str, float] | ArrayLike, n: int) -> Array:
     if isinstance(prior, Mapping):
         raise InputError("prior of plain rows: must be one deviation for each state, as an array")
-    sigma = np.asarray(prior, dtype=float)
+    sigma = reals(prior, "prior")
     if sigma.shape != (n,):
         raise InputError(f"prior has shape {sigma.shape}: must be ({n},)")
     if (bad := np.flatnonzero(~(sigma > 0))).size:

@@ -17,6 +17,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gramian._numbers import finite, number, reals
 from gramian.exceptions import InputError
 from gramian.linear.systems import System
 from gramian.linear.windows import Piecewise, piecewise
@@ -39,6 +40,9 @@ Array = NDArray[np.float64]
 
 #: Rotation of the Earth, rad/s (WGS 84).
 EARTH_RATE = 7.292115e-5
+#: What is known beforehand by default: tilts of 1 minute of arc, gyro biases of 0.01 deg/h.
+TILT = float(np.radians(1 / 60))
+GYRO_BIAS = float(np.radians(0.01)) / 3600
 
 # WGS 84: semi-major axis, flattening, and the constants of Somigliana's formula
 # for gravity on the ellipsoid. NIMA TR8350.2, tables 3.1, 3.3 and 3.4.
@@ -75,6 +79,7 @@ def radii(latitude: float) -> tuple[float, float]:
     >>> round(meridian), round(normal)
     (6335439, 6378137)
     """
+    latitude = number(latitude, "latitude")
     w = np.sqrt(1 - _ECCENTRICITY2 * np.sin(latitude) ** 2)
     return float(_SEMI_MAJOR * (1 - _ECCENTRICITY2) / w**3), float(_SEMI_MAJOR / w)
 
@@ -100,6 +105,7 @@ def gravity(latitude: float, height: float = 0.0) -> float:
     >>> round(gravity(math.radians(45)), 6)
     9.806198
     """
+    latitude, height = number(latitude, "latitude"), number(height, "height")
     s = np.sin(latitude) ** 2
     ground = _GRAVITY_EQUATOR * (1 + _SOMIGLIANA * s) / np.sqrt(1 - _ECCENTRICITY2 * s)
     first, second = _free_air(s)
@@ -129,6 +135,10 @@ def rotation(heading: float, pitch: float = 0.0, roll: float = 0.0) -> Array:
     >>> (rotation(math.radians(90)) @ [1, 0, 0]).round(9) + 0.0
     array([ 0., -1.,  0.])
     """
+    heading, pitch, roll = (
+        number(value, name)
+        for name, value in (("heading", heading), ("pitch", pitch), ("roll", roll))
+    )
     # A turn clockwise seen from above is negative about "up"; nose up is
     # negative about "left".
     c, s = np.cos(heading), np.sin(heading)
@@ -146,10 +156,10 @@ def static_base(
     height: float = 0.0,
     *,
     earth_rate: float = EARTH_RATE,
-    tilt: float = np.radians(1 / 60),
+    tilt: float = TILT,
     velocity: float = 0.1,
     position: float = 10.0,
-    gyro_bias: float = np.radians(0.01) / 3600,
+    gyro_bias: float = GYRO_BIAS,
     accelerometer_bias: float | None = None,
     velocity_noise: float = 0.01,
     position_noise: float = 1.0,
@@ -245,10 +255,10 @@ def error_model(
     lever_arm_states: Literal["known", "estimated"] = "known",
     earth_rate: float = EARTH_RATE,
     gravity_gradient: Literal["include", "omit"] = "include",
-    tilt: float = np.radians(1 / 60),
+    tilt: float = TILT,
     velocity_error: float = 0.1,
     position_error: float = 10.0,
-    gyro_bias: float = np.radians(0.01) / 3600,
+    gyro_bias: float = GYRO_BIAS,
     accelerometer_bias: float | None = None,
     lever_arm_error: float = 0.1,
     velocity_noise: float = 0.01,
@@ -331,7 +341,7 @@ def error_model(
     if lever_arm_states not in ("known", "estimated"):
         raise InputError(f'lever_arm_states = {lever_arm_states!r}: must be "known" or "estimated"')
     v = _vector(velocity, "velocity")
-    to_nav = np.eye(3) if attitude is None else np.array(attitude, dtype=float)
+    to_nav = np.eye(3) if attitude is None else finite(attitude, "attitude").copy()
     if to_nav.shape != (3, 3) or not np.allclose(to_nav @ to_nav.T, np.eye(3), atol=1e-9):
         raise InputError("attitude is not a rotation: must be a (3, 3) orthogonal matrix")
     earth = _Earth(latitude, height, earth_rate)
@@ -405,7 +415,7 @@ class _Earth:
     """Rates of the navigation axes and their derivatives at one place."""
 
     def __init__(self, latitude: float, height: float, rate: float) -> None:
-        self.rate = rate
+        self.rate = number(rate, "earth_rate")
         self.latitude, self.height = latitude, height
         self.sin, self.cos = np.sin(latitude), np.cos(latitude)
         self.tan = self.sin / self.cos
@@ -693,7 +703,7 @@ def _positive(**values: float) -> None:
 
 
 def _vector(value: ArrayLike, name: str) -> Array:
-    array = np.asarray(value, dtype=float)
+    array = reals(value, name)
     if array.shape != (3,) or not np.isfinite(array).all():
         raise InputError(f"{name} = {value!r}: must be three finite numbers")
     return array

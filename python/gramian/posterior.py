@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._numbers import finite, reals
 from gramian.exceptions import InputError, UnobservableError
 
 __all__ = [
@@ -79,7 +80,7 @@ class Posterior:
         """
         if form not in (None, "covariance", "information"):
             raise InputError(f'form = {form!r}: must be "covariance" or "information"')
-        given = np.asarray(prior, dtype=float)
+        given = reals(prior, "prior")
         if given.ndim == 1:
             if (bad := np.flatnonzero(~(given > 0))).size:
                 raise InputError(
@@ -141,7 +142,7 @@ class Posterior:
         detection : array_like, shape () or (k,)
             Probability that they are had, in [0, 1].
         """
-        matrix = np.asarray(rows, dtype=float)
+        matrix = reals(rows, "rows")
         if matrix.ndim < 2:
             raise InputError(f"rows has shape {matrix.shape}: must be (..., k, {self.n})")
         weighted = matrix * np.sqrt(_probability(detection))[..., None]
@@ -388,7 +389,7 @@ def expected_rows(rows: ArrayLike, weights: ArrayLike | None = None) -> Array:
     array([[0.707, 0.   ],
            [0.   , 0.707]])
     """
-    values = np.asarray(rows, dtype=float)
+    values = finite(rows, "rows")
     if values.ndim < 3 or 0 in values.shape:
         raise InputError(f"rows has shape {values.shape}: must be (samples, ..., k, n)")
     samples, *batch, k, n = values.shape
@@ -431,7 +432,7 @@ def expected_transition(
     and D22 hold the mean alone. So the recursion with the mean transition, with
     the rows S taken in before each, is the exact one.
     """
-    values = np.asarray(transitions, dtype=float)
+    values = finite(transitions, "transitions")
     if values.ndim < 3 or values.shape[-1] != values.shape[-2] or 0 in values.shape:
         raise InputError(f"transitions has shape {values.shape}: must be (samples, ..., n, n)")
     chances = _weights(weights, values.shape[0])
@@ -471,7 +472,7 @@ def cubature_points(mean: ArrayLike, covariance: ArrayLike) -> tuple[Array, Arra
            [-1.828,  0.   ],
            [ 1.   , -1.414]])
     """
-    centre = np.asarray(mean, dtype=float)
+    centre = finite(mean, "mean")
     root = _roots(covariance, "covariance")
     n = centre.size
     if centre.shape != (n,) or root.shape != (n, n):
@@ -497,7 +498,7 @@ def _roots(covariance: ArrayLike, name: str) -> Array:
 
 
 def _transition(transition: ArrayLike, form: Form, n: int) -> Array:
-    matrix = np.asarray(transition, dtype=float)
+    matrix = reals(transition, "transition")
     if matrix.ndim < 2 or matrix.shape[-2:] != (n, n):
         raise InputError(f"transition has shape {matrix.shape}: must be (..., {n}, {n})")
     if form == "covariance":
@@ -507,11 +508,13 @@ def _transition(transition: ArrayLike, form: Form, n: int) -> Array:
             'transition has no inverse: form = "information" needs one; '
             'with a finite prior use form = "covariance"'
         )
-    return np.linalg.inv(matrix)
+    inverse: Any = np.linalg.inv(matrix)
+    result: Array = inverse
+    return result
 
 
 def _probability(value: ArrayLike) -> Array:
-    chance = np.asarray(value, dtype=float)
+    chance = reals(value, "detection")
     if not ((chance >= 0) & (chance <= 1)).all():
         bad = np.argwhere(~((chance >= 0) & (chance <= 1)))
         index = f"[{', '.join(str(i) for i in bad[0])}]" if chance.ndim else ""
@@ -536,7 +539,10 @@ def _detected(rows: Array, detection: ArrayLike) -> Array:
 
 def _stacked(rows: ArrayLike | Sequence[ArrayLike | None], n: int) -> Array:
     if not isinstance(rows, np.ndarray) and isinstance(rows, Sequence):
-        parts = [np.zeros((0, n)) if r is None else np.asarray(r, dtype=float) for r in rows]
+        parts = [
+            np.zeros((0, n)) if part is None else reals(part, f"rows[{i}]")
+            for i, part in enumerate(rows)
+        ]
         if len({part.shape for part in parts}) > 1:
             for i, part in enumerate(parts):
                 if part.ndim != 2 or part.shape[1] != n:
@@ -548,7 +554,7 @@ def _stacked(rows: ArrayLike | Sequence[ArrayLike | None], n: int) -> Array:
             return stacked
         values = np.array(parts)
     else:
-        values = np.asarray(rows, dtype=float)
+        values = reals(rows, "rows")
     if values.ndim < 3 or values.shape[-1] != n or values.shape[-3] == 0:
         raise InputError(f"rows has shape {values.shape}: must be (..., steps, k, {n})")
     return values
@@ -557,7 +563,7 @@ def _stacked(rows: ArrayLike | Sequence[ArrayLike | None], n: int) -> Array:
 def _weights(weights: ArrayLike | None, samples: int) -> Array:
     if weights is None:
         return np.full(samples, 1 / samples)
-    chances = np.asarray(weights, dtype=float)
+    chances = reals(weights, "weights")
     if chances.shape != (samples,):
         raise InputError(f"weights has shape {chances.shape}: must be ({samples},)")
     if (bad := np.flatnonzero(~(np.isfinite(chances) & (chances >= 0)))).size:

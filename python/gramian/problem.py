@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._numbers import finite, reals
 from gramian.exceptions import InputError
 
 __all__ = ["Problem", "from_function"]
@@ -88,7 +89,7 @@ class Problem:
             )
         if units is not None and len(units) != n:
             raise InputError(f"units has {len(units)} entries: must have {n}, one for each state")
-        scales = np.full(n, np.nan) if scale is None else np.array(scale, dtype=float)
+        scales = np.full(n, np.nan) if scale is None else reals(scale, "scale").copy()
         scales = _checked_scale(scales, names)
         if rtol is not None and not 0 < rtol < 1:
             raise InputError(f"rtol = {rtol}: must be between 0 and 1")
@@ -173,7 +174,7 @@ class Problem:
             for name, value in scale.items():
                 values[self.index(name)] = value
         else:
-            values = np.array(scale, dtype=float)
+            values = reals(scale, "scale").copy()
         return self._replaced(scale=_checked_scale(values, self.names))
 
     def fix(self, *names: str) -> Problem:
@@ -435,7 +436,7 @@ def _central_differences(
 ) -> tuple[Array, float]:
     size = np.abs(x)
     if scale is not None:
-        known = np.array(scale, dtype=float)
+        known = reals(scale, "scale")
         if known.shape == x.shape:
             size = np.fmax(size, known)
     # A state at 0 with no scale gives no hint of its size.
@@ -497,12 +498,4 @@ def _combination(value: ArrayLike, name: str, n: int) -> Array:
 
 
 def _finite(value: ArrayLike, name: str) -> Array:
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} cannot be read as an array of numbers: {error}") from error
-    if len(bad := np.argwhere(~np.isfinite(array))):
-        index = ", ".join(str(i) for i in bad[0])
-        place = f"[{index}]" if index else ""
-        raise InputError(f"{name}{place} = {array[tuple(bad[0])]}: must be finite")
-    return array
+    return finite(value, name).copy()

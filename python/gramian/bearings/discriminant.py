@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._numbers import number, reals
 from gramian.exceptions import InputError
 
 __all__ = [
@@ -371,12 +372,12 @@ def observable(
     >>> observable(t, 1e-7 * t**2).observable
     True
     """
-    if not 0 <= accuracy < np.inf:
+    if number(accuracy, "accuracy") < 0:
         raise InputError(f"accuracy = {accuracy} rad: must be >= 0 and finite")
     best = best_quadruple(times, bearings)
     if best.value.ndim:
         raise InputError("observable takes one track, without leading axes")
-    t, b = np.asarray(times, dtype=float), np.asarray(bearings, dtype=float)
+    t, b = reals(times, "times"), reals(bearings, "bearings")
     indices = tuple(int(i) for i in best.indices)
     error = _rounding(t[best.indices], b[best.indices], accuracy)
     seen = bool(abs(best.value) > error)

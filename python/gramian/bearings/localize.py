@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._numbers import SEED_MOST, finite, reals, whole
 from gramian.bearings.rows import check_index, state_names
 from gramian.exceptions import InputError, UnobservableError
 
@@ -230,7 +231,7 @@ def localize(
     """
     names, units = state_names(order)
     n = len(names)
-    seen = np.asarray(bearings, dtype=float)
+    seen = reals(bearings, "bearings")
     _check_options(weak_ratio, max_iterations, rtol)
     known = _prior(prior, names)
     _check_count(seen.shape[-1] if seen.ndim else 0, order, len(prior or {}))
@@ -239,7 +240,7 @@ def localize(
         times,
         observer,
         seen,
-        np.atleast_1d(np.asarray(sigma, dtype=float)),
+        np.atleast_1d(reals(sigma, "sigma")),
         n,
         known,
         observer_index is not None,
@@ -314,11 +315,9 @@ def localize_trials(
     >>> bool(abs(run.nees.mean() - 4) < 0.4)
     True
     """
-    if seed < 0 or first < 0 or trials < 1:
-        raise InputError(
-            f"seed = {seed}, first = {first}, trials = {trials}: must be >= 0, >= 0 and >= 1"
-        )
-    truth = np.asarray(target, dtype=float)
+    seed, first = whole(seed, "seed", 0, SEED_MOST), whole(first, "first")
+    trials = whole(trials, "trials", 1)
+    truth = reals(target, "target")
     n = truth.shape[-1] if truth.ndim else 0
     if n not in (2, 4, 6, 8):
         raise InputError(
@@ -327,14 +326,14 @@ def localize_trials(
     names, _ = state_names(n // 2 - 1)
     _check_options(weak_ratio, max_iterations, rtol)
     known = _prior(prior, names)
-    when = np.asarray(times, dtype=float)
+    when = reals(times, "times")
     _check_count(when.shape[-1] if when.ndim else 0, n // 2 - 1, len(prior or {}))
     check_index(when, observer_index)
     record = _core.bearings_localize_trials(
         when,
         observer,
         truth,
-        np.atleast_1d(np.asarray(sigma, dtype=float)),
+        np.atleast_1d(reals(sigma, "sigma")),
         seed,
         first,
         trials,
@@ -375,15 +374,24 @@ def residuals(
     >>> residuals([0.0, 10.0], [0.1, 0.1], [[0, 0], [0, 0]], [0, 1000, 0, 0])
     array([0.1, 0.1])
     """
-    t, x = np.asarray(times, dtype=float), np.asarray(state, dtype=float)
+    t, x = finite(times, "times"), finite(state, "state")
+    seen, path = finite(bearings, "bearings"), finite(observer, "observer")
+    if x.ndim == 0 or x.shape[-1] not in (2, 4, 6, 8):
+        raise InputError(f"state has shape {x.shape}: must be (..., n), 2, 4, 6 or 8 numbers")
+    m = t.shape[-1] if t.ndim else 0
+    if m == 0 or seen.shape[-1:] != (m,) or path.shape[-2:] != (m, 2):
+        raise InputError(
+            f"times has shape {t.shape}, bearings {seen.shape}, observer {path.shape}: "
+            "must be (..., m), (..., m) and (..., m, 2)"
+        )
     since = t - t[..., :1]
     place = np.zeros((*np.broadcast_shapes(t.shape[:-1], x.shape[:-1]), t.shape[-1], 2))
     power = np.ones_like(since)
     for k in range(x.shape[-1] // 2):
         place = place + power[..., None] * x[..., None, 2 * k : 2 * k + 2]
         power = power * since / (k + 1)
-    offset = place - np.asarray(observer, dtype=float)
-    difference = np.asarray(bearings, dtype=float) - np.arctan2(offset[..., 0], offset[..., 1])
+    offset = place - path
+    difference = seen - np.arctan2(offset[..., 0], offset[..., 1])
     wrapped: Array = difference - 2 * np.pi * np.ceil(difference / (2 * np.pi) - 0.5)
     return wrapped
 
@@ -402,8 +410,7 @@ def _check_count(count: int, order: int, known: int) -> None:
 def _check_options(weak_ratio: float, max_iterations: int, rtol: float | None) -> None:
     if not weak_ratio > 0:
         raise InputError(f"weak_ratio = {weak_ratio}: must be > 0")
-    if max_iterations < 1:
-        raise InputError(f"max_iterations = {max_iterations}: must be >= 1")
+    whole(max_iterations, "max_iterations", 1, 2**31)
     if rtol is not None and not 0 < rtol < 1:
         raise InputError(f"rtol = {rtol}: must be between 0 and 1")
 

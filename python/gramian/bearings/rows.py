@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._numbers import SEED_MOST, reals, whole
 from gramian.exceptions import InputError
 from gramian.problem import Problem
 
@@ -127,9 +128,9 @@ def rows(
     >>> rows([0.0, 10.0], [[0, 0, 0], [0, 50, 0]], [0, 1000, 0, 3, -1, 0], 0.01).shape
     (4, 6)
     """
-    place = np.asarray(target, dtype=float)
-    path = np.asarray(observer, dtype=float)
-    noise = np.atleast_1d(np.asarray(sigma, dtype=float))
+    place = reals(target, "target")
+    path = reals(observer, "observer")
+    noise = np.atleast_1d(reals(sigma, "sigma"))
     dimensions = path.shape[-1] if path.ndim >= 2 and path.shape[-1] == 3 else 2
     order, is_state = _target_kind(place, dimensions, order)
     if dimensions == 2 and sigma_elevation is not None:
@@ -183,7 +184,7 @@ def _target_kind(place: Array, dimensions: int, order: int | None) -> tuple[int,
 
 
 def _detected(result: Array, detection: ArrayLike, m: int) -> Array:
-    part = np.asarray(detection, dtype=float)
+    part = reals(detection, "detection")
     if part.ndim and part.shape[-1] != m:
         raise InputError(f"detection has shape {part.shape}: must be () or (..., {m})")
     if len(bad := np.argwhere(~((part >= 0) & (part <= 1)))):
@@ -200,7 +201,7 @@ def check_index(times: ArrayLike, observer_index: ArrayLike | None) -> None:
     """Refuse times that decrease, or do not increase for one of several observers."""
     if observer_index is None:
         return
-    t, index = np.asarray(times, dtype=float), np.asarray(observer_index)
+    t, index = reals(times, "times"), np.asarray(observer_index)
     if index.dtype.kind not in "iu" or t.ndim == 0 or index.shape != t.shape[-1:]:
         raise InputError(
             f"observer_index has shape {index.shape} and type {index.dtype}: "
@@ -246,7 +247,7 @@ def merge(*tracks: Sequence[ArrayLike]) -> tuple[Array, ...]:
     """
     if not tracks:
         raise InputError("merge was given no track")
-    arrays = [[np.asarray(part, dtype=float) for part in track] for track in tracks]
+    arrays = [[reals(part, f"track {k}") for part in track] for k, track in enumerate(tracks)]
     for k, track in enumerate(arrays):
         if len(track) != len(arrays[0]) or not track:
             raise InputError(
@@ -311,16 +312,20 @@ def problem(
     )
     if values.ndim != 2:
         raise InputError(f"the rows have shape {values.shape}: a problem is one track, (m, n)")
-    t, path = np.asarray(times, dtype=float), np.asarray(observer, dtype=float)
-    place = np.asarray(target, dtype=float)
+    t, path = reals(times, "times"), reals(observer, "observer")
+    place = reals(target, "target")
     dimensions = path.shape[-1]
     order, is_state = _target_kind(place, dimensions, order)
     names, units = state_names(order, dimensions)
     positions = _positions(t, place, dimensions) if is_state else place
     offsets = positions - path
     ranges = np.linalg.norm(offsets, axis=1)
-    # Offsets between large coordinates carry the rounding of those coordinates.
+    # Offsets between large coordinates carry the rounding of those coordinates,
+    # and those at times counted from long ago the rounding of the times.
     size = max(np.abs(positions).max(), np.abs(path).max())
+    if (span := float(np.ptp(t))) > 0:
+        change = np.linalg.norm(offsets - offsets[0], axis=1).max()
+        size += change / span * np.abs(t).max()
     rounding = 8 * np.finfo(float).eps * size / ranges.min()
     default = 32 * np.finfo(float).eps * np.sqrt(max(len(values), len(names)))
     combinations = {"range": offsets[0] / ranges[0]}
@@ -394,20 +399,19 @@ def simulate(
     >>> many.shape, bool((many[0] == one).all())
     ((3, 2), True)
     """
-    if seed < 0:
-        raise InputError(f"seed = {seed}: must be >= 0")
-    if trials is not None and trials < 1:
-        raise InputError(f"trials = {trials}: must be >= 1")
+    seed = whole(seed, "seed", 0, SEED_MOST)
+    if trials is not None:
+        trials = whole(trials, "trials", 1)
     # Checks everything, the observer on the target included.
     checked = rows(times, observer, target, sigma, order=order, observer_index=observer_index)
-    t, place = np.asarray(times, dtype=float), np.asarray(target, dtype=float)
-    path = np.asarray(observer, dtype=float)
+    t, place = reals(times, "times"), reals(target, "target")
+    path = reals(observer, "observer")
     if checked.ndim != 2 or path.shape[-1] != 2:
         raise InputError("simulate takes one track, without leading axes, in the plane")
     offsets = (_positions(t, place, 2) if _target_kind(place, 2, order)[1] else place) - path
     exact = np.arctan2(offsets[:, 0], offsets[:, 1])
     noise = _core.normals(seed, 0, trials or 1, t.size)
-    noisy = exact + np.asarray(sigma, dtype=float) * noise
+    noisy = exact + reals(sigma, "sigma") * noise
     wrapped: Array = noisy - 2 * np.pi * np.ceil(noisy / (2 * np.pi) - 0.5)
     return wrapped if trials is not None else wrapped[0]
 

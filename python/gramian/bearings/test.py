@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._numbers import number, reals
 from gramian.exceptions import InputError
 
 if TYPE_CHECKING:
@@ -152,9 +153,9 @@ def observability_test(
     not shown observable 57 True
     observable 57 False
     """
-    if not 0 < level < 1:
+    if not 0 < number(level, "level") < 1:
         raise InputError(f"level = {level}: must be between 0 and 1")
-    noise = np.asarray(sigma, dtype=float)
+    noise = reals(sigma, "sigma")
     found = _core.bearing_test(times, bearings, noise[None] if noise.ndim == 0 else noise)
     dof = np.shape(bearings)[-1] - 3
     p_value = found[..., 1]
@@ -195,12 +196,12 @@ def power_figure(
     """
     from gramian import plot
 
-    turns = np.arange(0.0, 61.0, 5.0) if turns_deg is None else np.asarray(turns_deg, dtype=float)
+    turns = np.arange(0.0, 61.0, 5.0) if turns_deg is None else reals(turns_deg, "turns_deg")
     t = np.arange(0.0, 1200.0, 20.0)
     fig = plot.figure()
     axes = fig.subplots()
     noise = _core.normals(seed, 0, trials, t.size)
-    for sigma in np.atleast_1d(np.radians(np.asarray(sigma_deg, dtype=float))):
+    for sigma in np.atleast_1d(np.radians(reals(sigma_deg, "sigma_deg"))):
         power = [
             observability_test(
                 t, _turned_bearings(t, turn) + sigma * noise, sigma, level

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._numbers import finite, reals, whole
 from gramian.analysis import analyze, describe_null_space, plain
 from gramian.dipole.model import NAMES, UNITS, Pass, problem, rows
 from gramian.exceptions import InputError, UnobservableError
@@ -29,6 +30,9 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+
+#: Tesla; beyond it squares leave the range of the numbers.
+LARGEST = 1e100
 Background = Literal["median", "fit"]
 Loss = Literal["gaussian", "huber"]
 
@@ -436,7 +440,7 @@ def localize_many(
     (4, 9)
     """
     setup = _Setup(known, prior, sensors, background, loss, sigma, starts)
-    y = np.asarray(field, dtype=float)
+    y = reals(field, "field")
     if sensors is None:
         y = y[..., None, :]
     setup.enough(np.empty(np.shape(times)[-1:]))
@@ -564,14 +568,12 @@ class _Setup:
             raise InputError(f'loss = {loss!r}: must be "gaussian" or "huber"')
         if sigma is not None and not 0 < sigma < np.inf:
             raise InputError(f"sigma = {sigma} T: must be > 0 and finite")
-        if starts < 1:
-            raise InputError(f"starts = {starts}: must be >= 1")
+        starts = whole(starts, "starts", 1)
         self.one_sensor = sensors is None
-        self.sensors = np.zeros((1, 3)) if sensors is None else np.array(sensors, dtype=float)
+        self.sensors = np.zeros((1, 3)) if sensors is None else reals(sensors, "sensors").copy()
         if self.sensors.ndim != 2 or self.sensors.shape[1] != 3 or not len(self.sensors):
             raise InputError(f"sensors has shape {self.sensors.shape}: must be (S, 3)")
-        if not np.isfinite(self.sensors).all():
-            raise InputError("sensors has numbers that are not finite")
+        finite(self.sensors, "sensors")
         self.background, self.loss, self.sigma, self.starts = background, loss, sigma, starts
         self.exact = [self.known.get(name, np.nan) for name in KNOWABLE]
         self.priors = [list(self.prior.get(name, (np.nan, np.nan))) for name in KNOWABLE]
@@ -586,7 +588,7 @@ class _Setup:
 
     def samples(self, times: ArrayLike, field: ArrayLike, missing: str) -> tuple[Array, Array, int]:
         """Return times (K,), field (K, S, 3) and how many samples were dropped."""
-        t, y = np.array(times, dtype=float), np.array(field, dtype=float)
+        t, y = reals(times, "times").copy(), reals(field, "field").copy()
         wanted = "(K, 3)" if self.one_sensor else f"(K, {len(self.sensors)}, 3)"
         if self.one_sensor and y.ndim == 2:
             y = y[:, None, :]
@@ -607,7 +609,12 @@ class _Setup:
                     f'{np.argmax(bad)}: missing="drop" leaves them out'
                 )
             t, y = t[~bad], y[~bad]
-        if t.size and (largest := float(abs(y).max())) > 1:
+        largest = float(abs(y).max()) if t.size else 0.0
+        if largest > LARGEST:
+            raise InputError(
+                f"the field reaches {largest:.4g} T: must be in tesla, below {LARGEST} T"
+            )
+        if largest > 1:
             warnings.warn(
                 f"the field reaches {largest:.4g} T: it must be in tesla (1 uT = 1e-6 T)",
                 UserWarning,
@@ -755,11 +762,11 @@ def _gradient(name: str, state: Array) -> Array:
 def _free_directions(known: Mapping[str, float], state: Array) -> Array:
     """Return a basis (9, d) of the moves that exact knowledge allows."""
     blocks = []
-    for part, whole in ((slice(0, 3), None), (slice(3, 6), "speed"), (slice(6, 9), "moment")):
+    for part, size in ((slice(0, 3), None), (slice(3, 6), "speed"), (slice(6, 9), "moment")):
         axes = [i for i in range(part.start, part.stop) if NAMES[i] not in known]
         basis = np.zeros((9, len(axes)))
         basis[axes, range(len(axes))] = 1.0
-        if whole in known and axes:
+        if size in known and axes:
             along = basis.T @ state
             if along.any():
                 # The rest of an orthonormal basis that begins along the vector.
@@ -827,7 +834,7 @@ def _number(value: float, name: str) -> float:
 
 
 def _three(value: ArrayLike, name: str) -> Array:
-    array = np.asarray(value, dtype=float)
+    array = reals(value, name)
     if array.shape != (3,) or not np.isfinite(array).all():
         raise InputError(f"{name} = {value!r}: must be three finite numbers")
     return array

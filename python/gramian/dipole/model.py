@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._numbers import SEED_MOST, finite, number, reals, whole
 from gramian.exceptions import InputError
 from gramian.problem import Problem
 
@@ -143,17 +144,29 @@ def moment(
     >>> moment([100.0, 0.0, 0.0], np.eye(3), 2.0, [0.0, 2e-5, -4.5e-5]).round(1)
     array([100. ,  31.8, -71.6])
     """
-    turn, own, earth = (np.asarray(x, dtype=float) for x in (attitude, permanent, earth_field))
+    turn, own, earth = (
+        finite(value, name)
+        for name, value in (
+            ("attitude", attitude),
+            ("permanent", permanent),
+            ("earth_field", earth_field),
+        )
+    )
     for name, array, shape in (
         ("permanent", own, (3,)),
         ("attitude", turn, (3, 3)),
         ("earth_field", earth, (3,)),
     ):
-        if array.shape[-len(shape) :] != shape or not np.isfinite(array).all():
-            raise InputError(f"{name} has shape {array.shape}: must be (..., *{shape}) and finite")
+        if array.shape[-len(shape) :] != shape:
+            raise InputError(
+                f"{name} has shape {array.shape}: must be (..., {', '.join(map(str, shape))})"
+            )
     if not np.allclose(turn @ turn.swapaxes(-1, -2), np.eye(3), atol=1e-6):
         raise InputError("attitude is no rotation: attitude times its transpose must be 1")
-    total: Array = np.einsum("...ij,...j->...i", turn, own) + induced_volume / MU0 * earth
+    total: Array = (
+        np.einsum("...ij,...j->...i", turn, own)
+        + number(induced_volume, "induced_volume") / MU0 * earth
+    )
     return total
 
 
@@ -285,10 +298,9 @@ def simulate(
     >>> one.shape
     (3, 3)
     """
-    if seed < 0:
-        raise InputError(f"seed = {seed}: must be >= 0")
-    if trials is not None and trials < 1:
-        raise InputError(f"trials = {trials}: must be >= 1")
+    seed = whole(seed, "seed", 0, SEED_MOST)
+    if trials is not None:
+        trials = whole(trials, "trials", 1)
     if not 0 <= sigma < np.inf:
         raise InputError(f"sigma = {sigma} T: must be >= 0 and finite")
     exact = measure(r0, v, m, times, sensors=sensors, ambient=ambient)
@@ -376,13 +388,18 @@ def equivalents(
     >>> far.r0, far.m
     (array([-20., -20.,  10.]), array([ 80., 160.,  80.]))
     """
-    u = np.asarray(scale, dtype=float)[..., None]
+    u = reals(scale, "scale")[..., None]
     if not ((u > 0) & (u < np.inf)).all():
         raise InputError(
             f"scale = {scale!r}: must be > 0 and finite; a negative scale turns the sign of the "
             "field, and the mirror image is returned beside"
         )
-    start, velocity, strength = (np.asarray(x, dtype=float) for x in (r0, v, m))
+    start, velocity, strength = (
+        finite(value, name) for name, value in (("r0", r0), ("v", v), ("m", m))
+    )
+    for name, array in (("r0", start), ("v", velocity), ("m", strength)):
+        if array.shape[-1:] != (3,):
+            raise InputError(f"{name} has shape {array.shape}: must be (..., 3)")
     return {
         "same": Pass(u * start, u * velocity, u**3 * strength),
         "mirror": Pass(-u * start, -u * velocity, u**3 * strength),
@@ -437,7 +454,7 @@ def problem(
         raise InputError(f"the rows have shape {values.shape}: a problem is one pass")
     combinations = {}
     for name, vector, first in (("range", r0, 0), ("speed", v, 3), ("moment", m, 6)):
-        along = np.asarray(vector, dtype=float)
+        along = reals(vector, name)
         size = np.linalg.norm(along)
         if size > 0:
             combinations[name] = np.zeros(9)
@@ -450,14 +467,14 @@ def _sensors(sensors: ArrayLike | None) -> ArrayLike:
 
 
 def _at_least_1d(sigma: ArrayLike) -> Array:
-    array = np.asarray(sigma, dtype=float)
+    array = reals(sigma, "sigma")
     return array[None] if array.ndim == 0 else array
 
 
 def _ambient(ambient: ArrayLike | None) -> tuple[float, float, float] | None:
     if ambient is None:
         return None
-    array = np.asarray(ambient, dtype=float)
+    array = reals(ambient, "ambient")
     if array.shape != (3,) or not np.isfinite(array).all() or not array.any():
         raise InputError(f"ambient = {ambient!r}: must be three finite numbers in tesla, not all 0")
     return float(array[0]), float(array[1]), float(array[2])

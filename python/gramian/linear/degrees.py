@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._numbers import reals
 from gramian.analysis import describe_combination, plain
 from gramian.exceptions import InputError
 from gramian.linear.level import observability_matrix
@@ -356,7 +357,7 @@ def information(
     """
     covariance = None
     if prior is not None and not isinstance(prior, Mapping):
-        given = np.asarray(prior, dtype=float)
+        given = reals(prior, "prior")
         if given.ndim == 2:
             covariance, prior = given, np.sqrt(np.abs(np.diagonal(given)))
     system = system_of(A, C, names, None, prior, R)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._numbers import finite, whole
 from gramian.analysis import describe_combination
 from gramian.exceptions import InputError
 from gramian.linear.systems import SystemLike, matrices, system_of
@@ -57,10 +58,10 @@ def observability_matrix(
     array([[ 5.,  7.],
            [26., 38.]])
     """
-    if order is not None and (order != int(order) or order < 0):
-        raise InputError(f"order = {order}: must be a whole number >= 0")
+    if order is not None:
+        order = whole(order, "order")
     a, c = matrices(A, C)
-    return _core.observability_matrix(a, c, None if order is None else int(order))
+    return _core.observability_matrix(a, c, order)
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,7 +327,7 @@ def coefficients(value: ArrayLike | Mapping[str, float], names: Sequence[str]) -
                 raise InputError(f"no state is named {name!r}: the states are {', '.join(names)}")
             out[list(names).index(name)] = factor
         return out
-    array = np.asarray(value, dtype=float)
+    array = finite(value, "combination")
     if array.shape != (len(names),):
         raise InputError(f"combination has shape {array.shape}: must be ({len(names)},)")
     return array

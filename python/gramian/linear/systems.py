@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gramian._numbers import reals
 from gramian.exceptions import InputError
 
 __all__ = ["StateSpace", "System", "SystemLike", "matrices", "system_of", "whitener"]
@@ -164,10 +165,7 @@ def _names(names: Sequence[str] | None, n: int) -> tuple[str, ...]:
 
 
 def _numbers(value: Any, name: str) -> Array:
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} cannot be read as an array of numbers: {error}") from error
+    array = reals(value, name).copy()
     if (bad := np.argwhere(~np.isfinite(array))).size and name != "prior":
         index = ", ".join(str(i) for i in bad[0])
         raise InputError(f"{name}[{index}] = {array[tuple(bad[0])]}: must be finite")

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._numbers import number, reals
 from gramian.analysis import describe_combination
 from gramian.exceptions import InputError
 from gramian.linear.level import observability_matrix
@@ -19,6 +20,9 @@ from gramian.problem import Problem
 __all__ = ["Piecewise", "gramian", "piecewise", "problem", "rows", "transition"]
 
 Array = NDArray[np.float64]
+
+#: Rows are kept, a block for each sample.
+MOST_SAMPLES = 10_000_000
 
 
 def transition(A: ArrayLike, duration: float) -> Array:
@@ -41,9 +45,7 @@ def transition(A: ArrayLike, duration: float) -> Array:
     array([[1., 3.],
            [0., 1.]])
     """
-    if not np.isfinite(duration):
-        raise InputError(f"duration = {duration}: must be finite")
-    return _core.linear_transition(A, float(duration))
+    return _core.linear_transition(A, number(duration, "duration"))
 
 
 def gramian(
@@ -99,14 +101,14 @@ def gramian(
            [2.        , 2.66666667]])
     """
     a, c = matrices(A, C)
-    c = np.asarray(c, dtype=float)
+    c = reals(c, "C")
     if c.ndim < 2:
         raise InputError(f"C has shape {c.shape}: must be (outputs, states)")
     samples = _samples(window, dt)
     noise = A.noise if isinstance(A, System) else None
     white = whitener(R, c.shape[-2], noise) @ c
     if Q is not None:
-        q = np.asarray(Q, dtype=float)
+        q = reals(Q, "Q")
         if q.ndim < 2 or q.shape[-1] != q.shape[-2]:
             raise InputError(f"Q has shape {q.shape}: must be a covariance (n, n) of the states")
         if not np.allclose(q, np.swapaxes(q, -1, -2), rtol=1e-10, atol=0):
@@ -151,6 +153,11 @@ def rows(
     if time not in ("continuous", "discrete"):
         raise InputError(f'time = {time!r}: must be "continuous" or "discrete"')
     assert samples is not None
+    if samples > MOST_SAMPLES:
+        raise InputError(
+            f"window = {window} and dt = {dt}: {samples} samples, more than {MOST_SAMPLES}: "
+            "sample less often, or take `gramian`, which keeps no rows"
+        )
     white = whitener(R, len(system.C), system.noise) @ system.C
     step = transition(system.A, dt) if time == "continuous" else system.A
     block, out = white, [white]
@@ -357,15 +364,15 @@ def piecewise(
     >>> found.total_ranks
     (1, 2)
     """
-    a = np.asarray(A, dtype=float)
+    a = reals(A, "A")
     if a.ndim != 3:
         raise InputError(f"A has shape {a.shape}: must be (segments, n, n)")
-    c = np.asarray(C, dtype=float)
+    c = reals(C, "C")
     if c.ndim == 2:
         c = np.broadcast_to(c, (len(a), *c.shape))
     if c.ndim != 3 or len(a) == 0:
         raise InputError(f"C has shape {c.shape}: must be (segments, p, n) or (p, n)")
-    times = np.atleast_1d(np.asarray(durations, dtype=float))
+    times = np.atleast_1d(reals(durations, "durations"))
     checked = system_of(a[0], c[0], names).names
     alone, stripped, total, rests, null = _core.piecewise_ranks(a, c, times, rtol)
     return Piecewise(
@@ -388,5 +395,7 @@ def _samples(window: float, dt: float | None) -> int | None:
         return None
     if not 0 < dt <= window:
         raise InputError(f"dt = {dt}: must be > 0 and no longer than the window, {window}")
+    if not window / dt < 2**53:
+        raise InputError(f"window = {window} and dt = {dt}: more samples than can be counted")
     # A window of whole steps counts its last sample in spite of rounding.
     return int(np.floor(window / dt * (1 + 1e-12))) + 1

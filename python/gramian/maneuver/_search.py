@@ -24,7 +24,7 @@ __all__ = [
     "leg_guesses",
     "one_blas_thread",
     "refined",
-    "whole",
+    "whole_counts",
 ]
 
 Array = NDArray[np.float64]
@@ -76,7 +76,7 @@ def free_guesses(task: Task, seed: int) -> list[Found]:
         first, second = (grid.ravel() for grid in np.meshgrid(angles, angles))
         for legs in range(2, min(4, task.moves) + 1):
             turns = np.where(np.arange(legs) % 2 == 0, first[:, None], second[:, None])
-            wanted = np.repeat(turns, whole(np.full(legs, task.moves / legs)), axis=1)
+            wanted = np.repeat(turns, whole_counts(np.full(legs, task.moves / legs)), axis=1)
             name = f"two headings in turn, {legs} legs"
             families.append((name, *task.steered("headings", wanted, MARGIN)))
     count = 8
@@ -111,14 +111,14 @@ def leg_guesses(task: Task, seed: int) -> list[Found]:
         # The first leg shorter, as long and longer than the others.
         rest = np.full(legs, 1.0)
         rest[0] = share
-        counts = whole(task.moves * rest / rest.sum())
+        counts = whole_counts(task.moves * rest / rest.sum())
         limits = Limits(task, counts)
         short = np.array([limits.short(bearing + turns, lengths) for turns in every])
         guesses += _ordered(task, names, counts, bearing + every, lengths, short)
     return sorted(guesses, key=lambda g: merit(task, g))
 
 
-def whole(shares: Array) -> NDArray[np.intp]:
+def whole_counts(shares: Array) -> NDArray[np.intp]:
     """Return counts >= 1 with the same sum."""
     ends = np.round(np.cumsum(shares)).astype(np.intp)
     legs, steps = len(shares), int(ends[-1])
@@ -129,7 +129,7 @@ def whole(shares: Array) -> NDArray[np.intp]:
 def _wild_headings(task: Task, seed: int, count: int) -> Array:
     legs = min(6, task.moves)
     values = 2 * np.pi * _uniforms(seed, count * legs).reshape(count, legs)
-    wild: Array = np.repeat(values, whole(np.full(legs, task.moves / legs)), axis=1)
+    wild: Array = np.repeat(values, whole_counts(np.full(legs, task.moves / legs)), axis=1)
     return wild
 
 

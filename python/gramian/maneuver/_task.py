@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._numbers import reals, whole
 from gramian.exceptions import InputError
 
 __all__ = [
@@ -90,8 +91,7 @@ class Task:
             raise InputError(f"start has shape {origin.shape}: must be (2,), east and north")
         slow, fast = _speeds(speed)
         positive(dt, "dt", "s")
-        if int(steps) != steps or steps < 2:
-            raise InputError(f"steps = {steps}: must be a whole number >= 2")
+        steps = whole(steps, "steps", 2)
         moves = int(steps) - 1
         if legs is not None and not 1 <= legs <= moves:
             raise InputError(f"legs = {legs}: must be from 1 to the number of moves, {moves}")
@@ -320,7 +320,7 @@ def _prior(
             positive(deviation, f"prior of {name}", "")
             rows.append(_direction(name, directions, "prior") / deviation)
         return np.stack(rows, axis=1) if rows else np.zeros((count, 0, n))
-    given = np.asarray(prior, dtype=float)
+    given = reals(prior, "prior")
     if given.shape == (n,):
         if (bad := np.flatnonzero(~(given > 0))).size:
             raise InputError(f"prior[{bad[0]}] = {given[bad[0]]}: must be > 0, or inf for none")
@@ -352,10 +352,7 @@ def wrapped(angles: Array) -> Array:
 
 def finite(value: ArrayLike, name: str) -> Array:
     """Return an array of finite numbers, or say which is not."""
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} cannot be read as an array of numbers: {error}") from error
+    array = reals(value, name).copy()
     if len(bad := np.argwhere(~np.isfinite(array))):
         index = "".join(f"[{i}]" for i in bad[0])
         raise InputError(f"{name}{index} = {array[tuple(bad[0])]}: must be finite")

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._numbers import reals
 from gramian.exceptions import InputError
 from gramian.problem import Problem
 
@@ -122,7 +123,7 @@ def problem(positions: ArrayLike, target: ArrayLike, sigma: ArrayLike) -> Proble
     >>> gm.analyze(problem([[0, 0], [0, 100]], [0.0, 1000.0], 0.01)).status
     'unobservable'
     """
-    places, at = np.asarray(positions, dtype=float), np.asarray(target, dtype=float)
+    places, at = reals(positions, "positions"), reals(target, "target")
     if places.ndim != 2 or at.shape != (2,):
         raise InputError(
             f"positions has shape {places.shape}, target {at.shape}: must be (m, 2) and (2,)"
@@ -132,7 +133,7 @@ def problem(positions: ArrayLike, target: ArrayLike, sigma: ArrayLike) -> Proble
     offsets = at - places
     ranges = np.hypot(offsets[:, 0], offsets[:, 1])
     east, north = (offsets / ranges[:, None]).T
-    noise = np.broadcast_to(np.asarray(sigma, dtype=float), ranges.shape)
+    noise = np.broadcast_to(reals(sigma, "sigma"), ranges.shape)
     rows = np.stack([north, -east], axis=1) / (ranges * noise)[:, None]
     # Offsets between large coordinates carry the rounding of those coordinates.
     size = max(np.abs(places).max(), np.abs(at).max())
@@ -153,7 +154,7 @@ def problem(positions: ArrayLike, target: ArrayLike, sigma: ArrayLike) -> Proble
 def _arguments(
     positions: ArrayLike, target: ArrayLike, sigma: ArrayLike, times: ArrayLike | None
 ) -> tuple[ArrayLike, Array, Array, ArrayLike | None]:
-    place, noise = np.asarray(target, dtype=float), np.asarray(sigma, dtype=float)
+    place, noise = reals(target, "target"), reals(sigma, "sigma")
     if place.ndim == 0 or place.shape[-1] not in (2, 4):
         raise InputError(
             f"target has shape {place.shape}: must be (..., 2), or (..., 4): x0, y0, vx, vy"

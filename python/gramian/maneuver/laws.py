@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._numbers import reals, whole
 from gramian.exceptions import InputError
 
 __all__ = ["LAWS", "AtStandoff", "Law", "Trajectory", "heading", "trajectory"]
@@ -222,11 +223,9 @@ def trajectory(
     >>> trajectory([0, 1000], [0, 0], 20.0, 1.0, 500, standoff=900.0).count
     array(159)
     """
-    if steps != int(steps) or steps < 1:
-        raise InputError(f"steps = {steps}: must be a whole number >= 1")
+    n = whole(steps, "steps", 1)
     if at_standoff not in ("stop", "circle"):
         raise InputError(f'at_standoff = {at_standoff!r}: must be "stop" or "circle"')
-    n = int(steps)
     step = _positive(speed, "speed", "m/s") * _positive(dt, "dt", "s")
     packed = _core.maneuver_trajectory(
         target,
@@ -255,7 +254,7 @@ def trajectory(
 
 
 def _positive(value: ArrayLike, name: str, unit: str) -> Array:
-    array = np.asarray(value, dtype=float)
+    array = reals(value, name)
     if not (np.isfinite(array) & (array > 0)).all():
         bad = np.argwhere(~(np.isfinite(array) & (array > 0)))[0]
         index = f"[{', '.join(str(i) for i in bad)}]" if array.ndim else ""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._numbers import SEED_MOST, whole
 from gramian.exceptions import InputError
 from gramian.maneuver._task import check_outside, checked_discs, finite, positive
 from gramian.maneuver.laws import LAWS
@@ -256,9 +257,8 @@ def closed_loop(
             raise InputError(f"methods[{i}] = {method!r}: must be one of {known}")
     if side not in (1, -1):
         raise InputError(f"side = {side}: must be 1 or -1")
-    for name, whole, least in (("trials", trials, 1), ("replan", replan, 1), ("seed", seed, 0)):
-        if whole < least:
-            raise InputError(f"{name} = {whole}: must be >= {least}")
+    trials, replan = whole(trials, "trials", 1), whole(replan, "replan", 1)
+    seed, opening = whole(seed, "seed", 0, SEED_MOST), whole(opening, "opening")
     if not 0 <= lost < 1:
         raise InputError(f"lost = {lost}: must be from 0 to below 1")
     setting = _Setting.checked(
@@ -284,7 +284,7 @@ def closed_loop(
             out = setting.run(method, [float(side)], noise, gone)
         runs.append(_run(method, out, setting.target))
     runs.sort(key=lambda run: run.final_rms)
-    return ClosedLoop(tuple(runs), setting.target, float(dt), float(lost), int(seed))
+    return ClosedLoop(tuple(runs), setting.target, float(dt), float(lost), seed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,11 +322,13 @@ class _Setting:
         for name, value in (("target", place), ("start", origin)):
             if value.shape != (2,):
                 raise InputError(f"{name} has shape {value.shape}: must be (2,), east and north")
-        if int(steps) != steps or steps < 2:
-            raise InputError(f"steps = {steps}: must be a whole number >= 2")
+        steps = whole(steps, "steps", 2)
         if not 0 <= opening < steps:
             raise InputError(f"opening = {opening}: must be from 0 to below steps, {steps}")
-        mean, deviation = (float(value) for value in first_range)
+        guess = finite(first_range, "first_range")
+        if guess.shape != (2,):
+            raise InputError(f"first_range has shape {guess.shape}: must be (mean, deviation)")
+        mean, deviation = (float(value) for value in guess)
         for name, number, unit in (
             ("speed", speed, "m/s"),
             ("dt", dt, "s"),

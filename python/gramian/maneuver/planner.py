@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian.exceptions import InputError, UnobservableError
+from gramian._numbers import SEED_MOST, whole
+from gramian.exceptions import UnobservableError
 from gramian.maneuver._search import (
     RESTORED,
     Found,
@@ -19,7 +20,7 @@ from gramian.maneuver._search import (
     leg_guesses,
     one_blas_thread,
     refined,
-    whole,
+    whole_counts,
 )
 from gramian.maneuver._task import Criterion, Task, moved, wrapped
 from gramian.maneuver.laws import LAWS
@@ -379,9 +380,8 @@ def plan(
         weights=weights,
         scale=scale,
     )
-    for name, value in (("starts", starts), ("max_iterations", max_iterations)):
-        if value < 1:
-            raise InputError(f"{name} = {value}: must be >= 1")
+    starts, max_iterations = whole(starts, "starts", 1), whole(max_iterations, "max_iterations", 1)
+    seed = whole(seed, "seed", 0, SEED_MOST)
     with one_blas_thread():
         guesses = leg_guesses(task, seed) if legs is not None else free_guesses(task, seed)
         found = refined(task, guesses, starts, max_iterations)
@@ -486,7 +486,7 @@ def _law_comparisons(task: Task, planned: float) -> tuple[LawComparison, ...]:
 
 def _held(task: Task, law: str, side: int) -> Array:
     """Ask a law at the start of each of equal legs and hold its heading for the leg."""
-    counts = whole(np.full(task.legs or 1, task.moves / (task.legs or 1)))
+    counts = whole_counts(np.full(task.legs or 1, task.moves / (task.legs or 1)))
     at, step = task.start, 0
     headings: list[float] = []
     aim = task.weights @ task.targets

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._numbers import SEED_MOST, reals, whole
 from gramian.analysis import describe_combination, plain
 from gramian.exceptions import ConvergenceError, InputError, UnobservableError
 from gramian.registration._model import Array, Extra, SensorsLike, Setup, gauges, setup
@@ -279,10 +280,8 @@ def estimate_trials(
     '50 estimates: 50 determined, 0 not converged, 0 unobservable'
     """
     known = setup(sensors, sigma, extras)
-    if seed < 0 or first < 0:
-        raise InputError(f"seed = {seed}, first = {first}: must be >= 0")
-    if trials < 1:
-        raise InputError(f"trials = {trials}: must be >= 1")
+    seed, first = whole(seed, "seed", 0, SEED_MOST), whole(first, "first")
+    trials = whole(trials, "trials", 1)
     if method == "ls" and prior is not None:
         raise InputError('method "ls" is not weighted: a prior wants "gls" or "ml"')
     count = iterations if iterations is not None else (100 if method == "ml" else 1)
@@ -291,7 +290,7 @@ def estimate_trials(
         positions, known.places, known.sigma, known.biases(biases), known.flags, deviations,
         method, (count, tolerance, NOISE_SHARE, BEND), seed, first, trials,
     )  # fmt: skip
-    looks = np.asarray(positions, dtype=float).shape[0]
+    looks = reals(positions, "positions").shape[0]
     return _unpacked(known, flat, looks, method, deviations, "report")
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gramian import _core
+from gramian._numbers import number, reals, whole
 from gramian.exceptions import InputError
 from gramian.registration._model import Array, SensorsLike, setup
 
@@ -100,7 +101,7 @@ def field(
     known = setup(sensors, sigma)
     if known.d != 2:
         raise InputError("field is a map of the plane: give sensors (N, 2)")
-    edges = np.asarray(extent, dtype=float)
+    edges = reals(extent, "extent")
     if edges.shape != (4,) or not np.isfinite(edges).all():
         raise InputError(f"extent = {extent!r}: must be west, east, south, north in metres")
     west, east, south, north = edges
@@ -108,8 +109,9 @@ def field(
         raise InputError(f"extent = {extent!r}: must have west < east and south < north")
     if not 0 < radius < np.inf:
         raise InputError(f"radius = {radius} m: must be > 0 and finite")
-    if points < 2:
-        raise InputError(f"points = {points}: must be >= 2")
+    points = whole(points, "points", 2)
+    if heading is not None:
+        heading = number(heading, "heading")
     index = None if quantity == "eta" else known.index(quantity)
     longer = max(east - west, north - south)
     nx = max(2, round(points * (east - west) / longer))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._numbers import reals
 from gramian.exceptions import InputError
 from gramian.problem import Problem
 
@@ -78,7 +79,7 @@ class Setup:
         if value is None:
             return np.zeros(self.n)
         if not isinstance(value, Mapping):
-            array = np.asarray(value, dtype=float)
+            array = reals(value, name)
             if array.ndim == 0 or array.shape[-1] != self.n:
                 raise InputError(
                     f"{name} has shape {array.shape}: must be (..., {self.n}), "
@@ -109,7 +110,7 @@ def setup(sensors: SensorsLike, sigma: ArrayLike | None, extras: Sequence[Extra]
     """Check sensors and deviations; `sigma` None stands for deviations of 1."""
     if isinstance(sensors, Mapping):
         labels = tuple(str(key) for key in sensors)
-        rows = [np.asarray(place, dtype=float) for place in sensors.values()]
+        rows = [reals(place, f"sensors[{key!r}]") for key, place in sensors.items()]
         if len({row.shape for row in rows}) > 1:
             raise InputError(
                 "sensors has places of different length: "
@@ -117,7 +118,7 @@ def setup(sensors: SensorsLike, sigma: ArrayLike | None, extras: Sequence[Extra]
             )
         places = np.array(rows)
     else:
-        places = np.asarray(sensors, dtype=float)
+        places = reals(sensors, "sensors")
         count = places.shape[0] if places.ndim else 0
         labels = tuple(chr(65 + i) if count <= 26 else f"S{i + 1}" for i in range(count))
     if places.ndim != 2 or places.shape[1] not in (2, 3):
@@ -135,7 +136,7 @@ def setup(sensors: SensorsLike, sigma: ArrayLike | None, extras: Sequence[Extra]
         if extra not in EXTRAS:
             raise InputError(f"extras has {extra!r}: must be of {', '.join(map(repr, EXTRAS))}")
     d = places.shape[1]
-    noise = np.ones(d) if sigma is None else np.asarray(sigma, dtype=float)
+    noise = np.ones(d) if sigma is None else reals(sigma, "sigma")
     if noise.shape not in ((d,), (len(places), d)):
         quantities = "range, azimuth" + (", elevation" if d == 3 else "")
         raise InputError(
@@ -159,7 +160,7 @@ def targets(
 
     if isinstance(value, Reports):
         return fused(known, value.values, known.biases(biases))
-    return np.asarray(value, dtype=float)
+    return reals(value, "positions")
 
 
 def rows(

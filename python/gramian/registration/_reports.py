@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gramian import _core
+from gramian._numbers import SEED_MOST, reals, whole
 from gramian.exceptions import InputError
 from gramian.registration._model import Array, Extra, SensorsLike, Setup, setup
 
@@ -70,9 +71,11 @@ class Reports:
 def report_array(value: ArrayLike | Sequence[ArrayLike]) -> Array:
     """Return reports as an array (..., K, N, d); warn of degrees."""
     try:
-        array = np.asarray(value, dtype=float)
-    except ValueError:
-        lengths = [len(np.asarray(item)) for item in value]  # type: ignore[union-attr]
+        array = reals(value, "reports")  # type: ignore[arg-type]
+    except InputError:
+        lengths = [np.size(item) for item in value]  # type: ignore[union-attr]
+        if len(set(lengths)) < 2:
+            raise
         raise InputError(
             f"reports of different length ({', '.join(map(str, lengths))}): every look wants "
             "one report from each sensor; match() pairs recordings by their times"
@@ -158,10 +161,9 @@ def simulate(
     >>> one.values.shape
     (1, 2, 2)
     """
-    if seed < 0:
-        raise InputError(f"seed = {seed}: must be >= 0")
-    if trials is not None and trials < 1:
-        raise InputError(f"trials = {trials}: must be >= 1")
+    seed = whole(seed, "seed", 0, SEED_MOST)
+    if trials is not None:
+        trials = whole(trials, "trials", 1)
     known = setup(sensors, sigma, extras)
     exact = _core.registration_reports(
         positions, known.places, known.sigma, known.biases(biases), known.flags
@@ -172,7 +174,7 @@ def simulate(
     values = exact + known.sigma * noise
     return Reports(
         values if trials is not None else values[0],
-        None if times is None else np.asarray(times, dtype=float),
+        None if times is None else reals(times, "times"),
     )
 
 
@@ -267,7 +269,10 @@ def match(
 
 def _recording(name: str, times: ArrayLike, values: ArrayLike) -> tuple[Array, Array]:
     """Check one sensor's recording."""
-    t, v = np.asarray(times, dtype=float), np.asarray(values, dtype=float)
+    t, v = (
+        reals(x, f"recording {name!r}: {what}")
+        for x, what in ((times, "times"), (values, "reports"))
+    )
     if t.ndim != 1 or v.ndim != 2 or len(t) != len(v) or not len(t):
         raise InputError(
             f"recording {name!r}: times {t.shape} and reports {v.shape}: "

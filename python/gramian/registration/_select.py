@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gramian import _core
+from gramian._numbers import finite
 from gramian.analysis import plain
 from gramian.exceptions import InputError
 from gramian.registration._model import Array, Extra, SensorsLike, rows, setup
@@ -130,7 +131,7 @@ def select(
     if piece is not None and piece < 1:
         raise InputError(f"piece = {piece}: must be >= 1 looks")
     for name, track in named.items():
-        places = np.asarray(track, dtype=float)
+        places = finite(track, f"track {name!r}")
         if places.ndim != 2 or places.shape[1] != known.d or not len(places):
             raise InputError(f"track {name!r} has shape {places.shape}: must be (K, {known.d})")
         step = piece or len(places)

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from gramian._numbers import finite, reals
 from gramian.analysis import describe_combination
 from gramian.exceptions import InputError
 from gramian.registration._model import Array, SensorsLike, Setup, setup
@@ -166,11 +167,10 @@ def check_track(
     >>> check.singular, check.track.where, check.side
     (True, 'abeam A', 'left')
     """
-    places = np.asarray(positions, dtype=float)
+    places = reals(positions, "positions")
     if places.ndim != 2 or places.shape[1] != 2 or not len(places):
         raise InputError(f"positions has shape {places.shape}: must be (K, 2)")
-    if not np.isfinite(places).all():
-        raise InputError("positions: every number must be finite")
+    finite(places, "positions")
     tracks = singular_tracks(sensors)
     if tolerance is None:
         tolerance = 1e-9 * float(np.hypot(*np.ptp(tracks[0]._setup.places, axis=0)))
@@ -190,7 +190,7 @@ def _frame(known: Setup, positions: ArrayLike) -> tuple[Array, Array, float]:
     """Coordinates along the baseline from A and to its left, and its length."""
     span = known.places[1] - known.places[0]
     length = float(np.hypot(*span))
-    offset = np.asarray(positions, dtype=float) - known.places[0]
+    offset = reals(positions, "positions") - known.places[0]
     along = (offset @ span) / length
     left = (offset[..., 1] * span[0] - offset[..., 0] * span[1]) / length
     return along, left, length

@@ -256,11 +256,33 @@ impl Batch {
     }
 }
 
+/// The data under a mask must not pass for measurements.
+fn refuse_masked(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<()> {
+    if value.is_exact_instance_of::<PyArrayDyn<f64>>() {
+        return Ok(());
+    }
+    let Ok(mask) = value.getattr("_mask") else {
+        return Ok(());
+    };
+    let count: usize = value
+        .py()
+        .import("numpy")?
+        .call_method1("count_nonzero", (mask,))?
+        .extract()?;
+    if count == 0 {
+        return Ok(());
+    }
+    Err(InputError::new_err(format!(
+        "{name} has {count} masked entries: drop or fill them first"
+    )))
+}
+
 fn contiguous<'py>(
     value: &Bound<'py, PyAny>,
     name: &'static str,
 ) -> PyResult<PyReadonlyArrayDyn<'py, f64>> {
     let py = value.py();
+    refuse_masked(value, name)?;
     if let Ok(array) = value.cast::<PyArrayDyn<f64>>()
         && array.is_c_contiguous()
     {

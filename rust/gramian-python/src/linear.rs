@@ -209,7 +209,10 @@ fn piecewise_ranks<'py>(
     durations.expect_entries()?;
     durations.expect_positive("s")?;
     let count = durations.core_shape()[0];
-    if a.batch_shape() != [count] || c.batch_shape() != [count] {
+    if a.batch_shape() != [count]
+        || c.batch_shape() != [count]
+        || !durations.batch_shape().is_empty()
+    {
         return Err(InputError::new_err(format!(
             "durations has {count} entries: A must be ({count}, {n}, {n}) and C ({count}, {p}, {n})"
         )));

@@ -83,11 +83,16 @@ impl<const N: usize> Solver<N> {
             largest = largest.max(place[0].abs()).max(place[1].abs());
         }
         let span = times[self.count - 1] - times[0];
-        let known = if length > 0.0 {
-            8.0 * f64::EPSILON * largest / length
-        } else {
-            0.0
-        };
+        // Offsets between large coordinates carry the rounding of those, and of
+        // times counted from long ago.
+        let late = times[0].abs().max(times[self.count - 1].abs());
+        let mut known = 0.0;
+        if length > 0.0 {
+            known += 8.0 * f64::EPSILON * largest / length;
+        }
+        if span > 0.0 {
+            known += 8.0 * f64::EPSILON * late / span;
+        }
         self.rtol = self
             .options
             .rtol

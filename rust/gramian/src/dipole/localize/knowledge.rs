@@ -123,6 +123,10 @@ impl Knowledge {
 
     /// The moment of all allowed ones for which |R m - d| is smallest.
     pub fn solve_moment(&self, r: &Matrix3<f64>, d: &Vector3<f64>) -> Vector3<f64> {
+        // The iterations of the decompositions below would not end on NaN.
+        if !r.iter().chain(d.iter()).all(|x| x.is_finite()) {
+            return Vector3::repeat(f64::NAN);
+        }
         if self.exact[6..9].iter().all(Option::is_none) && self.exact[MOMENT].is_none() {
             let diagonal = r.diagonal().abs();
             if diagonal.min() > 1e-10 * diagonal.max()

@@ -1,0 +1,77 @@
+"""Arguments to arrays and numbers: what is not a real number is named, never guessed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gramian.exceptions import InputError
+
+__all__ = ["SEED_MOST", "finite", "number", "reals", "whole"]
+
+Array = NDArray[np.float64]
+
+SEED_MOST = 2**64 - 1
+
+
+def reals(value: ArrayLike, name: str) -> Array:
+    """Return an array of float64, the argument itself where it is one.
+
+    Raises
+    ------
+    InputError
+        For what numpy would convert at a loss: masked entries, complex numbers,
+        None; and for what it cannot convert.
+    """
+    if type(value) is np.ndarray and value.dtype == np.float64:
+        return value
+    mask = getattr(value, "_mask", None)
+    if mask is not None and np.any(mask):
+        raise InputError(
+            f"{name} has {int(np.count_nonzero(mask))} masked entries: drop or fill them first"
+        )
+    try:
+        array = np.asarray(value)
+        if array.dtype.kind not in "fiubO":
+            raise TypeError(f"its type is {array.dtype}")
+        if array.dtype.kind == "O" and any(item is None for item in array.flat):
+            raise TypeError("it holds None")
+        result: Array = np.asarray(array, dtype=float)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{name} cannot be read as an array of numbers: {error}") from error
+    return result
+
+
+def finite(value: ArrayLike, name: str) -> Array:
+    """Return an array of finite numbers, or name the first that is not."""
+    array = reals(value, name)
+    if len(bad := np.argwhere(~np.isfinite(array))):
+        index = ", ".join(str(i) for i in bad[0])
+        place = f"[{index}]" if index else ""
+        raise InputError(f"{name}{place} = {array[tuple(bad[0])]}: must be finite")
+    return array
+
+
+def number(value: Any, name: str) -> float:
+    """Return one finite number."""
+    array = finite(value, name)
+    if array.size != 1:
+        raise InputError(f"{name} has shape {array.shape}: must be one number")
+    return float(array.reshape(()))
+
+
+def whole(value: Any, name: str, least: int = 0, most: int = 2**63 - 1) -> int:
+    """Return a whole number from `least` to `most`."""
+    try:
+        count = int(value)
+        fits = count == value and not isinstance(value, (bool, str))
+    except (TypeError, ValueError, OverflowError):
+        fits = False
+    if not fits:
+        raise InputError(f"{name} = {value!r}: must be a whole number >= {least}")
+    if not least <= count <= most:
+        limit = f">= {least}" if count < least else f"<= {most}"
+        raise InputError(f"{name} = {value!r}: must be {limit}")
+    return count

@@ -1,0 +1,134 @@
+"""What is not a real number is refused by name, wherever numpy would convert it at a loss."""
+
+import numpy as np
+import pytest
+
+import gramian as gm
+
+TIMES = np.arange(0.0, 300.0, 15.0)
+PATH = np.stack([np.maximum(0, 5 * (TIMES - 150)), np.minimum(5 * TIMES, 750)], axis=1)
+STATE = np.array([2000.0, 6000.0, 3.0, -1.0])
+SEEN = gm.bearings.simulate(TIMES, PATH, STATE, 1e-3, seed=1)
+HIDDEN = np.ma.masked_array(SEEN, mask=TIMES == 45.0)
+PASS = ([-10.0, -10.0, 5.0], [1.0, 1.0, 0.0], [10.0, 20.0, 10.0])
+SENSORS = [[0.0, 0.0], [60e3, 0.0]]
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: gm.bearings.localize(TIMES, HIDDEN, PATH, 1e-3),
+        lambda: gm.bearings.observability_test(TIMES, HIDDEN, 1e-3),
+        lambda: gm.bearings.discriminant_sum(TIMES, HIDDEN),
+        lambda: gm.bearings.gram(TIMES, HIDDEN),
+        lambda: gm.bearings.residuals(TIMES, HIDDEN, PATH, STATE),
+        lambda: gm.bearings.rows(TIMES, PATH, STATE, 1e-3, detection=0.5 + 0 * HIDDEN),
+        lambda: gm.gram(np.ma.masked_equal(np.eye(3), 1.0)),
+        lambda: gm.analyze(np.ma.masked_equal(np.eye(3), 1.0)),
+        lambda: gm.linear.levels(np.ma.masked_equal(np.eye(3), 1.0), np.eye(3)),
+        lambda: gm.bounds.expected_rows(np.ma.masked_equal(np.ones((2, 1, 3)), 1.0)),
+        lambda: gm.registration.fisher(
+            np.ma.masked_equal([[1e3, 2e4], [3e3, 2e4]], 1e3), SENSORS, (50.0, 1e-3)
+        ),
+    ],
+)
+def test_masked_entries_are_refused(call):
+    with pytest.raises(gm.InputError, match=r"has \d+ masked entr.*: drop or fill"):
+        call()
+
+
+def test_a_mask_that_hides_nothing_is_fine():
+    open_ = np.ma.masked_array(SEEN, mask=False)
+    one = gm.bearings.localize(TIMES, open_, PATH, 1e-3)
+    assert np.array_equal(one.state, gm.bearings.localize(TIMES, SEEN, PATH, 1e-3).state)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: gm.bearings.localize(TIMES, SEEN + 0j, PATH, 1e-3), "bearings cannot be read.*co"),
+        (lambda: gm.bearings.rows(TIMES, PATH + 1j, STATE, 1e-3), "observer cannot be read.*compl"),
+        (lambda: gm.bearings.rows(TIMES, PATH, STATE, "big"), "sigma cannot be read"),
+        (lambda: gm.bearings.residuals(TIMES, [None] * 20, PATH, STATE), "bearings.*None"),
+        (
+            lambda: gm.bearings.residuals(TIMES, SEEN[:-1], PATH, STATE),
+            r"bearings \(19,\).*must be \(\.\.\., m\)",
+        ),
+        (lambda: gm.bearings.residuals(TIMES, SEEN, PATH, np.nan), "state = nan: must be finite"),
+        (lambda: gm.bearings.simulate(TIMES, PATH, STATE, 1e-3, seed=2**64), "seed = .*<= 1844674"),
+        (lambda: gm.bearings.simulate(TIMES, PATH, STATE, 1e-3, seed=1.5), "seed = 1.5.*whole"),
+        (lambda: gm.maneuver.plan([0, 500], [0, 0], 40.0, 1.0, 5, seed=-1), "seed = -1: must be"),
+        (
+            lambda: gm.maneuver.closed_loop(
+                [0, 500], [0, 0], 4.0, 1.0, 5, sigma=0.1, first_range=(500, 9), replan=np.nan
+            ),
+            "replan = nan: must be a whole",
+        ),
+        (lambda: gm.dipole.equivalents([np.nan, 1, 2], *PASS[1:], 2.0), r"r0\[0\] = nan"),
+        (lambda: gm.dipole.equivalents(*PASS[:2], 3.0, 2.0), r"m has shape \(\): must be"),
+        (
+            lambda: gm.dipole.moment(PASS[2], np.eye(3), np.nan, PASS[0]),
+            "induced_volume = nan: must be finite",
+        ),
+        (lambda: gm.inertial.gravity(np.nan), "latitude = nan: must be finite"),
+        (lambda: gm.inertial.radii(np.inf), "latitude = inf: must be finite"),
+        (lambda: gm.inertial.rotation(0.1, np.nan), "pitch = nan: must be finite"),
+        (lambda: gm.inertial.static_base(0.5, earth_rate=np.nan), "earth_rate = nan"),
+        (lambda: gm.bounds.cubature_points([0.0, np.nan], np.eye(2)), r"mean\[1\] = nan"),
+        (lambda: gm.bounds.expected_rows(np.full((2, 1, 2), np.nan)), r"rows\[0, 0, 0\] = nan"),
+        (
+            lambda: gm.bounds.expected_transition(np.full((2, 2, 2), np.inf), np.eye(2)),
+            r"transitions\[0, 0, 0\] = inf",
+        ),
+        (
+            lambda: gm.linear.piecewise(np.zeros((2, 2, 2)), np.ones((2, 1, 2)), np.ones((0, 2))),
+            "durations",
+        ),
+        (
+            lambda: gm.linear.rows([[0, 1], [0, 0]], [[1, 0]], window=1e308, dt=1.0),
+            "more samples than can be counted",
+        ),
+        (
+            lambda: gm.linear.rows([[0, 1], [0, 0]], [[1, 0]], window=1e9, dt=1.0),
+            "1000000001 samples, more than 10000000: sample less",
+        ),
+        (
+            lambda: gm.dipole.localize(
+                np.arange(21.0),
+                1e180 * gm.dipole.simulate(*PASS, np.arange(21.0), 1e-9, 1),
+                {"z": 5.0, "vz": 0.0},
+                sigma=1e-9,
+            ),
+            "the field reaches .* T: must be in tesla",
+        ),
+    ],
+)
+def test_what_is_no_number_is_named(call, message):
+    with pytest.raises(gm.InputError, match=message):
+        call()
+
+
+@pytest.mark.parametrize("step", [0.1, 1.0, 15.3])
+def test_times_counted_from_1970_do_not_make_a_track_observable(step):
+    """Their rounding, 2e-7 s, looks like a maneuver far above that of the rows."""
+    since = step * np.arange(100)
+    path = np.stack([0 * since, 5 * since], axis=1)
+    target, sigma = [2000.0, 8000.0, 3.0, -1.0], np.radians(0.5)
+    seen = np.arctan2(2000 + 3 * since, 8000 - 6 * since)
+    monitor = gm.bearings.Monitor()
+    for t, b in zip(1.7e9 + since, seen, strict=True):
+        said = monitor.push(t, b, sigma, 8000.0)
+    assert said.rank == 3
+    assert np.isinf(said.crlb_std).all()
+    answer = gm.analyze(gm.bearings.problem(1.7e9 + since, path, target, sigma))
+    assert answer.status == "unobservable"
+    assert np.isinf(answer.crlb_std).all()
+    with pytest.raises(gm.UnobservableError):
+        gm.bearings.localize(1.7e9 + since, seen, path, sigma)
+
+
+def test_times_counted_from_1970_leave_a_maneuver_as_it_is():
+    early = gm.analyze(gm.bearings.problem(TIMES, PATH, STATE, 1e-3))
+    late = gm.analyze(gm.bearings.problem(1.7e9 + TIMES, PATH, STATE, 1e-3))
+    assert late.status == early.status == "observable"
+    np.testing.assert_allclose(late.crlb_std, early.crlb_std, rtol=1e-12)
