@@ -132,3 +132,73 @@ def test_times_counted_from_1970_leave_a_maneuver_as_it_is():
     late = gm.analyze(gm.bearings.problem(1.7e9 + TIMES, PATH, STATE, 1e-3))
     assert late.status == early.status == "observable"
     np.testing.assert_allclose(late.crlb_std, early.crlb_std, rtol=1e-12)
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-170, 1e160, 1e200])
+def test_rows_whose_squares_cannot_be_held_are_refused(size):
+    """At 1e-170 the squares vanish: the bound would be 0, the rank 0; at 1e160 they overflow."""
+    rows = size * (np.eye(3) + np.ones((3, 3)))
+    for call in (gm.crlb_std, gm.crlb, gm.analyze):
+        with pytest.raises(gm.InputError, match="choose other units"):
+            call(rows)
+    with pytest.raises(gm.InputError, match="choose other units"):
+        gm.linear.degree([[0, 1], [0, 0]], [[size, 0]], method="eigenvalue")
+
+
+def test_rank_tolerances_outside_0_and_1_are_refused():
+    for rtol in (np.nan, 0.0, 1.0, -1.0):
+        with pytest.raises(gm.InputError, match=r"rtol = .*must be between 0 and 1"):
+            gm.analyze(np.eye(2), rtol=rtol)
+
+
+def test_a_batch_of_no_trials_has_an_empty_answer():
+    positions = np.stack([np.linspace(-2e4, 6e4, 30), np.full(30, 2.5e4)], axis=1)
+    sigma = (50.0, 1e-3)
+    none = np.zeros((0, 30, 2))
+    assert gm.registration.fisher(none, SENSORS, sigma).shape == (0, 4, 4)
+    assert gm.registration.rows(none, SENSORS, sigma).shape == (0, 60, 4)
+    assert gm.registration.eta(none, SENSORS, sigma).shape == (0,)
+    reports = np.zeros((0, 30, 2, 2))
+    found = gm.registration.estimate(reports, SENSORS, sigma, on_failure="report")
+    assert found.biases.shape == (0, 4)
+    assert gm.registration.fisher(positions, SENSORS, sigma).shape == (4, 4)
+    bound = gm.bounds.posterior(np.zeros((0, 6, 2, 3)), np.eye(3), np.eye(3), np.eye(3))
+    assert bound.std.shape == (0, 6, 3)
+    many = gm.dipole.localize_many(
+        np.arange(21.0), np.zeros((0, 21, 3)), {"z": 5.0, "vz": 0.0}, sigma=1e-9
+    )
+    assert many.states.shape == (0, 9)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (
+            lambda: gm.registration.singular_tracks([[0.0, np.nan], [6e4, 0.0]]),
+            r"sensors\[0, 1\] = nan",
+        ),
+        (
+            lambda: gm.registration.check_track([[0.0, 1e4]], SENSORS, tolerance=np.nan),
+            "tolerance = nan",
+        ),
+        (
+            lambda: gm.registration.match(
+                {"A": ([0.0], [[1e3, 0.1]]), "B": ([9.0], [[1e3, 0.1]])}, tolerance=np.nan
+            ),
+            "tolerance = nan",
+        ),
+        (
+            lambda: gm.registration.degree(1.0, SENSORS, (50.0, 1e-3), method="paper"),
+            "lag = 1",
+        ),
+        (lambda: gm.dipole.localize_many(np.arange(9.0), 1.0, {"z": 1.0}), r"field has shape \(\)"),
+        (lambda: gm.monte_carlo.normals(-1, 0, 1, 1), "seed = -1: must be >= 0"),
+        (
+            lambda: gm.monte_carlo.Bearings(TIMES, PATH + 1j, STATE, 1e-3),
+            "observer cannot be read.*complex",
+        ),
+    ],
+)
+def test_more_that_is_named(call, message):
+    with pytest.raises(gm.InputError, match=message):
+        call()

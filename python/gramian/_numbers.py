@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian.exceptions import InputError
 
-__all__ = ["SEED_MOST", "finite", "number", "reals", "whole"]
+__all__ = ["SEED_MOST", "finite", "number", "reals", "representable", "whole"]
 
 Array = NDArray[np.float64]
 
@@ -60,6 +60,23 @@ def number(value: Any, name: str) -> float:
     if array.size != 1:
         raise InputError(f"{name} has shape {array.shape}: must be one number")
     return float(array.reshape(()))
+
+
+def representable(std: Array) -> Array:
+    """Return bounds that double precision can hold; refuse rows whose squares it cannot.
+
+    Raises
+    ------
+    InputError
+        For a bound of 0 or one that only units far from the sizes of the states give.
+    """
+    known = std[np.isfinite(std)]
+    if known.size and not (known.min() > 1e-150 and known.max() < 1e150):
+        raise InputError(
+            "rows are too small or too large for their squares to be held (a bound would be "
+            f"{known.min():.3g} to {known.max():.3g}): choose other units"
+        )
+    return std
 
 
 def whole(value: Any, name: str, least: int = 0, most: int = 2**63 - 1) -> int:

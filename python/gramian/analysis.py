@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._numbers import reals
+from gramian._numbers import reals, representable
 from gramian.bounds import _at_least_one
 from gramian.exceptions import InputError
 from gramian.problem import Problem
@@ -269,12 +269,14 @@ def analyze(
     for label, threshold in (("weak_ratio", weak_ratio), ("weak_condition", weak_condition)):
         if not threshold > 0:
             raise InputError(f"{label} = {threshold}: must be > 0")
+    if rtol is not None and not 0 < rtol < 1:
+        raise InputError(f"rtol = {rtol}: must be between 0 and 1")
     tolerance = problem.rtol if rtol is None else rtol
     analysis = _core.Analysis(_at_least_one(problem.all_rows), tolerance)
     data_std = analysis.crlb_std()
     if problem.priors:
         data_std = _core.Analysis(_at_least_one(problem.rows), tolerance).crlb_std()
-    crlb_std = analysis.crlb_std()
+    crlb_std = representable(analysis.crlb_std())
     unit_values = analysis.singular_values()
     n, rank = problem.n, analysis.rank
     if rank < n:

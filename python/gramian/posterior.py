@@ -358,7 +358,7 @@ def posterior(
     )
     batch = packed.shape[:-1]
     std = packed[..., : steps * n].reshape(*batch, steps, n)
-    roots = packed[..., steps * n :].reshape(*batch, -1, n, n)
+    roots = packed[..., steps * n :].reshape(*batch, steps if keep == "all" else 1, n, n)
     return PosteriorBound(
         std=std,
         last=Posterior(np.ascontiguousarray(roots[..., -1, :, :]), start.form),

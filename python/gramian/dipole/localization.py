@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._numbers import finite, reals, whole
+from gramian._numbers import SEED_MOST, finite, reals, whole
 from gramian.analysis import analyze, describe_null_space, plain
 from gramian.dipole.model import NAMES, UNITS, Pass, problem, rows
 from gramian.exceptions import InputError, UnobservableError
@@ -441,6 +441,11 @@ def localize_many(
     """
     setup = _Setup(known, prior, sensors, background, loss, sigma, starts)
     y = reals(field, "field")
+    if y.ndim < (2 if sensors is None else 3):
+        raise InputError(
+            f"field has shape {y.shape}: must be "
+            + ("(..., K, 3)" if sensors is None else "(..., K, S, 3)")
+        )
     if sensors is None:
         y = y[..., None, :]
     setup.enough(np.empty(np.shape(times)[-1:]))
@@ -501,9 +506,8 @@ def localize_trials(
     >>> x.shape, bool(abs(x[:, 0].mean() + 10) < 0.5)
     ((50, 9), True)
     """
-    for name, value, least in (("seed", seed, 0), ("first", first, 0), ("trials", trials, 1)):
-        if value < least:
-            raise InputError(f"{name} = {value}: must be >= {least}")
+    seed, first = whole(seed, "seed", 0, SEED_MOST), whole(first, "first")
+    trials = whole(trials, "trials", 1)
     setup = _Setup(known, prior, sensors, None, "gaussian", sigma, starts)
     setup.enough(times)
     state = np.concatenate([_three(r0, "r0"), _three(v, "v"), _three(m, "m")])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._numbers import reals
+from gramian._numbers import number, reals
 from gramian.analysis import describe_combination, plain
 from gramian.exceptions import InputError
 from gramian.linear.level import observability_matrix
@@ -257,8 +257,15 @@ def degree(
         )
     if not 0 <= threshold < 1:
         raise InputError(f"threshold = {threshold}: must be at least 0 and below 1")
+    if not 0 <= number(tolerance, "tolerance") < 1:
+        raise InputError(f"tolerance = {tolerance}: must be at least 0 and below 1")
     system = system_of(A, C, names)
     singular, directions = _core.right_singular(observability_matrix(system.A, system.C))
+    if not 1e-150 < singular.max() < 1e150 and singular.max() != 0:
+        raise InputError(
+            "the observability matrix is too small or too large for its squares to be held: "
+            "choose other units"
+        )
     singular, vectors = singular[::-1], directions[::-1].T
     # The sign of a singular vector is free: its largest component is positive.
     signs = np.sign(vectors[np.abs(vectors).argmax(axis=0), np.arange(len(singular))])
@@ -389,6 +396,11 @@ def posterior(
 ) -> Information:
     """Return the information of rows in units of a prior with the given root."""
     singular, directions = _core.right_singular(seen)
+    if not np.isfinite(singular).all():
+        raise InputError(
+            "outputs and priors are too small or too large for their squares to be held: "
+            "choose other units"
+        )
     moves = root @ directions.T
     prior = np.sqrt((root**2).sum(axis=1))
     after = np.sqrt((moves**2 / (1 + singular**2)).sum(axis=1))

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._numbers import SEED_MOST, whole
 from gramian.exceptions import InputError, UnobservableError
 from gramian.problem import Problem, from_function
 
@@ -156,7 +157,12 @@ def normals(seed: int, first: int, trials: int, count: int) -> Array:
     >>> bool((normals(7, 0, 10, 3)[4:6] == normals(7, 4, 2, 3)).all())
     True
     """
-    return _core.normals(seed, first, trials, count)
+    return _core.normals(
+        whole(seed, "seed", 0, SEED_MOST),
+        whole(first, "first"),
+        whole(trials, "trials"),
+        whole(count, "count"),
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -96,7 +96,7 @@ def degree(
     if method not in ("pair", "paper"):
         raise InputError(f'method = {method!r}: must be "eta", "pair" or "paper"')
     _two_in_the_plane(known, f"method {method!r}")
-    looks = places.shape[-2]
+    looks = places.shape[-2] if places.ndim >= 2 else 0
     if instants is None:
         if not 1 <= lag < looks:
             raise InputError(f"lag = {lag}: must be from 1 to {looks - 1}, for {looks} looks")

@@ -370,7 +370,7 @@ def _unpacked(
         dof=dof,
         noise_share=noise_share,
         bend=bend,
-        positions=places.reshape(*lead, -1, d),
+        positions=places.reshape(*lead, places.shape[-1] // d, d),
         method=method,
         prior={name: value for name, value in given.items() if np.isfinite(value)},
     )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._numbers import reals
+from gramian._numbers import finite, reals
 from gramian.exceptions import InputError
 from gramian.problem import Problem
 
@@ -126,6 +126,7 @@ def setup(sensors: SensorsLike, sigma: ArrayLike | None, extras: Sequence[Extra]
             f"sensors has shape {places.shape}: must be (N, 2), east and north, "
             "or (N, 3), east, north and up"
         )
+    finite(places, "sensors")
     if len(places) < 2:
         raise InputError(f"sensors has {len(places)} entries: registration wants 2 or more sensors")
     if isinstance(extras, str):
@@ -135,6 +136,8 @@ def setup(sensors: SensorsLike, sigma: ArrayLike | None, extras: Sequence[Extra]
     for extra in extras:
         if extra not in EXTRAS:
             raise InputError(f"extras has {extra!r}: must be of {', '.join(map(repr, EXTRAS))}")
+    if (span := np.ptp(places, axis=0).max()) > 1e100:
+        raise InputError(f"sensors are {span:.3g} m apart: their squares cannot be held")
     d = places.shape[1]
     noise = np.ones(d) if sigma is None else reals(sigma, "sigma")
     if noise.shape not in ((d,), (len(places), d)):

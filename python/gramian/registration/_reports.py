@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gramian import _core
-from gramian._numbers import SEED_MOST, reals, whole
+from gramian._numbers import SEED_MOST, number, reals, whole
 from gramian.exceptions import InputError
 from gramian.registration._model import Array, Extra, SensorsLike, Setup, setup
 
@@ -226,6 +226,10 @@ def match(
     """
     if interpolate not in ("none", "linear"):
         raise InputError(f'interpolate = {interpolate!r}: must be "none" or "linear"')
+    if number(tolerance, "tolerance") < 0:
+        raise InputError(f"tolerance = {tolerance} s: must be >= 0")
+    if not max_gap > 0:
+        raise InputError(f"max_gap = {max_gap} s: must be > 0")
     clean = {name: _recording(name, *pair) for name, pair in recordings.items()}
     if len(clean) < 2:
         raise InputError(f"recordings has {len(clean)} entries: registration wants 2 or more")

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gramian._numbers import finite, reals
+from gramian._numbers import finite, number, reals
 from gramian.analysis import describe_combination
 from gramian.exceptions import InputError
 from gramian.registration._model import Array, SensorsLike, Setup, setup
@@ -174,6 +174,8 @@ def check_track(
     tracks = singular_tracks(sensors)
     if tolerance is None:
         tolerance = 1e-9 * float(np.hypot(*np.ptp(tracks[0]._setup.places, axis=0)))
+    elif number(tolerance, "tolerance") < 0:
+        raise InputError(f"tolerance = {tolerance} m: must be >= 0")
     found = [
         (float(distance.max()), track, side)
         for track in tracks

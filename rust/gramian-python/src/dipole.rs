@@ -314,7 +314,7 @@ fn dipole_localize<'py>(
         let (times, field) = (times.items()?, field.items()?);
         let mut write = out.readwrite();
         let write = write.as_slice_mut()?;
-        let cost = batch::localize_cost(field.get(0).len());
+        let cost = batch::localize_cost(field.size());
         run::in_pieces(py, batch.len(), cost, |range, threads| {
             batch::dipole_localize(
                 times.skip(range.start),

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core, dipole
+from gramian._numbers import reals
 from gramian.exceptions import InputError
 from gramian.monte_carlo.experiment import Estimates, Experiment
 from gramian.problem import Problem
@@ -76,10 +77,10 @@ class Dipole(Experiment):
         sensors: ArrayLike | None = None,
     ) -> None:
         for name, value in {"r0": r0, "v": v, "m": m, "times": times}.items():
-            object.__setattr__(self, name, np.array(value, dtype=float))
+            object.__setattr__(self, name, reals(value, name).copy())
         object.__setattr__(self, "sigma", float(sigma))
         object.__setattr__(self, "known", tuple(known))
-        places = None if sensors is None else np.array(sensors, dtype=float)
+        places = None if sensors is None else reals(sensors, "sensors").copy()
         object.__setattr__(self, "sensors", places)
         knowable = (*dipole.NAMES, "speed", "moment")
         for name in self.known:

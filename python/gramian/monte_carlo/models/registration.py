@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core, registration
+from gramian._numbers import reals
 from gramian.monte_carlo.experiment import Estimates, Experiment, squared_over
 from gramian.problem import Problem
 from gramian.registration._model import Extra, Setup, setup
@@ -68,9 +69,9 @@ class Registration(Experiment):
         biases: ArrayLike | Mapping[str, float] | None = None,
         extras: Sequence[Extra] = (),
     ) -> None:
-        object.__setattr__(self, "positions", np.array(positions, dtype=float))
+        object.__setattr__(self, "positions", reals(positions, "positions").copy())
         object.__setattr__(self, "sensors", _copied(sensors))
-        object.__setattr__(self, "sigma", np.array(sigma, dtype=float))
+        object.__setattr__(self, "sigma", reals(sigma, "sigma").copy())
         object.__setattr__(self, "extras", tuple(extras))
         object.__setattr__(self, "biases", np.array(self._setup.biases(biases)))
         # Checks everything else.
@@ -140,5 +141,5 @@ class Registration(Experiment):
 
 def _copied(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {str(key): np.array(item, dtype=float) for key, item in value.items()}
-    return np.array(value, dtype=float)
+        return {str(key): reals(item, f"sensors[{key!r}]").copy() for key, item in value.items()}
+    return reals(value, "sensors").copy()

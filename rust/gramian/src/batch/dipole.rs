@@ -98,7 +98,7 @@ pub fn dipole_measure(
     threads: Threads,
     out: &mut [f64],
 ) -> Result<(), (usize, Error)> {
-    let samples = passes.times.get(0).len() * passes.sensors.get(0).len() / 3;
+    let samples = passes.times.size() * passes.sensors.size() / 3;
     let size = samples * sensing.channels();
     threads.over(out, size, 10.0 * samples as f64, |trial, out| {
         let (sensors, _) = passes.sensors.get(trial).as_chunks::<3>();
@@ -117,7 +117,7 @@ pub fn dipole_rows(
     threads: Threads,
     out: &mut [f64],
 ) -> Result<(), (usize, Error)> {
-    let samples = passes.times.get(0).len() * passes.sensors.get(0).len() / 3;
+    let samples = passes.times.size() * passes.sensors.size() / 3;
     let size = 9 * samples * sensing.channels();
     threads.over(out, size, 30.0 * samples as f64, |trial, out| {
         let (sensors, _) = passes.sensors.get(trial).as_chunks::<3>();
@@ -163,8 +163,8 @@ pub fn dipole_fisher(
     path: Path,
     out: &mut [f64],
 ) -> Result<(), (usize, Error)> {
-    let count = passes.times.get(0).len();
-    let sensors = passes.sensors.get(0).len() / 3;
+    let count = passes.times.size();
+    let sensors = passes.sensors.size() / 3;
     let cost = (200.0 + count as f64) * sensors as f64;
     threads.over(out, 81, cost, |trial, out| {
         let times = passes.times.get(trial);
@@ -468,19 +468,14 @@ pub fn dipole_localize(
     threads: Threads,
     out: &mut [f64],
 ) -> Result<(), (usize, localize::Error)> {
-    let size = dipole_localized_size(times.get(0).len(), sensors.len());
-    threads.over(
-        out,
-        size,
-        localize_cost(field.get(0).len()),
-        |trial, out| {
-            let (times, field) = (times.get(trial), field.get(trial));
-            let located = localize(times, field, sensors, knowledge, options)
-                .map_err(|error| (trial, error))?;
-            write(&located, out);
-            Ok(())
-        },
-    )
+    let size = dipole_localized_size(times.size(), sensors.len());
+    threads.over(out, size, localize_cost(field.size()), |trial, out| {
+        let (times, field) = (times.get(trial), field.get(trial));
+        let located =
+            localize(times, field, sensors, knowledge, options).map_err(|error| (trial, error))?;
+        write(&located, out);
+        Ok(())
+    })
 }
 
 /// Nanoseconds that locating in a record of so many numbers takes, roughly.

@@ -13,7 +13,7 @@ pub fn gram(
     path: Path,
     out: &mut [f64],
 ) {
-    let count = rows.get(0).len().checked_div(n).unwrap_or(0);
+    let count = rows.size().checked_div(n).unwrap_or(0);
     let cost = 0.3 * (count * n * n) as f64;
     let each = |trial: usize, out: &mut [f64]| -> Result<(), core::convert::Infallible> {
         let rows = rows.get(trial);

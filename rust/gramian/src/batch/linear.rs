@@ -24,7 +24,7 @@ pub fn linear_levels(
     path: Path,
     out: &mut [f64],
 ) {
-    let p = c.get(0).len().checked_div(n).unwrap_or(0);
+    let p = c.size().checked_div(n).unwrap_or(0);
     let rtol = rtol.unwrap_or_else(|| staircase::default_rtol(n));
     let cost = linear_cost(n, p);
     let each = |space: &mut Space, trial: usize, out: &mut [f64]| -> Result<(), Infallible> {
@@ -166,7 +166,7 @@ pub fn observability_matrix(
     path: Path,
     out: &mut [f64],
 ) -> Result<(), usize> {
-    let size = c.get(0).len();
+    let size = c.size();
     let cost = 100.0 + 0.3 * (size * n * order) as f64;
     let each = |space: &mut Vec<f64>, trial: usize, out: &mut [f64]| {
         let (a, c) = (a.get(trial), c.get(trial));

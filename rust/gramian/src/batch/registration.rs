@@ -41,7 +41,7 @@ impl<'a> Scene<'a> {
 
     /// Number of looks of a trial.
     pub fn looks(&self) -> usize {
-        self.positions.get(0).len() / self.layout.size()
+        self.positions.size() / self.layout.size()
     }
 
     fn check(&self, trial: usize) -> Result<(), (usize, Error)> {
@@ -495,7 +495,7 @@ pub fn places(
     out: &mut [f64],
 ) {
     let (d, per) = (layout.size(), layout.per_sensor());
-    let size = reports.get(0).len();
+    let size = reports.size();
     let each = |trial: usize, out: &mut [f64]| -> Result<(), Infallible> {
         let (sensors, biases) = (sensors.get(trial), biases.get(trial));
         let reports = reports.get(trial);
@@ -565,7 +565,7 @@ pub fn estimate(
     out: &mut [f64],
 ) -> Result<(), (usize, Error)> {
     let layout = question.layout;
-    let looks = reports.get(0).len() / (layout.sensors * layout.size());
+    let looks = reports.size() / (layout.sensors * layout.size());
     let size = answer_size(&layout, if keep_positions { looks } else { 0 });
     threads.over_with(
         out,

@@ -12,7 +12,7 @@ use crate::square_root::triangularize;
 /// Bounds (trials, n) on the standard deviation of each state, from rows
 /// (trials, K, n); infinite where a state is not determined.
 pub fn crlb_std(rows: Items<'_>, n: usize, rtol: Option<f64>, threads: Threads, out: &mut [f64]) {
-    let size = rows.get(0).len();
+    let size = rows.size();
     let count = size.checked_div(n).unwrap_or(0);
     let rtol = rtol.unwrap_or_else(|| default_rtol(count, n));
     let padded = count.max(n) * n;
@@ -58,7 +58,7 @@ pub fn bearing_rows(
     threads: Threads,
     out: &mut [f64],
 ) -> Result<(), (usize, bearings::Error)> {
-    let m = times.get(0).len();
+    let m = times.size();
     threads.over(out, 4 * m, 10.0 * m as f64, |trial, out| {
         let (times, sigma) = (times.get(trial), sigma.get(trial));
         let (observer, _) = observer.get(trial).as_chunks::<2>();
