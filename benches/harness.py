@@ -129,6 +129,8 @@ class Row:
     median: float | None = None
     ratio: float | None = None  # median over ours, of the same run
     errors: dict[str, float | None] = field(default_factory=dict)
+    operations: dict[str, float] = field(default_factory=dict)  # a unit, by kind
+    count: str = ""  # where their numbers come from
     fraction: float | None = None  # of the limit
     limit: str = ""
     memory: float | None = None  # bytes at the peak beyond the inputs
@@ -224,12 +226,23 @@ def _rows(
             row.minimum, row.median = min(times), statistics.median(times)
             row.ratio = row.median / ours if ours else None
             if limit := contestant.limit or contest.limit:
-                least, kind = limit.best(limits["one" if contestant.threads == 1 else "all"])
-                row.fraction, row.limit = least / row.minimum, f"{kind}: {limit.count}"
+                row.operations, row.count = limit.operations, limit.count
             if contestant.asked:
                 row.errors = {case: _error(contestant, of) for case, of in contest.cases.items()}
         rows.append(row)
+    against(rows, limits)
     return rows
+
+
+def against(rows: Iterable[Row], limits: Rates) -> None:
+    """Set each row's fraction of the limit, at these rates."""
+    from limits import Limit
+
+    for row in rows:
+        if row.operations and row.minimum:
+            rates = limits["one" if row.threads == 1 else "all"]
+            least, kind = Limit(row.operations, row.count).best(rates)
+            row.fraction, row.limit = least / row.minimum, f"{kind}: {row.count}"
 
 
 def _error(contestant: Contestant, case: Case) -> float:

@@ -64,12 +64,14 @@ def document(
     beside: str = "",
 ) -> str:
     """Return the whole run as Markdown; `beside` is where its pictures are."""
-    text = "# Benchmarks\n\nWritten by `python benches/run.py --record`"
-    text += f" ({about['command']}). All contestants of a table take turns within the run, on the\n"
-    text += "same data, so the ratios hold where the machine's speed drifts. `x ours` is a\n"
-    text += "contestant's median over ours: above 1, ours is faster. Errors are relative, against\n"
-    text += "50-digit arithmetic; *no digit* is an error of one or more. *Of the limit* is the\n"
-    text += "time that the operations of the method take at the rates below, over the time taken.\n"
+    text = "# Benchmarks\n\n"
+    text += f"Written by `{about['command']}`. All contestants of a table take turns within the\n"
+    text += "run, on the same data, so the ratios hold where the machine's speed drifts. `x ours`\n"
+    text += "is a contestant's median over ours: above 1, ours is faster. Errors are relative,\n"
+    text += "against 50-digit arithmetic; *no digit* is an error of one or more. *Of the limit*:\n"
+    text += (
+        "the time that the operations of the method take at the rates below, over the time taken.\n"
+    )
     text += f"\n![Speed against accuracy]({beside}accuracy.png)\n"
     text += f"\n![Fraction of the limit]({beside}limit.png)\n"
     text += f"\n![Time against size]({beside}size.png)\n"
@@ -85,12 +87,10 @@ def document(
         text += (
             "\n## Growth\n\nSlope of log time of a call against log size, at the larger sizes.\n\n"
         )
-        names = list(dict.fromkeys(name for of in slopes.values() for name in of))
-        names = [n for n in names if sum(n in of for of in slopes.values()) > 1 or OURS in n]
-        text += f"| series | {' | '.join(names)} |\n|{'---|' * (len(names) + 1)}\n"
+        text += "| series | gramian | others |\n|---|---|---|\n"
         for series, of in slopes.items():
-            cells = [f"{of[name]:.2f}" if name in of else "" for name in names]
-            text += f"| {series} | {' | '.join(cells)} |\n"
+            others = [f"{name} {slope:.2f}" for name, slope in of.items() if name != OURS]
+            text += f"| {series} | {of.get(OURS, float('nan')):.2f} | {'; '.join(others)} |\n"
     if parts:
         text += "\n## Parts\n\nEach in a process of its own.\n\n"
         text += "| part | seconds | peak memory, MiB |\n|---|---|---|\n"
@@ -129,6 +129,8 @@ def worst(rows: Sequence[Row]) -> str:
 def pictures(rows: Sequence[Row], place: Path) -> None:
     """Draw time against size, the fraction of the limit, and speed against accuracy."""
     place.mkdir(exist_ok=True)
+    for name in ("size.png", "limit.png", "accuracy.png"):
+        (place / name).unlink(missing_ok=True)  # of another run
     _size(rows, place / "size.png")
     _limit(rows, place / "limit.png")
     _accuracy(rows, place / "accuracy.png")

@@ -28,7 +28,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from harness import HERE, ONE_THREAD, OURS, Footprint, Row, markdown, run
+from harness import HERE, ONE_THREAD, OURS, Footprint, Row, against, markdown, run
 from limits import larger, measure
 from report import document, pictures
 from rich.console import Console
@@ -65,7 +65,7 @@ class Run:
         self.console = Console(soft_wrap=True, highlight=False)
         self.rows: list[Row] = []
         self.limits = measure()
-        self.about = describe(quick=quick)
+        self.about = describe()
         self.parts_about: dict[str, Any] = {}
         self.start = time.perf_counter()
 
@@ -115,7 +115,8 @@ class Run:
         self._write()
 
     def _write(self, path: Path | None = None, beside: str = "") -> None:
-        """Write what there is."""
+        """Write what there is; fractions by the best rates seen until now."""
+        against(self.rows, self.limits)
         RESULTS.mkdir(exist_ok=True)
         self.about["minutes"] = round((time.perf_counter() - self.start) / 60, 1)
         text = document(self.about, self.limits, self.parts_about, self.rows, beside)
@@ -217,11 +218,11 @@ def kernels(*, quick: bool) -> Iterator[dict[str, Any]]:
     yield {"rows": rows} if rows else {"failed": done.stderr.strip().splitlines()[-1]}
 
 
-def describe(*, quick: bool) -> dict[str, object]:
+def describe() -> dict[str, object]:
     """Return the machine, the versions and the command."""
     about: dict[str, object] = {
         "date": datetime.date.today().isoformat(),
-        "command": "make bench-quick" if quick else "make bench",
+        "command": " ".join(["python benches/run.py", *sys.argv[1:]]),
         "processor": _processor(),
         "cores": os.cpu_count(),
         "load at the start": round(os.getloadavg()[0], 2),
