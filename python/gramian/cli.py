@@ -13,7 +13,7 @@ import typer
 from rich.console import Console
 from rich.status import Status
 
-from gramian.exceptions import GramianError
+from gramian.exceptions import GramianError, StorageError
 from gramian.report import Report
 
 __all__ = ["main"]
@@ -33,6 +33,26 @@ Out = Annotated[
     typer.Option(metavar="DIR", help="Write report.html and result.json here.", show_default=False),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON and nothing else.")]
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from gramian import __version__
+
+        sys.stdout.write(f"gramian {__version__}\n")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_version, is_eager=True, help="Say which version this is."
+        ),
+    ] = False,
+) -> None:
+    """Take what stands before a command; the help is the application's own."""
 
 
 @app.command()
@@ -92,12 +112,19 @@ def demo(
     from gramian.scenario import load
 
     console = Console()
-    out.mkdir(parents=True, exist_ok=True)
-    with as_file(files("gramian") / "demo") as folder:
-        for source in sorted(folder.iterdir()):
-            if source.suffix in {".toml", ".csv"}:
-                shutil.copyfile(source, out / source.name)
-    for scenario in sorted(out.glob("*.toml")):
+    scenarios = []
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with as_file(files("gramian") / "demo") as folder:
+            for source in sorted(folder.iterdir()):
+                # What a reader has edited stays.
+                if source.suffix in {".toml", ".csv"} and not (out / source.name).exists():
+                    shutil.copyfile(source, out / source.name)
+                if source.suffix == ".toml":
+                    scenarios.append(out / source.name)
+    except OSError as error:
+        raise StorageError(f"cannot write the demo to {out}: {error}") from error
+    for scenario in scenarios:
         console.rule(f"gramian analyze {scenario}", align="left", style="dim")
         _finish(load(scenario).analyze(), out / scenario.stem, json=False)
     console.print("\nEdit a scenario and run its line again, or point one at your own tracks.")

@@ -84,7 +84,13 @@ def singular_values(answer: Observability, axes: Axes) -> None:
 
 def null_space(answer: Observability, axes: Axes) -> None:
     """Draw each unobservable combination as bars over the states."""
-    space = answer.null_space / np.abs(answer.null_space).max(axis=0)
+    # In units that do not depend on metres or hours: of the scales where there
+    # are any, else of what one column of the rows sees.
+    sizes = 1 / answer.problem.scale
+    if np.isnan(sizes).any():
+        sizes = np.linalg.norm(answer.problem.all_rows, axis=0)
+    space = answer.null_space * np.where(sizes > 0, sizes, 1.0)[:, None]
+    space = space / np.abs(space).max(axis=0)
     n, nullity = space.shape
     width = 0.8 / nullity
     for k in range(nullity):
@@ -94,3 +100,4 @@ def null_space(answer: Observability, axes: Axes) -> None:
     axes.set_yticks(range(n), answer.names)
     axes.invert_yaxis()
     axes.set_title("moves together, unseen")
+    axes.set_xlabel("each state in units of its scale")

@@ -40,7 +40,8 @@ def load(path: Path | str) -> Scenario:
     """
     path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8")
+        # With or without the byte order mark that some editors put in front.
+        text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise ScenarioError(f"{path}: cannot be read: {error}") from error
     try:
@@ -50,13 +51,28 @@ def load(path: Path | str) -> Scenario:
     known = ", ".join(f'"{name}"' for name in MODELS)
     if "model" not in values:
         raise ScenarioError(f"{path}: model is missing: must be one of {known}")
-    if values["model"] not in MODELS:
+    if not isinstance(values["model"], str) or values["model"] not in MODELS:
         raise ScenarioError(f"{path}: model = {values['model']!r}: must be one of {known}")
-    module, name = MODELS[values["model"]].split(":")
-    kind: type[Scenario] = getattr(import_module(module), name)
+    kind = _kind(values["model"])
     try:
         scenario = kind.model_validate(values)
     except ValidationError as error:
         raise ScenarioError(describe(error, kind, path, text)) from error
     scenario.path = path
     return scenario
+
+
+def models_for(command: str) -> list[str]:
+    """Return the models that a command works on."""
+    method = "experiment" if command == "simulate" else command
+    return [
+        name
+        for name in MODELS
+        if any(getattr(_kind(name), how) is not getattr(Scenario, how) for how in {method, command})
+    ]
+
+
+def _kind(model: str) -> type[Scenario]:
+    module, name = MODELS[model].split(":")
+    kind: type[Scenario] = getattr(import_module(module), name)
+    return kind

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from pydantic import BaseModel, ConfigDict, PrivateAttr
+from pydantic import BaseModel, ConfigDict, PrivateAttr, ValidationInfo, field_validator
 
 from gramian.exceptions import ScenarioError
 from gramian.report import Report
@@ -32,6 +32,15 @@ class Section(BaseModel):
     """A table of a scenario file: unknown keys, NaN and infinity are mistakes."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _no_truth_for_a_number(cls, value: Any, info: ValidationInfo) -> Any:
+        """Refuse true and false, which would pass for 1 and 0."""
+        wanted = cls.model_fields[str(info.field_name)].annotation
+        if isinstance(value, bool) and wanted is not bool:
+            raise ValueError("must not be true or false")
+        return value
 
 
 class Scenario(Section):
@@ -96,6 +105,10 @@ class Scenario(Section):
         )
 
     def _unsupported(self, command: str) -> ScenarioError:
+        from gramian.scenario import models_for
+
+        able = ", ".join(f'"{name}"' for name in models_for(command))
         return ScenarioError(
-            f'{self._path}: model = "{self.model}": the command {command} does not work on it'
+            f'{self._path}: model = "{self.model}": the command {command} does not work on it, '
+            f"but on {able}"
         )

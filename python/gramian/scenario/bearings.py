@@ -62,6 +62,8 @@ class Tracks(Section):
             raise ValueError("observer must name a track, since columns.id is given")
         if self.columns.id is None and (self.observer or self.target):
             raise ValueError("columns.id must be given, since observer or target name a track")
+        if self.target_file in (None, self.file) and self.observer == self.target is not None:
+            raise ValueError(f"observer and target are the same track, {self.target!r}")
         return self
 
 

@@ -53,6 +53,12 @@ def read_columns(
                     raise ScenarioError(
                         f"{path}: has no column {column!r} (for {meaning}): "
                         f"its columns are {', '.join(header) or 'none, it is empty'}"
+                        + _other_separator(header)
+                    )
+                if header.count(column) > 1:
+                    raise ScenarioError(
+                        f"{path}: has {header.count(column)} columns {column!r} (for {meaning}): "
+                        "must have one"
                     )
             values: dict[str, list[float]] = {meaning: [] for meaning in numbers}
             words: dict[str, list[str]] = {meaning: [] for meaning in texts}
@@ -80,11 +86,19 @@ def read_columns(
     )
 
 
+def _other_separator(header: list[str]) -> str:
+    if len(header) == 1 and any(sign in header[0] for sign in ";\t|"):
+        return "; cells must be separated by commas, decimals by points"
+    return ""
+
+
 def _number(cell: str, place: str) -> float:
     try:
-        value = float(cell)
+        # Python reads 1_000 as a number; in a table it is a slip.
+        value = float("" if "_" in cell else cell)
     except ValueError:
-        raise ScenarioError(f"{place} = {cell!r}: must be a number") from None
+        hint = " (dates and clock times: convert them to seconds)" if ":" in cell else ""
+        raise ScenarioError(f"{place} = {cell!r}: must be a number{hint}") from None
     if not math.isfinite(value):
         raise ScenarioError(f"{place} = {cell}: must be finite")
     return value

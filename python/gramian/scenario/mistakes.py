@@ -36,8 +36,14 @@ _WANTED = {
 def describe(error: ValidationError, kind: type[BaseModel], path: Path, text: str) -> str:
     """Return all mistakes of a file, a line each."""
     lines = []
-    for item in error.errors():
-        loc = [part for part in item["loc"] if not _is_branch(part)]
+    found = [
+        (tuple(part for part in item["loc"] if not _is_branch(part)), item)
+        for item in error.errors()
+    ]
+    for loc, item in found:
+        # A table that fails inside need not be told that it is no number either.
+        if any(len(other) > len(loc) and other[: len(loc)] == loc for other, _ in found):
+            continue
         key = _dotted(loc)
         line = _line(text, loc)
         place = f"{path}:{line}" if line else f"{path}"
@@ -56,7 +62,7 @@ def _is_branch(part: str | int) -> bool:
     """Say whether pydantic put the name of a union's branch into the location."""
     return isinstance(part, str) and bool(
         re.fullmatch(
-            r"(float|int|str|bool|list|tuple|dict|constrained-.*|function-.*|[A-Z]\w+)(\[.*\])?",
+            r"(\[key\]|float|int|str|bool|list|tuple|dict|constrained-.*|function-.*|[A-Z]\w+)(\[.*\])?",
             part,
         )
     )
