@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 # Tests never fetch more threads than there are cores, and fail on rustc warnings.
 export CARGO_TERM_COLOR ?= auto
 
-.PHONY: demo test lint format rust-test python-test no-std-check bench bench-quick bench-check bench-record docs clean
+.PHONY: demo test lint format rust-test python-test no-std-check bench bench-quick bench-check bench-record embedded-size package docs clean
 
 demo: $(VENV)/.installed
 	$(BIN)/gramian demo --out out/demo
@@ -50,6 +50,15 @@ bench bench-quick: $(VENV)/.peers
 # What moved since the counts were recorded; `make bench-record` records anew.
 bench-check bench-record: $(VENV)/.installed
 	$(BIN)/python benches/check.py $(if $(filter bench-record,$@),--record)
+
+# Flash, stack and instructions of the C interface on a Cortex-M4F.
+embedded-size: $(VENV)/.installed
+	rustup target add thumbv7em-none-eabihf
+	$(BIN)/python benches/embedded.py
+
+# What `cargo publish` would send, built from the packages alone.
+package:
+	cargo package -p gramian -p gramian-capi --allow-dirty
 
 docs:
 	cargo doc -p gramian --no-deps --features parallel,dense

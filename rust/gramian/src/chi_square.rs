@@ -40,9 +40,16 @@ pub(crate) fn tail<T: Real>(value: T, dof: T) -> T {
     if !x.is_finite() || !(T::one() / a).is_finite() {
         return T::zero();
     }
-    if a >= T::of(1e4) {
-        return uniform(a, x);
+    if a < T::of(1e4) {
+        few(a, x)
+    } else {
+        uniform(a, x)
     }
+}
+
+/// Q(a, x) by its series, or by its continued fraction where x is large.
+fn few<T: Real>(a: T, x: T) -> T {
+    let (half, one) = (T::of(0.5), T::one());
     let front = front(a, x);
     if x < a + one {
         let (mut term, mut sum, mut n) = (one / a, one / a, a);
@@ -117,7 +124,11 @@ fn uniform<T: Real>(a: T, x: T) -> T {
     if !(density > T::zero()) {
         return if u > T::zero() { T::zero() } else { one };
     }
-    let half_tail = half * tail(exponent + exponent, one);
+    let half_tail = if exponent > T::zero() {
+        half * few(half, exponent)
+    } else {
+        half
+    };
     let normal = if u > T::zero() {
         half_tail
     } else {

@@ -8,6 +8,7 @@ use gramian::batch::{
     self, Items, Method, Passes, Paths, Recursion, Sightings, Span, Stream, Target, Threads,
     bearings_localize, registration as biases, simd::Path,
 };
+use gramian::bearings::Monitor;
 use gramian::dipole::localize::{Knowledge, Options};
 use gramian::maneuver::plan::Criterion;
 use gramian::maneuver::{AtStandoff, Law};
@@ -56,6 +57,8 @@ pub const ALL: &[(&str, Make)] = &[
     ("linear_levels_16x15x3", linear_levels),
     ("linear_powers_16x15x3", linear_powers),
     ("linear_gramian_16x6x3", linear_gramian),
+    ("monitor_push_f32_1000", || monitor(1000, 0)),
+    ("monitor_answer_f32_1000", || monitor(0, 1000)),
 ];
 
 /// The work of this name.
@@ -587,5 +590,34 @@ fn linear_gramian() -> Work {
         );
         assert!(done.is_ok());
         black_box(&out);
+    })
+}
+
+/// Pushes bearings of a track into a monitor that has seen as many, and asks it.
+fn monitor(pushes: u32, answers: u32) -> Work {
+    let samples: Vec<(f32, f32)> = (0..1000 + pushes)
+        .map(|i| {
+            let t = i as f32;
+            (
+                t,
+                (3.0 * t).atan2(10_000.0 - 6.0 * t) + 0.01 * (0.7 * t * t).sin(),
+            )
+        })
+        .collect();
+    let mut seen = Monitor::<f32>::new();
+    let (before, after) = samples.split_at(1000);
+    for &(time, bearing) in before {
+        assert!(seen.push(time, bearing, 0.01, None).is_ok());
+    }
+    let after = after.to_vec();
+    Box::new(move || {
+        let mut monitor = black_box(seen);
+        for &(time, bearing) in &after {
+            assert!(monitor.push(time, bearing, 0.01, None).is_ok());
+        }
+        for _ in 0..answers {
+            black_box(black_box(&monitor).answer());
+        }
+        black_box(&monitor);
     })
 }
