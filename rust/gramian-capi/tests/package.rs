@@ -28,8 +28,10 @@ fn the_packages_hold_no_stray_files() {
             assert!(files.iter().any(|f| f == wanted), "{package}: no {wanted}");
         }
         for file in &files {
-            let source = folders.iter().any(|f| Path::new(file).starts_with(f))
-                && (file.ends_with(".rs") || file.ends_with(".h"));
+            let path = Path::new(file);
+            let kind = path.extension().and_then(|kind| kind.to_str());
+            let source = folders.iter().any(|folder| path.starts_with(folder))
+                && matches!(kind, Some("rs" | "h"));
             let other = [
                 "Cargo.toml",
                 "Cargo.toml.orig",
