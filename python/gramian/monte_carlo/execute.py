@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import concurrent.futures as cf
+import itertools
 import os
 import pickle
 import signal
@@ -36,18 +37,39 @@ def execute(
     """
     if executor is not None:
         yield from _Workers(task, executor).run(spans)
-    elif workers is None:
-        for span in spans:
-            yield task.run(*span)
     elif task.in_rust:
-        before = _core.set_threads(workers)
+        before = _core.set_threads(workers) if workers is not None else None
         try:
-            for span in spans:
-                yield task.run(*span)
+            yield from (_one_by_one if _core.threads() == 1 else _in_step)(task, spans)
         finally:
-            _core.set_threads(before)
+            if before is not None:
+                _core.set_threads(before)
+    elif workers is None:
+        yield from _one_by_one(task, spans)
     else:
         yield from _Workers(task, workers).run(spans)
+
+
+def _one_by_one(task: Task, spans: Iterable[Span]) -> Iterator[Chunk]:
+    for span in spans:
+        yield task.run(*span)
+
+
+def _in_step(task: Task, spans: Iterable[Span]) -> Iterator[Chunk]:
+    """Run two chunks at a time, so that cores have work while one is summed up."""
+    rest = iter(spans)
+    with cf.ThreadPoolExecutor(2, "gramian-chunk") as executor:
+        running: deque[cf.Future[Chunk]] = deque()
+        try:
+            while True:
+                for span in itertools.islice(rest, 3 - len(running)):
+                    running.append(executor.submit(task.run, *span))
+                if not running:
+                    return
+                yield running.popleft().result()
+        finally:
+            for future in running:
+                future.cancel()
 
 
 def check_sendable(task: Task) -> None:

@@ -39,6 +39,15 @@ pub fn set_threads(threads: usize) -> usize {
     before
 }
 
+/// How many threads kernels may use now.
+#[pyfunction]
+pub fn threads() -> usize {
+    match SETTING.lock().unwrap_or_else(PoisonError::into_inner).threads {
+        0 => std::thread::available_parallelism().map_or(1, usize::from),
+        threads => threads,
+    }
+}
+
 /// The pool to run in; `None` for the calling thread alone.
 fn pool() -> PyResult<Option<Arc<ThreadPool>>> {
     let mut setting = SETTING.lock().unwrap_or_else(PoisonError::into_inner);
