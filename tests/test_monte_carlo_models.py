@@ -141,14 +141,18 @@ def test_the_log_determinant_is_that_of_the_simulated_bearings():
 
 def test_memory_stays_flat():
     """Ten times the trials, the same peak: nothing is kept of a trial but its part in the sums."""
-    experiment, peaks = scene(), []
+    experiment, peaks = scene(), {}
     gm.monte_carlo.run(experiment, 8192, 1, quantities=["gram_logdet"], chunk=4096)
-    for trials in (40_000, 400_000):
+    for trials, workers in ((40_000, 1), (400_000, 1), (400_000, 2)):
         tracemalloc.start()
-        gm.monte_carlo.run(experiment, trials, 1, quantities=["gram_logdet"], chunk=4096)
-        peaks.append(tracemalloc.get_traced_memory()[1])
+        gm.monte_carlo.run(
+            experiment, trials, 1, quantities=["gram_logdet"], chunk=4096, workers=workers
+        )
+        peaks[trials, workers] = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
-    assert peaks[1] < 1.05 * peaks[0] + 20_000, peaks
+    assert peaks[400_000, 1] < 1.05 * peaks[40_000, 1] + 20_000, peaks
+    # On several threads two chunks are under way and one is summed up.
+    assert peaks[400_000, 2] < 3 * peaks[40_000, 1], peaks
 
 
 def test_what_is_weak_is_said():
