@@ -42,7 +42,11 @@ pub fn set_threads(threads: usize) -> usize {
 /// How many threads kernels may use now.
 #[pyfunction]
 pub fn threads() -> usize {
-    match SETTING.lock().unwrap_or_else(PoisonError::into_inner).threads {
+    match SETTING
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner)
+        .threads
+    {
         0 => std::thread::available_parallelism().map_or(1, usize::from),
         threads => threads,
     }
