@@ -161,11 +161,6 @@ fn run<S: Simd>(
             }
         }
     };
-    let load = |packed: &[f64], to: &mut [Wide<S>]| {
-        for (to, from) in to.iter_mut().zip(packed.chunks_exact(lanes)) {
-            *to = Wide::load(simd, from);
-        }
-    };
     let mut small = vec![0.0; lanes * n * n];
     for (items, to) in [
         (recursion.root, &mut *root),
@@ -174,7 +169,7 @@ fn run<S: Simd>(
     ] {
         // Without a transition there may be nothing to pack.
         pack(items, 0, &mut small);
-        load(&small, to);
+        load(simd, &small, to);
     }
 
     let mut row_block = vec![0.0; lanes * BLOCK * row_count * n];
@@ -197,7 +192,7 @@ fn run<S: Simd>(
         for step in 0..block {
             if row_count > 0 {
                 let rows = &mut rows[..row_count * n];
-                load(&row_block[lanes * step * row_count * n..], rows);
+                load(simd, &row_block[lanes * step * row_count * n..], rows);
                 update(form, root, n, rows, work);
             }
             let packed = &mut packed[lanes * step * (n + 2) * n..];
@@ -224,19 +219,27 @@ fn run<S: Simd>(
             if start + step + 1 < steps {
                 if after_count > 0 {
                     let rows = &mut rows[..after_count * n];
-                    load(&after_block[lanes * step * after_count * n..], rows);
+                    load(simd, &after_block[lanes * step * after_count * n..], rows);
                     update(form, root, n, rows, work);
                 }
                 if f_step > 0 {
-                    load(&f_block[lanes * step * f_step..], transition);
+                    load(simd, &f_block[lanes * step * f_step..], transition);
                 }
                 if g_step > 0 {
-                    load(&g_block[lanes * step * g_step..], noise);
+                    load(simd, &g_block[lanes * step * g_step..], noise);
                 }
                 predict(form, root, n, transition, used, noise, work);
             }
         }
         unpack(recursion, start..start + block, lanes, &packed, out);
+    }
+}
+
+#[inline(always)]
+fn load<S: Simd>(simd: S, packed: &[f64], to: &mut [Wide<S>]) {
+    let lanes = S::F64_LANES * UNROLL;
+    for (to, from) in to.iter_mut().zip(packed.chunks_exact(lanes)) {
+        *to = Wide::load(simd, from);
     }
 }
 
@@ -309,10 +312,9 @@ impl<S: Simd> Wide<S> {
     #[inline(always)]
     fn load(simd: S, from: &[f64]) -> Self {
         let (vectors, _) = S::as_simd_f64s(from);
-        Self {
-            simd,
-            value: core::array::from_fn(|u| vectors[u]),
-        }
+        let mut out = Self::splat_on(simd, 0.0);
+        out.value.copy_from_slice(&vectors[..UNROLL]);
+        out
     }
 
     #[inline(always)]
@@ -320,45 +322,40 @@ impl<S: Simd> Wide<S> {
         let (vectors, _) = S::as_mut_simd_f64s(to);
         vectors[..UNROLL].copy_from_slice(&self.value);
     }
-
-    #[inline(always)]
-    fn map(self, f: impl Fn(S::f64s) -> S::f64s) -> Self {
-        Self {
-            simd: self.simd,
-            value: core::array::from_fn(|u| f(self.value[u])),
-        }
-    }
-
-    #[inline(always)]
-    fn zip(self, other: Self, f: impl Fn(S::f64s, S::f64s) -> S::f64s) -> Self {
-        Self {
-            simd: self.simd,
-            value: core::array::from_fn(|u| f(self.value[u], other.value[u])),
-        }
-    }
 }
 
+// Loops, no closures: those may be compiled apart, without the instructions of
+// the path, and then every operation is a call.
 impl<S: Simd> Add for Wide<S> {
     type Output = Self;
     #[inline(always)]
-    fn add(self, other: Self) -> Self {
-        self.zip(other, |a, b| self.simd.add_f64s(a, b))
+    fn add(mut self, other: Self) -> Self {
+        for u in 0..UNROLL {
+            self.value[u] = self.simd.add_f64s(self.value[u], other.value[u]);
+        }
+        self
     }
 }
 
 impl<S: Simd> Sub for Wide<S> {
     type Output = Self;
     #[inline(always)]
-    fn sub(self, other: Self) -> Self {
-        self.zip(other, |a, b| self.simd.sub_f64s(a, b))
+    fn sub(mut self, other: Self) -> Self {
+        for u in 0..UNROLL {
+            self.value[u] = self.simd.sub_f64s(self.value[u], other.value[u]);
+        }
+        self
     }
 }
 
 impl<S: Simd> Mul for Wide<S> {
     type Output = Self;
     #[inline(always)]
-    fn mul(self, other: Self) -> Self {
-        self.zip(other, |a, b| self.simd.mul_f64s(a, b))
+    fn mul(mut self, other: Self) -> Self {
+        for u in 0..UNROLL {
+            self.value[u] = self.simd.mul_f64s(self.value[u], other.value[u]);
+        }
+        self
     }
 }
 
@@ -369,37 +366,41 @@ impl<S: Simd> Lane for Wide<S> {
     }
 
     #[inline(always)]
-    fn mul_add(self, factor: Self, term: Self) -> Self {
-        Self {
-            simd: self.simd,
-            value: core::array::from_fn(|u| {
-                self.simd
-                    .mul_add_e_f64s(self.value[u], factor.value[u], term.value[u])
-            }),
+    fn mul_add(mut self, factor: Self, term: Self) -> Self {
+        for u in 0..UNROLL {
+            let (a, b, c) = (self.value[u], factor.value[u], term.value[u]);
+            self.value[u] = self.simd.mul_add_e_f64s(a, b, c);
         }
+        self
     }
 
     #[inline(always)]
-    fn negate_mul_add(self, factor: Self, term: Self) -> Self {
-        Self {
-            simd: self.simd,
-            value: core::array::from_fn(|u| {
-                self.simd
-                    .negate_mul_add_e_f64s(self.value[u], factor.value[u], term.value[u])
-            }),
+    fn negate_mul_add(mut self, factor: Self, term: Self) -> Self {
+        for u in 0..UNROLL {
+            let (a, b, c) = (self.value[u], factor.value[u], term.value[u]);
+            self.value[u] = self.simd.negate_mul_add_e_f64s(a, b, c);
         }
+        self
     }
 
     #[inline(always)]
-    fn root(self) -> Self {
-        self.map(|a| self.simd.sqrt_f64s(a))
+    fn root(mut self) -> Self {
+        for u in 0..UNROLL {
+            self.value[u] = self.simd.sqrt_f64s(self.value[u]);
+        }
+        self
     }
 
     #[inline(always)]
-    fn recip_or_zero(self) -> Self {
+    fn recip_or_zero(mut self) -> Self {
         let simd = self.simd;
         let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
-        self.map(|a| simd.select_f64s(simd.equal_f64s(a, zero), zero, simd.div_f64s(one, a)))
+        for u in 0..UNROLL {
+            let a = self.value[u];
+            let nothing = simd.equal_f64s(a, zero);
+            self.value[u] = simd.select_f64s(nothing, zero, simd.div_f64s(one, a));
+        }
+        self
     }
 }
 
