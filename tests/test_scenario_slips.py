@@ -1,6 +1,8 @@
 """Slips that a first scenario has: each is named, none passes for something else."""
 
+import re
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ import gramian as gm
 from gramian import cli, plot
 from gramian.scenario import load
 
+EXAMPLES = Path(__file__).parent.parent / "examples"
 SCENARIO = """\
 model = "bearings"
 [tracks]
@@ -111,3 +114,43 @@ def test_the_picture_of_what_is_unseen_does_not_depend_on_units():
         return found * np.sign(found[0])
 
     np.testing.assert_allclose(lengths(1.0, 1.0), lengths(1e-3, 1 / 3600), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("example", "before", "after", "command", "message"),
+    [
+        (
+            "oscillator",
+            'units = ["m", "m/s"',
+            'units = ["m"',
+            "analyze",
+            "mine.toml: system.units has 3 entries: must have 4",
+        ),
+        ("dipole_table_1", "duration = ", "duration = 1e300 # ", "analyze", "more than a million"),
+        ("plan_fixed_target", "count = ", "count = 1000000 # ", "plan", "count = 1000000: must be"),
+        ("plan_fixed_target", "sigma_deg = ", "sigma_deg = 99 # ", "plan", "must be < 90"),
+        ("plan_fixed_target", "standoff = ", "standoff = 1e-300 # ", "plan", "standoff = 1e-300"),
+        (
+            "dipole_one_sensor",
+            "speed = ",
+            "speed = -1.0 # ",
+            "localize",
+            r"mine.toml: speed = -1.0",
+        ),
+    ],
+)
+def test_slips_in_the_examples(
+    tmp_path, capsys, monkeypatch, example, before, after, command, message
+):
+    text = (EXAMPLES / f"{example}.toml").read_text()
+    assert before in text
+    path = tmp_path / "mine.toml"
+    path.write_text(text.replace(before, after))
+    (tmp_path / "dipole_pass.csv").write_text((EXAMPLES / "dipole_pass.csv").read_text())
+    monkeypatch.setattr(sys, "argv", ["gramian", command, str(path)])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert end.value.code == 1
+    said = capsys.readouterr().err
+    assert re.search(message, said), said
+    assert "mine.toml" in said

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import shutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Annotated
@@ -13,7 +14,7 @@ import typer
 from rich.console import Console
 from rich.status import Status
 
-from gramian.exceptions import GramianError, StorageError
+from gramian.exceptions import GramianError, InputError, ScenarioError, StorageError
 from gramian.report import Report
 
 __all__ = ["main"]
@@ -60,7 +61,9 @@ def analyze(file: File, out: Out = None, json: Json = False) -> None:
     """Say what the measurements of a scenario determine, and what not."""
     from gramian.scenario import load
 
-    _finish(load(file).analyze(), out, json)
+    with _in(file):
+        report = load(file).analyze()
+    _finish(report, out, json)
 
 
 @app.command()
@@ -68,7 +71,9 @@ def localize(file: File, out: Out = None, json: Json = False) -> None:
     """Estimate from the recorded measurements of a scenario."""
     from gramian.scenario import load
 
-    _finish(load(file).localize(), out, json)
+    with _in(file):
+        report = load(file).localize()
+    _finish(report, out, json)
 
 
 @app.command()
@@ -76,7 +81,9 @@ def plan(file: File, out: Out = None, json: Json = False) -> None:
     """Choose the observer's path of a scenario so as to know the most."""
     from gramian.scenario import load
 
-    _finish(load(file).plan(), out, json)
+    with _in(file):
+        report = load(file).plan()
+    _finish(report, out, json)
 
 
 @app.command()
@@ -145,6 +152,17 @@ def reproduce(
         with _waiting(f"computing {paper}", quiet=json):
             report = run(paper)
         _finish(report, folder, json)
+
+
+@contextmanager
+def _in(file: Path) -> Iterator[None]:
+    """Name the scenario where only the computation found its numbers to be wrong."""
+    try:
+        yield
+    except ScenarioError:
+        raise
+    except InputError as error:
+        raise ScenarioError(f"{file}: {error}") from error
 
 
 def _waiting(what: str, *, quiet: bool) -> Status:

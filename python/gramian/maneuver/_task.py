@@ -105,6 +105,9 @@ class Task:
         discs = checked_discs(keep_out)
         check_outside(origin, full, standoff, discs)
         ranges = np.hypot(*(full[:, :2] - origin).T)
+        # Its square must be held.
+        if standoff is not None and 0 < standoff < 1e-100:
+            raise InputError(f"standoff = {standoff} m: must be 0 or >= 1e-100")
         if standoff is None:
             standoff = float(min(fast * dt, 0.5 * ranges.min()))
         kind, combinations = _combinations(criterion, full, origin, names)

@@ -192,7 +192,7 @@ class BearingsScenario(Scenario):
         columns = self.tracks.columns
         path = self.beside(file)
         numbers = {"time": columns.time, "east": columns.east, "north": columns.north}
-        texts = {"id": columns.id} if columns.id else {}
+        texts = {"id": columns.id} if columns.id is not None else {}
         values, words = read_columns(path, numbers, texts)
         chosen = np.ones(values["time"].size, dtype=bool)
         if name is not None:

@@ -106,6 +106,12 @@ class Pass(Section):
     step: float = Field(gt=0)
     sigma_nT: float = Field(gt=0)
 
+    @model_validator(mode="after")
+    def _samples(self) -> Pass:
+        if self.duration / self.step > 1e6:
+            raise ValueError("a pass of more than a million samples: choose a longer step")
+        return self
+
     @property
     def times(self) -> Array:
         """Instants from 0 to the duration."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,10 +51,13 @@ class Window(Section):
         return self
 
 
+Deviation = Annotated[float, Field(gt=0)]
+
+
 class Noise(Section):
     """Standard deviation of each output, or one for all."""
 
-    output: float | list[float] = 1.0
+    output: Deviation | list[Deviation] = 1.0
 
 
 class LinearScenario(Scenario):
@@ -65,10 +68,16 @@ class LinearScenario(Scenario):
     combinations: dict[str, dict[str, float]] = Field(default_factory=dict)
     window: Window | None = None
     noise: Noise = Noise()
-    prior: dict[str, float] = Field(default_factory=dict)
+    prior: dict[str, Deviation] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _prior_of_all(self) -> LinearScenario:
+        units, states, outputs = self.system.units, len(self.system.A), len(self.system.C)
+        if units and len(units) != states:
+            raise ValueError(f"system.units has {len(units)} entries: must have {states}")
+        output = self.noise.output
+        if isinstance(output, list) and len(output) not in (1, outputs):
+            raise ValueError(f"noise.output has {len(output)} entries: must have {outputs}")
         if self.prior and self.window is None:
             raise ValueError("prior says something only over a window: give [window] too")
         return self

@@ -57,9 +57,9 @@ class Observer(Section):
 class Bearings(Section):
     """How many bearings, how often, how good."""
 
-    count: int = Field(ge=2)
+    count: int = Field(ge=2, le=100_000)
     step: Positive
-    sigma_deg: Positive
+    sigma_deg: float = Field(gt=0, lt=90)
 
 
 class Limits(Section):

@@ -54,7 +54,9 @@ def describe(error: ValidationError, kind: type[BaseModel], path: Path, text: st
             lines.append(f"{place}: {key} is not a key here: the keys are {known}")
         else:
             wanted = _WANTED.get(item["type"], item["msg"]).format(**item.get("ctx", {}))
-            lines.append(f"{place}: {key} = {item['input']!r}: {wanted}")
+            whole = item["type"] == "value_error" and isinstance(item["input"], dict)
+            given = "" if not loc else f"{key}: " if whole else f"{key} = {item['input']!r}: "
+            lines.append(f"{place}: {given}{wanted}")
     return "\n".join(dict.fromkeys(lines))
 
 
