@@ -18,6 +18,7 @@ use core::mem::{align_of, size_of};
 use gramian::bearings::{self, Monitor};
 use gramian::dipole::{self, Accumulator};
 use gramian::maneuver::{self, Law, Side};
+use gramian::scalar::NumberError;
 
 #[cfg(not(feature = "std"))]
 #[panic_handler]
@@ -45,6 +46,8 @@ pub enum GramianStatus {
     Step,
     /// Only some of the bearings come with a range.
     Mixed,
+    /// All numbers are finite, but what follows from them is too large for a float.
+    Overflow,
 }
 
 /// Which way to steer; see `gramian_heading`.
@@ -193,9 +196,6 @@ pub unsafe extern "C" fn gramian_heading(
     side: GramianSide,
     heading: *mut f32,
 ) -> GramianStatus {
-    if !bearing.is_finite() {
-        return GramianStatus::NotFinite;
-    }
     let law = match law {
         GramianLaw::MaxDet => Law::MaxDet,
         GramianLaw::HammelLiu => Law::HammelLiu,
@@ -210,6 +210,7 @@ pub unsafe extern "C" fn gramian_heading(
         // SAFETY: as the caller promises.
         Ok(value) => unsafe { store(heading, value) },
         Err(maneuver::Error::Range { .. }) => GramianStatus::Range,
+        Err(maneuver::Error::Number(error)) => of_number(error),
         Err(_) => GramianStatus::Step,
     }
 }
@@ -232,7 +233,7 @@ pub unsafe extern "C" fn gramian_dipole_field(
     match dipole::field(position, moment) {
         // SAFETY: as the caller promises.
         Ok(value) => unsafe { store(field.cast(), value) },
-        Err(_) => GramianStatus::Range,
+        Err(error) => of_dipole(error),
     }
 }
 
@@ -261,7 +262,7 @@ pub unsafe extern "C" fn gramian_dipole_jacobian(
             // SAFETY: as the caller promises.
             unsafe { store(by_moment.cast(), found.moment) }
         }
-        Err(_) => GramianStatus::Range,
+        Err(error) => of_dipole(error),
     }
 }
 
@@ -296,17 +297,13 @@ pub unsafe extern "C" fn gramian_dipole_sums_push(
     let (Some(sums), Some(position), Some(moment)) = (sums, position, moment) else {
         return GramianStatus::Null;
     };
-    if !time.is_finite() {
-        return GramianStatus::NotFinite;
-    }
     let weight = 1.0 / (sigma * sigma);
-    if !(sigma > 0.0 && weight.is_finite()) {
+    if !(sigma > 0.0 && weight > 0.0 && weight.is_finite()) {
         return GramianStatus::Sigma;
     }
     match sums.push(time, position, moment, weight) {
         Ok(()) => GramianStatus::Ok,
-        Err(dipole::Error::OnSensor { .. }) => GramianStatus::Range,
-        Err(_) => GramianStatus::NotFinite,
+        Err(error) => of_dipole(error),
     }
 }
 
@@ -350,6 +347,23 @@ fn of_bearings(error: bearings::Error) -> GramianStatus {
         bearings::Error::Sigma { .. } => GramianStatus::Sigma,
         bearings::Error::Distance { .. } => GramianStatus::Range,
         bearings::Error::Mixed { .. } => GramianStatus::Mixed,
+        bearings::Error::Number(error) => of_number(error),
         _ => GramianStatus::NotFinite,
+    }
+}
+
+fn of_dipole(error: dipole::Error) -> GramianStatus {
+    match error {
+        dipole::Error::OnSensor { .. } => GramianStatus::Range,
+        dipole::Error::Sigma { .. } => GramianStatus::Sigma,
+        dipole::Error::Number(error) => of_number(error),
+        dipole::Error::Length { .. } => GramianStatus::NotFinite,
+    }
+}
+
+fn of_number(error: NumberError) -> GramianStatus {
+    match error {
+        NumberError::Overflow { .. } => GramianStatus::Overflow,
+        NumberError::NotFinite { .. } | NumberError::OutOfRange { .. } => GramianStatus::NotFinite,
     }
 }

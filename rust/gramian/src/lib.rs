@@ -15,7 +15,7 @@
 //! // An observer on a straight line, a target at constant velocity.
 //! let times = [0.0_f64, 60.0, 120.0, 180.0, 240.0];
 //! let observer = times.map(|t| [0.0, 5.0 * t]);
-//! let target = times.map(|t| bearings::position(&[2000.0, 8000.0, 3.0, -1.0], t));
+//! let target = times.map(|t| bearings::position(&[2000.0, 8000.0, 3.0, -1.0], t).unwrap());
 //! let mut root = SquareRootInformation::new();
 //! bearings::push_rows(&times, &observer, &target, &[0.01], &mut root).unwrap();
 //! let spectrum = Spectrum::new(&root);

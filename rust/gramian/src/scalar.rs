@@ -139,6 +139,29 @@ pub(crate) fn check_positive<T: Real>(name: &'static str, value: T) -> Result<()
     })
 }
 
+/// Hands on results that are finite.
+#[inline]
+pub(crate) fn finite<T: Real, const N: usize>(
+    result: &'static str,
+    values: [T; N],
+) -> Result<[T; N], NumberError> {
+    if all_finite(&values) {
+        Ok(values)
+    } else {
+        Err(NumberError::Overflow { result })
+    }
+}
+
+/// [`finite`] of one number.
+#[inline]
+pub(crate) fn finite_one<T: Real>(result: &'static str, value: T) -> Result<T, NumberError> {
+    if value.is_finite() {
+        Ok(value)
+    } else {
+        Err(NumberError::Overflow { result })
+    }
+}
+
 #[inline]
 pub(crate) fn all_finite<T: Real>(values: &[T]) -> bool {
     values.iter().all(nalgebra::ComplexField::is_finite)

@@ -75,7 +75,7 @@ fn exact_bearings_give_the_exact_state() {
     let bearings: Vec<f64> = times
         .iter()
         .zip(observer.chunks(2))
-        .map(|(&t, o)| bearing([o[0], o[1]], position(&TRUTH, t)))
+        .map(|(&t, o)| bearing([o[0], o[1]], position(&TRUTH, t).unwrap()).unwrap())
         .collect();
     let track = track(&times, &observer, &[1e-3]);
     let mut out = vec![0.0; Layout { states: 4 }.size()];
@@ -112,7 +112,7 @@ fn a_straight_observer_determines_nothing() {
 #[test]
 fn an_observer_on_the_target_is_an_error() {
     let (times, mut observer) = leg(10, 0.5);
-    observer[14..16].copy_from_slice(&position(&TRUTH, times[7]));
+    observer[14..16].copy_from_slice(&position(&TRUTH, times[7]).unwrap());
     let track = track(&times, &observer, &[1e-2]);
     let mut out = vec![0.0; TRIAL];
     let error = simulate_and_localize(

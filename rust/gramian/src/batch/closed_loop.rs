@@ -6,8 +6,8 @@ use core::convert::Infallible;
 
 use super::plan::by_law;
 use super::{Items, Threads};
-use crate::bearings::bearing;
-use crate::maneuver::steer::{Limits, escape, steer, within_turn};
+use crate::bearings::sight;
+use crate::maneuver::steer::{Limits, aside, way_out, within_turn};
 use crate::maneuver::{Law, Side};
 use crate::scalar::{hypot, wrapped};
 
@@ -115,7 +115,7 @@ fn run(
     let mut before = None;
     for (sample, out) in out.iter_mut().enumerate() {
         let measured = (sample == 0 || lost[sample] == 0.0)
-            .then(|| wrapped(bearing(at, setting.target) + setting.sigma * noise[sample]));
+            .then(|| wrapped(sight(at, setting.target) + setting.sigma * noise[sample]));
         if let Some(bearing) = measured {
             seen.push(Sighting { at, bearing });
             if sample == 0 {
@@ -129,7 +129,7 @@ fn run(
         if sample == setting.steps {
             break;
         }
-        let sight = measured.unwrap_or_else(|| bearing(at, estimate));
+        let sight = measured.unwrap_or_else(|| sight(at, estimate));
         let hold = (measured.is_none() && setting.lost == Lost::Hold)
             .then_some(before)
             .flatten();
@@ -153,8 +153,8 @@ fn run(
             max_turn: setting.max_turn,
         };
         let heading =
-            steer(at, 0.0, setting.length, wanted, before, &limits).unwrap_or_else(|| {
-                let away = escape(at, 0.0, &limits).unwrap_or(wanted);
+            aside(at, 0.0, setting.length, wanted, before, &limits).unwrap_or_else(|| {
+                let away = way_out(at, 0.0, &limits).unwrap_or(wanted);
                 within_turn(away, before, setting.max_turn)
             });
         before = Some(heading);

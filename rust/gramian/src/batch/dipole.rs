@@ -172,7 +172,7 @@ pub fn dipole_fisher(
         let pass = passes.pass(trial);
         let mut sum = [[0.0; 9]; 9];
         for sensor in passes.sensors.get(trial).chunks_exact(3) {
-            let start = pass.seen_from(&three(sensor), 0.0);
+            let start = pass.offset(&three(sensor), 0.0);
             let near =
                 Nearest::of(times, &start, &pass.velocity).map_err(|error| (trial, error))?;
             path.run(Added {
@@ -623,7 +623,7 @@ mod tests {
             for (k, &t) in times.iter().enumerate() {
                 let t = t - times[0];
                 let s = sigma[if sigma.len() == 1 { 0 } else { k }];
-                let place = pass.seen_from(&three(sensor), t);
+                let place = pass.offset(&three(sensor), t);
                 sums.push(t, &place, &pass.moment, 1.0 / (s * s)).unwrap();
             }
         }

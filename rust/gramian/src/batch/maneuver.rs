@@ -105,7 +105,7 @@ fn one_path(paths: &Paths<'_>, trial: usize, n: usize, out: &mut [f64]) -> Resul
     for k in 0..n {
         let (east, north) = (target[0] - position[0], target[1] - position[1]);
         positions[2 * k..2 * k + 2].copy_from_slice(&position);
-        bearings[k] = bearings::bearing(position, target);
+        bearings[k] = bearings::sight(position, target);
         ranges[k] = hypot(east, north);
         if k < flown {
             root.absorb(&row(east, north, sigma).map_err(|error| error.at(k))?);

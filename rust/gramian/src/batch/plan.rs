@@ -226,9 +226,9 @@ pub fn steered(course: &Course<'_>, wish: Wish<'_>, threads: Threads, out: &mut 
             }
             Wish::Law(law, side, aim) => {
                 let wanted = |place: &crate::maneuver::steer::Place<f64>| {
-                    let point = crate::bearings::position(&aim, place.time);
+                    let point = crate::bearings::moved(&aim, place.time);
                     let range = hypot(point[0] - place.at[0], point[1] - place.at[1]);
-                    let bearing = crate::bearings::bearing(place.at, point);
+                    let bearing = crate::bearings::sight(place.at, point);
                     by_law(law, side, bearing, range, lengths[place.step])
                 };
                 follow(start, dt, lengths, first, limits, wanted, headings)

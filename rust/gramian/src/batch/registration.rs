@@ -72,7 +72,7 @@ impl<'a> Scene<'a> {
         let biases = self.biases.get(trial);
         let positions = self.positions.get(trial);
         for (k, p) in positions.chunks_exact(self.layout.size()).enumerate() {
-            look::rows(&self.layout, sensors, sigma, biases, p, work, rows)
+            look::unchecked_rows(&self.layout, sensors, sigma, biases, p, work, rows)
                 .map_err(|error| (trial, error.at(k)))?;
             each(k, rows);
         }
@@ -456,7 +456,7 @@ pub fn pair_degrees(
             }
             for (value, &[i, j]) in out.iter_mut().zip(instants) {
                 *value = match degree {
-                    Degree::Paper => planes[i].determinant(&planes[j]).abs(),
+                    Degree::Paper => planes[i].product(&planes[j]).abs(),
                     Degree::Pair => planes[i].pair_degree(&planes[j]),
                 };
             }
@@ -505,7 +505,7 @@ pub fn places(
             .enumerate()
         {
             let s = i % layout.sensors;
-            look::place(
+            look::unchecked_place(
                 &layout,
                 &sensors[s * d..(s + 1) * d],
                 &biases[s * per..(s + 1) * per],

@@ -68,7 +68,7 @@ pub fn bearing_rows(
             let [x, y] = match target {
                 Target::State(state) => {
                     let x = state.get(trial);
-                    bearings::position(&[x[0], x[1], x[2], x[3]], time)
+                    bearings::moved(&[x[0], x[1], x[2], x[3]], time)
                 }
                 Target::Positions(positions) => {
                     let p = positions.get(trial);

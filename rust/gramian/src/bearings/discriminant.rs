@@ -17,7 +17,7 @@
 //! the printed (8) has index slips; Lemma 1 and (10)-(15) stand.
 
 use super::{Error, check_length};
-use crate::scalar::Real;
+use crate::scalar::{Real, check_finite, finite_one};
 use crate::square_root::SquareRootInformation;
 
 /// The form in which a discriminant is computed; all give the same number.
@@ -39,7 +39,8 @@ pub enum Form {
 /// s, rad; the result is in s^2.
 ///
 /// # Errors
-/// [`Error::Cotangent`] for the cotangent form where a sine is zero.
+/// [`Error::Cotangent`] for the cotangent form where a sine is zero,
+/// [`Error::Number`].
 ///
 /// # Source
 /// Li & Sheng 2009, eq. (15), (5), (13).
@@ -52,11 +53,13 @@ pub enum Form {
 /// assert!(discriminant(&times, &straight, Form::Sines).unwrap().abs() < 1e-15);
 /// ```
 pub fn discriminant<T: Real>(times: &[T; 4], bearings: &[T; 4], form: Form) -> Result<T, Error> {
+    check_finite("times", times)?;
+    check_finite("bearings", bearings)?;
     let tau = |a: usize, b: usize| times[b - 1] - times[a - 1];
     let angle = |a: usize, b: usize| bearings[b - 1] - bearings[a - 1];
     let sin = |a: usize, b: usize| angle(a, b).sin();
     let cos = |a: usize, b: usize| angle(a, b).cos();
-    Ok(match form {
+    let value = match form {
         Form::Sines => {
             tau(1, 3) * tau(2, 4) * sin(1, 2) * sin(3, 4)
                 - tau(1, 2) * tau(3, 4) * sin(1, 3) * sin(2, 4)
@@ -79,14 +82,16 @@ pub fn discriminant<T: Real>(times: &[T; 4], bearings: &[T; 4], form: Form) -> R
                 * sin(1, 3)
                 * sin(1, 2)
         }
-    })
+    };
+    Ok(finite_one("discriminant", value)?)
 }
 
 /// Checks a track for the sums below: one bearing (and weight) for each time,
-/// at least `least`, times increasing, weights not negative.
+/// at least `least`, times increasing, weights not negative, all finite.
 ///
 /// # Errors
-/// [`Error::Length`], [`Error::TooFew`], [`Error::Times`], [`Error::Weight`].
+/// [`Error::Length`], [`Error::TooFew`], [`Error::Times`], [`Error::Weight`],
+/// [`Error::Number`].
 pub fn check_track<T: Real>(
     times: &[T],
     bearings: &[T],
@@ -100,6 +105,8 @@ pub fn check_track<T: Real>(
             wanted: least,
         });
     }
+    check_finite("times", times)?;
+    check_finite("bearings", bearings)?;
     for i in 1..times.len() {
         if !(times[i] > times[i - 1]) {
             return Err(Error::Times {
@@ -111,7 +118,10 @@ pub fn check_track<T: Real>(
     }
     if let Some(weights) = weights {
         check_length("weights", weights.len(), times.len())?;
-        if let Some(index) = weights.iter().position(|&w| !(w >= T::zero())) {
+        if let Some(index) = weights
+            .iter()
+            .position(|&w| !(w >= T::zero() && w.is_finite()))
+        {
             return Err(Error::Weight {
                 index,
                 given: weights[index].double(),
@@ -121,6 +131,9 @@ pub fn check_track<T: Real>(
     Ok(())
 }
 
+/// The name of the results below in errors.
+const SUM: &str = "determinant";
+
 /// The sum of D^2 (times `w_i w_j w_k w_l` if weighted) over i < j < k < l: the
 /// determinant of the Gram matrix sum w H^T H, without its rounding.
 ///
@@ -128,7 +141,8 @@ pub fn check_track<T: Real>(
 /// plain text of it; `batch::discriminant_sum` is the fast one.
 ///
 /// # Errors
-/// As [`check_track`], with four bearings at least.
+/// As [`check_track`], with four bearings at least; [`Error::Number`] also where the
+/// sum exceeds the numbers of this type.
 ///
 /// # Source
 /// Li & Sheng 2009, Lemma 1.
@@ -157,7 +171,7 @@ pub fn discriminant_sum<T: Real>(
             sum += weight(j) * weight(k) * inner;
         }
     }
-    Ok(sum)
+    Ok(finite_one(SUM, sum)?)
 }
 
 /// The same number from an orthogonal reduction of the rows, O(m): the product
@@ -167,7 +181,8 @@ pub fn discriminant_sum<T: Real>(
 /// nothing in exact arithmetic and keeps digits in this.
 ///
 /// # Errors
-/// As [`check_track`], with four bearings at least.
+/// As [`check_track`], with four bearings at least; [`Error::Number`] also where the
+/// sum exceeds the numbers of this type.
 pub fn discriminant_sum_qr<T: Real>(
     times: &[T],
     bearings: &[T],
@@ -185,14 +200,15 @@ pub fn discriminant_sum_qr<T: Real>(
         root.absorb(&[w * c, w * time * c, w * s, w * time * s]);
     }
     let d = root.root_determinant() * half * half;
-    Ok(d * d)
+    Ok(finite_one(SUM, d * d)?)
 }
 
 /// Sum of `w_i w_j sin^2(b_j - b_i)` over i < j: the determinant of the Gram
 /// matrix of a target that does not move, for which two bearings suffice.
 ///
 /// # Errors
-/// As [`check_track`], with two bearings at least.
+/// As [`check_track`], with two bearings at least; [`Error::Number`] also where the
+/// sum exceeds the numbers of this type.
 ///
 /// # Source
 /// Xu et al. 2009, eq. (14), with w = 1 / (sigma r)^2.
@@ -212,13 +228,14 @@ pub fn fixed_target_sum<T: Real>(
         }
         sum += weight(j) * inner;
     }
-    Ok(sum)
+    Ok(finite_one(SUM, sum)?)
 }
 
 /// The same number as [`fixed_target_sum`] from the rows [cos b, -sin b], O(m).
 ///
 /// # Errors
-/// As [`check_track`], with two bearings at least.
+/// As [`check_track`], with two bearings at least; [`Error::Number`] also where the
+/// sum exceeds the numbers of this type.
 pub fn fixed_target_sum_qr<T: Real>(
     times: &[T],
     bearings: &[T],
@@ -232,7 +249,7 @@ pub fn fixed_target_sum_qr<T: Real>(
         root.absorb(&[w * c, w * s]);
     }
     let d = root.root_determinant();
-    Ok(d * d)
+    Ok(finite_one(SUM, d * d)?)
 }
 
 /// The middle of a span of times and half its length.

@@ -23,6 +23,9 @@ pub use discriminant::{
 };
 pub use monitor::{Answer, Monitor};
 pub use motion::{azimuth_elevation_rows, motion, motion_row};
+pub(crate) use rows::moved;
+#[cfg(any(feature = "std", test))]
+pub(crate) use rows::sight;
 pub use rows::{bearing, position, push_rows, row};
 
 #[cfg(feature = "std")]
@@ -161,10 +164,7 @@ impl core::fmt::Display for Error {
                 array,
                 given,
                 wanted,
-            } => write!(
-                f,
-                "{array} has {given} entries: must have {wanted}, one for each time"
-            ),
+            } => write!(f, "{array} has {given} entries: must have {wanted}"),
             Self::Distance { index, given } => {
                 write!(f, "distance[{index}] = {given} m: must be > 0 and finite")
             }

@@ -32,7 +32,7 @@
 use super::Error;
 use crate::bound::crlb_std;
 use crate::chi_square;
-use crate::scalar::{NumberError, Real, hypot};
+use crate::scalar::{NumberError, Real, all_finite, hypot};
 use crate::spectrum::{Spectrum, decompose, default_rtol};
 use crate::square_root::SquareRootInformation;
 
@@ -133,21 +133,23 @@ pub struct Answer<T> {
     pub rank: usize,
     /// Determinant of the information (infinite or 0 where `T` cannot hold it).
     pub determinant: T,
-    /// Its logarithm.
+    /// Its logarithm; minus infinity where it is 0.
     pub log_determinant: T,
     /// Smallest singular value of the rows with unit columns, at the first time.
     pub singular_value: T,
     /// Bounds on x0, y0, vx, vy at the first time; infinite where there is none.
     /// In metres with ranges, as parts of the range without.
     pub crlb_std: [T; 4],
-    /// The statistic of the test, 0 below four bearings.
+    /// The statistic of the test; 0 below four bearings, and where the instants or
+    /// the ranges differ by more than the numbers of this type can tell.
     pub statistic: T,
-    /// Its degrees of freedom, m - 3 or somewhat less, 0 below four bearings.
+    /// Its degrees of freedom, m - 3 or somewhat less; 0 where there is no statistic.
     pub dof: T,
-    /// The probability of a statistic as large where the track is unobservable.
+    /// The probability of a statistic as large where the track is unobservable; 1
+    /// where there is no statistic.
     pub p_value: T,
     /// The relative motion (x, y, vx, vy) at the first time that fits best, at
-    /// unit range there.
+    /// unit range there; 0 where there is no statistic.
     pub relative_motion: [T; 4],
 }
 
@@ -176,7 +178,9 @@ impl<T: Real> Monitor<T> {
     /// # Errors
     /// [`Error::Times`], [`Error::Sigma`], [`Error::Number`], [`Error::Distance`]
     /// for one that is not positive, [`Error::Mixed`] for one that only some
-    /// bearings have. The bearing is not taken in then.
+    /// bearings have; [`Error::Number`] also where the information or the sums
+    /// exceed the numbers of this type, or 1 over the fourth power of the distance
+    /// falls below them. The bearing is not taken in then.
     pub fn push(
         &mut self,
         time: T,
@@ -186,6 +190,19 @@ impl<T: Real> Monitor<T> {
     ) -> Result<(), Error> {
         let index = self.count();
         self.check(index, time, bearing, sigma, distance)?;
+        let mut next = *self;
+        next.take_in(index, time, bearing, sigma, distance);
+        if !next.is_sound() {
+            return Err(NumberError::Overflow {
+                result: "information",
+            }
+            .into());
+        }
+        *self = next;
+        Ok(())
+    }
+
+    fn take_in(&mut self, index: u32, time: T, bearing: T, sigma: T, distance: Option<T>) {
         if index == 0 {
             (self.first, self.origin, self.turn) = (time, time, bearing);
             self.ranged = distance.is_some();
@@ -211,7 +228,21 @@ impl<T: Real> Monitor<T> {
             a *= t;
             b *= t;
         }
-        Ok(())
+    }
+
+    /// Whether every sum is finite, and the factor so small that it stays so at the
+    /// first time: what [`answer`](Self::answer) relies on.
+    fn is_sound(&self) -> bool {
+        let span = (self.last - self.first).max(T::one());
+        let limit = T::MAX / T::of(128.0) / span;
+        let most = T::MAX / T::of(4.0);
+        let held = |sums: &Sums<T>| {
+            let mut moments = sums.second.iter().chain(&sums.fourth);
+            let mut factor = sums.root.factor().as_flattened().iter();
+            factor.all(|x| x.abs() <= limit) && moments.all(|x| x.abs() <= most)
+        };
+        let squares = self.whole.fourth[0] + self.block.fourth[0];
+        held(&self.whole) && held(&self.block) && (T::one() / squares).is_finite()
     }
 
     /// How many bearings were taken in.
@@ -302,7 +333,12 @@ impl<T: Real> Monitor<T> {
             answer.determinant = square;
         }
         if count >= 4 {
-            self.test(&sums, &mut answer);
+            let mut tested = answer;
+            self.test(&sums, &mut tested);
+            let numbers = [tested.statistic, tested.dof, tested.p_value];
+            if all_finite(&numbers) && all_finite(&tested.relative_motion) {
+                return tested;
+            }
         }
         answer
     }

@@ -7,7 +7,7 @@
 //! and as many numbers more as there are.
 
 use super::Error;
-use crate::scalar::{Real, hypot};
+use crate::scalar::{NumberError, Real, all_finite, check_finite, finite, hypot};
 
 /// T^k / k!, what the k-th derivative adds to the place after `time`.
 fn power<T: Real>(time: T, k: usize) -> T {
@@ -16,7 +16,21 @@ fn power<T: Real>(time: T, k: usize) -> T {
 
 /// Where a target is after `time`: D coordinates of the `state`, D numbers for
 /// each order.
-pub fn motion<T: Real, const D: usize>(state: &[T], time: T) -> [T; D] {
+///
+/// # Errors
+/// [`Error::Length`] for a state that is not made of D numbers for each order,
+/// [`Error::Number`].
+///
+/// ```
+/// use gramian::bearings::motion;
+/// // At rest at first, with 2 m/s^2 to the east.
+/// let place = motion::<f64, 2>(&[5.0, 7.0, 0.0, 0.0, 2.0, 0.0], 3.0).unwrap();
+/// assert_eq!(place, [14.0, 7.0]);
+/// ```
+pub fn motion<T: Real, const D: usize>(state: &[T], time: T) -> Result<[T; D], Error> {
+    check_orders::<D>("state", state.len())?;
+    check_finite("state", state)?;
+    check_finite("time", &[time])?;
     let (orders, _) = state.as_chunks::<D>();
     let mut place = [T::zero(); D];
     for (k, derivative) in orders.iter().enumerate() {
@@ -25,18 +39,24 @@ pub fn motion<T: Real, const D: usize>(state: &[T], time: T) -> [T; D] {
             place[i] += factor * derivative[i];
         }
     }
-    place
+    Ok(finite("position", place)?)
+}
+
+/// Refuses a number of states that is not D for each order.
+fn check_orders<const D: usize>(array: &'static str, given: usize) -> Result<(), Error> {
+    let wanted = given.next_multiple_of(const { if D == 0 { 1 } else { D } });
+    super::check_length(array, given, wanted)
 }
 
 /// The whitened row of a bearing by the states of a target of any order, two for
 /// each, into `out`: [`row`](super::row) is order 1.
 ///
 /// # Errors
-/// As [`row`](super::row).
+/// As [`row`](super::row), and [`Error::Length`] for an odd number of states.
 pub fn motion_row<T: Real>(time: T, offset: [T; 2], sigma: T, out: &mut [T]) -> Result<(), Error> {
+    check_orders::<2>("out", out.len())?;
     let row = super::row(T::zero(), offset[0], offset[1], sigma)?;
-    spread(time, &[row[0], row[1]], out);
-    Ok(())
+    spread(time, &[row[0], row[1]], out)
 }
 
 /// The whitened rows of azimuth (clockwise from north) and elevation (up from
@@ -46,7 +66,8 @@ pub fn motion_row<T: Real>(time: T, offset: [T; 2], sigma: T, out: &mut [T]) -> 
 ///
 /// # Errors
 /// [`Error::Overhead`] where the target is straight above or below, so that no
-/// azimuth exists; otherwise as [`row`](super::row).
+/// azimuth exists; [`Error::Length`] for rows that do not have three numbers for
+/// each order; otherwise as [`row`](super::row).
 pub fn azimuth_elevation_rows<T: Real>(
     time: T,
     offset: [T; 3],
@@ -54,6 +75,9 @@ pub fn azimuth_elevation_rows<T: Real>(
     azimuth: &mut [T],
     elevation: &mut [T],
 ) -> Result<(), Error> {
+    check_orders::<3>("azimuth", azimuth.len())?;
+    check_orders::<3>("elevation", elevation.len())?;
+    check_finite("offset", &offset)?;
     let [east, north, up] = offset;
     let level = hypot(east, north);
     let range = hypot(level, up);
@@ -61,8 +85,8 @@ pub fn azimuth_elevation_rows<T: Real>(
         return Err(Error::Overhead { index: 0 });
     }
     let row = super::row(T::zero(), east, north, sigma[0])?;
-    spread(time, &[row[0], row[1], T::zero()], azimuth);
-    if !(sigma[1] > T::zero()) {
+    spread(time, &[row[0], row[1], T::zero()], azimuth)?;
+    if !(sigma[1] > T::zero() && sigma[1].is_finite()) {
         return Err(Error::Sigma {
             index: 0,
             given: sigma[1].double(),
@@ -75,21 +99,27 @@ pub fn azimuth_elevation_rows<T: Real>(
         -(north / level) * along,
         level / range * weight,
     ];
-    spread(time, &row, elevation);
-    Ok(())
+    spread(time, &row, elevation)
 }
 
 /// The row by the position at `time`, spread over the derivatives at the start.
-fn spread<T: Real, const D: usize>(time: T, row: &[T; D], out: &mut [T]) {
+fn spread<T: Real, const D: usize>(time: T, row: &[T; D], out: &mut [T]) -> Result<(), Error> {
+    check_finite("time", &[time])?;
     for (k, part) in out.chunks_exact_mut(D).enumerate() {
         let factor = power(time, k);
         for (out, &value) in part.iter_mut().zip(row) {
             *out = factor * value;
         }
     }
+    if all_finite(out) {
+        Ok(())
+    } else {
+        Err(NumberError::Overflow { result: "row" }.into())
+    }
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::{azimuth_elevation_rows, motion, motion_row};
     use crate::bearings::{Error, bearing, row};
@@ -107,9 +137,10 @@ mod tests {
         for order in 0..4 {
             let n = 2 * (order + 1);
             let state: [f64; 8] = core::array::from_fn(|i| STATE[3 * (i / 2) + i % 2]);
-            let angle = |state: &[f64]| bearing([0.0; 2], motion::<f64, 2>(state, time));
+            let angle =
+                |state: &[f64]| bearing([0.0; 2], motion::<f64, 2>(state, time).unwrap()).unwrap();
             let mut found = [0.0; 8];
-            let place = motion::<f64, 2>(&state[..n], time);
+            let place = motion::<f64, 2>(&state[..n], time).unwrap();
             assert_eq!(motion_row(time, place, 0.5, &mut found[..n]), Ok(()));
             for i in 0..n {
                 let (mut above, mut below) = (state, state);
@@ -128,11 +159,11 @@ mod tests {
         for order in 0..4 {
             let n = 3 * (order + 1);
             let angles = |state: &[f64]| {
-                let [x, y, z] = motion::<f64, 3>(state, time);
+                let [x, y, z] = motion::<f64, 3>(state, time).unwrap();
                 [x.atan2(y), z.atan2(hypot(x, y))]
             };
             let (mut azimuth, mut elevation) = ([0.0; 12], [0.0; 12]);
-            let place = motion::<f64, 3>(&STATE[..n], time);
+            let place = motion::<f64, 3>(&STATE[..n], time).unwrap();
             let rows = (&mut azimuth[..n], &mut elevation[..n]);
             let found = azimuth_elevation_rows(time, place, [0.5, 0.25], rows.0, rows.1);
             assert_eq!(found, Ok(()));

@@ -2,7 +2,7 @@
 
 use super::{Error, check_length};
 use crate::rows::RowSink;
-use crate::scalar::Real;
+use crate::scalar::{Real, check_finite, finite};
 
 /// One whitened row: the derivative of a bearing by (x0, y0, vx, vy), over sigma.
 ///
@@ -14,7 +14,8 @@ use crate::scalar::Real;
 ///
 /// # Errors
 /// [`Error::OnTarget`] where both offsets are zero; [`Error::Sigma`] for a
-/// standard deviation that is not positive.
+/// standard deviation that is not positive and finite; [`Error::Number`] for what
+/// is not finite, or a row that exceeds the numbers of this type.
 ///
 /// ```
 /// let row = gramian::bearings::row(10.0, 0.0, 1000.0, 0.01).unwrap();
@@ -24,11 +25,14 @@ use crate::scalar::Real;
 /// ```
 #[inline]
 pub fn row<T: Real>(time: T, east: T, north: T, sigma: T) -> Result<[T; 4], Error> {
+    for (name, value) in [("time", time), ("east", east), ("north", north)] {
+        check_finite(name, &[value])?;
+    }
     let range = crate::scalar::hypot(east, north);
     if !(range > T::zero()) {
         return Err(Error::OnTarget { index: 0 });
     }
-    if !(sigma > T::zero()) {
+    if !(sigma > T::zero() && sigma.is_finite()) {
         return Err(Error::Sigma {
             index: 0,
             given: sigma.double(),
@@ -36,7 +40,7 @@ pub fn row<T: Real>(time: T, east: T, north: T, sigma: T) -> Result<[T; 4], Erro
     }
     let weight = T::one() / (range * sigma);
     let (x, y) = (north / range * weight, -(east / range) * weight);
-    Ok([x, y, time * x, time * y])
+    Ok(finite("row", [x, y, time * x, time * y])?)
 }
 
 /// Pushes the rows of a whole track into `sink`.
@@ -60,6 +64,9 @@ pub fn push_rows<T: Real>(
         check_length("sigma", sigma.len(), times.len())?;
     }
     for i in 0..times.len() {
+        check_finite("times", &times[i..=i]).map_err(|error| error.at(i))?;
+        check_finite("observer", &observer[i]).map_err(|error| error.at(i))?;
+        check_finite("target", &target[i]).map_err(|error| error.at(i))?;
         let s = if sigma.len() == 1 { sigma[0] } else { sigma[i] };
         let row = row(
             times[i] - times[0],
@@ -73,14 +80,56 @@ pub fn push_rows<T: Real>(
     Ok(())
 }
 
-/// The bearing of `target` from `observer`, clockwise from north.
+/// The bearing of `target` from `observer`, clockwise from north, in (-pi, pi].
+///
+/// # Units
+/// m, rad.
+///
+/// # Errors
+/// [`Error::OnTarget`] where they are at the same place, [`Error::Number`].
+///
+/// ```
+/// let east = gramian::bearings::bearing([1.0, 2.0], [6.0_f64, 2.0]).unwrap();
+/// assert_eq!(east, core::f64::consts::FRAC_PI_2);
+/// ```
+pub fn bearing<T: Real>(observer: [T; 2], target: [T; 2]) -> Result<T, Error> {
+    check_finite("observer", &observer)?;
+    check_finite("target", &target)?;
+    let offset = [target[0] - observer[0], target[1] - observer[1]];
+    let [east, north] = finite("offset", offset)?;
+    if east == T::zero() && north == T::zero() {
+        return Err(Error::OnTarget { index: 0 });
+    }
+    Ok(east.atan2(north))
+}
+
+/// [`bearing`] without a check.
+#[cfg(any(feature = "std", test))]
 #[inline]
-pub fn bearing<T: Real>(observer: [T; 2], target: [T; 2]) -> T {
+pub(crate) fn sight<T: Real>(observer: [T; 2], target: [T; 2]) -> T {
     (target[0] - observer[0]).atan2(target[1] - observer[1])
 }
 
 /// The position after `time` of a target in `state` (x0, y0, vx, vy).
+///
+/// # Units
+/// m, m/s, s.
+///
+/// # Errors
+/// [`Error::Number`].
+///
+/// ```
+/// let place = gramian::bearings::position(&[100.0, 0.0, -2.0, 1.0], 30.0).unwrap();
+/// assert_eq!(place, [40.0_f64, 30.0]);
+/// ```
+pub fn position<T: Real>(state: &[T; 4], time: T) -> Result<[T; 2], Error> {
+    check_finite("state", state)?;
+    check_finite("time", &[time])?;
+    Ok(finite("position", moved(state, time))?)
+}
+
+/// [`position`] without a check.
 #[inline]
-pub fn position<T: Real>(state: &[T; 4], time: T) -> [T; 2] {
+pub(crate) fn moved<T: Real>(state: &[T; 4], time: T) -> [T; 2] {
     [state[0] + time * state[2], state[1] + time * state[3]]
 }

@@ -9,7 +9,7 @@
 
 use super::{Error, check_length, check_track};
 use crate::chi_square;
-use crate::scalar::Real;
+use crate::scalar::{Real, finite, finite_one};
 
 /// The answer of [`observability_test`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,7 +35,8 @@ pub struct Test<T> {
 ///
 /// # Errors
 /// [`Error::TooFew`] below four bearings, [`Error::Sigma`], and as
-/// [`check_track`].
+/// [`check_track`]; [`Error::Number`] also where the instants or the statistic
+/// exceed what this type can tell apart.
 ///
 /// ```
 /// let times = [0.0_f64, 20.0, 40.0, 60.0, 80.0, 100.0];
@@ -77,10 +78,10 @@ pub fn observability_test<T: Real>(
     let (_, sin, cos, _) = track.point(m / 2);
     let (motion, statistic, p_value) = fit(&gram, sin, cos, m - 3, &track);
     Ok(Test {
-        statistic,
+        statistic: finite_one("statistic", statistic)?,
         dof: m - 3,
-        p_value,
-        relative_motion: clock.at_first(&motion),
+        p_value: finite_one("p_value", p_value)?,
+        relative_motion: finite("relative_motion", clock.at_first(&motion))?,
     })
 }
 

@@ -1,7 +1,7 @@
 //! The Fisher information of a pass as 42 running sums.
 
 use super::{Error, dot};
-use crate::scalar::Real;
+use crate::scalar::{NumberError, Real, all_finite, check_finite, check_positive};
 
 /// Fisher information (9 x 9) of (r0, v, m), sample by sample: no allocation,
 /// 42 sums.
@@ -56,7 +56,9 @@ impl<T: Real> Accumulator<T> {
     /// 1 / sigma^2.
     ///
     /// # Errors
-    /// [`Error::OnSensor`].
+    /// [`Error::OnSensor`]; [`Error::Number`] for what is not finite, a weight that is
+    /// not positive, or sums that exceed the numbers of this type. The sample is not
+    /// added then.
     #[inline]
     pub fn push(
         &mut self,
@@ -65,6 +67,30 @@ impl<T: Real> Accumulator<T> {
         moment: &[T; 3],
         weight: T,
     ) -> Result<(), Error> {
+        check_finite("time", &[time])?;
+        check_finite("moment", moment)?;
+        check_positive("weight", weight)?;
+        let mut next = *self;
+        next.add(time, position, moment, weight)?;
+        *self = next.sound()?;
+        Ok(())
+    }
+
+    /// The sums if all are finite.
+    fn sound(self) -> Result<Self, NumberError> {
+        if all_finite(self.position.as_flattened())
+            && all_finite(self.cross.as_flattened())
+            && all_finite(&self.moment)
+        {
+            return Ok(self);
+        }
+        Err(NumberError::Overflow {
+            result: "information",
+        })
+    }
+
+    #[inline]
+    fn add(&mut self, time: T, position: &[T; 3], moment: &[T; 3], weight: T) -> Result<(), Error> {
         let (n, inverse) = super::direction(position)?;
         let m = moment;
         let (two, four, five) = (T::of(2.0), T::of(4.0), T::of(5.0));
@@ -101,18 +127,25 @@ impl<T: Real> Accumulator<T> {
     }
 
     /// Adds the information of independent samples.
-    pub fn merge(&mut self, other: &Self) {
+    ///
+    /// # Errors
+    /// [`Error::Number`] where the sums exceed the numbers of this type; nothing is
+    /// added then.
+    pub fn merge(&mut self, other: &Self) -> Result<(), Error> {
+        let mut sum = *self;
         let add = |a: &mut [T], b: &[T]| {
             for (x, &y) in a.iter_mut().zip(b) {
                 *x += y;
             }
         };
         add(
-            self.position.as_flattened_mut(),
+            sum.position.as_flattened_mut(),
             other.position.as_flattened(),
         );
-        add(self.cross.as_flattened_mut(), other.cross.as_flattened());
-        add(&mut self.moment, &other.moment);
+        add(sum.cross.as_flattened_mut(), other.cross.as_flattened());
+        add(&mut sum.moment, &other.moment);
+        *self = sum.sound()?;
+        Ok(())
     }
 
     /// The information on (r0, v, m).
@@ -171,10 +204,10 @@ mod tests {
         for sensor in &sensors {
             let mut one = Accumulator::new();
             for &t in &times {
-                let place = pass.seen_from(sensor, t);
+                let place = pass.offset(sensor, t);
                 one.push(t, &place, &pass.moment, 1e18).unwrap();
             }
-            sums.merge(&one);
+            sums.merge(&one).unwrap();
         }
         let (a, b) = (sums.matrix(), rows.matrix());
         for i in 0..9 {

@@ -24,7 +24,7 @@ pub mod localize;
 pub use accumulator::Accumulator;
 
 use crate::rows::RowSink;
-use crate::scalar::{NumberError, Real};
+use crate::scalar::{NumberError, Real, all_finite, check_finite, finite};
 
 /// The magnetic constant over 4 pi, in H/m: 1e-7 to nine digits (CODATA 2018
 /// gives 1.00000000055e-7).
@@ -37,7 +37,8 @@ pub const MU0_OVER_4PI: f64 = 1e-7;
 /// m, A m^2, T.
 ///
 /// # Errors
-/// [`Error::OnSensor`] where the dipole is on the sensor.
+/// [`Error::OnSensor`] where the dipole is on the sensor; [`Error::Number`] for what
+/// is not finite, or a distance or field that exceeds the numbers of this type.
 ///
 /// # Source
 /// Dai et al. 2020, eq. (2).
@@ -54,7 +55,12 @@ pub fn field<T: Real>(position: &[T; 3], moment: &[T; 3]) -> Result<[T; 3], Erro
     let three = T::of(3.0);
     let factor = T::of(MU0_OVER_4PI) * inverse * inverse * inverse;
     let along = three * dot(&n, moment);
-    Ok([0, 1, 2].map(|i| factor * (along * n[i] - moment[i])))
+    let field = [0, 1, 2].map(|i| factor * (along * n[i] - moment[i]));
+    if all_finite(&field) {
+        return Ok(field);
+    }
+    check_finite("moment", moment)?;
+    Err(NumberError::Overflow { result: "field" }.into())
 }
 
 /// The derivatives of the field, both symmetric.
@@ -71,7 +77,7 @@ pub struct Jacobian<T> {
 /// The derivatives of [`field`] by position and moment.
 ///
 /// # Errors
-/// [`Error::OnSensor`] where the dipole is on the sensor.
+/// As [`field`].
 ///
 /// # Source
 /// Dai et al. 2020, eqs. (20)-(21), times mu0 / 4 pi.
@@ -107,7 +113,11 @@ pub fn jacobian<T: Real>(position: &[T; 3], moment: &[T; 3]) -> Result<Jacobian<
             out.moment[j][i] = by_moment;
         }
     }
-    Ok(out)
+    if all_finite(out.position.as_flattened()) {
+        return Ok(out);
+    }
+    check_finite("moment", moment)?;
+    Err(NumberError::Overflow { result: "jacobian" }.into())
 }
 
 /// The moment in the sensor's frame of a body with a permanent moment and one
@@ -117,6 +127,9 @@ pub fn jacobian<T: Real>(position: &[T; 3], moment: &[T; 3]) -> Result<Jacobian<
 /// body's volume times its effective susceptibility, in m^3; `earth_field` is in
 /// tesla in the sensor's frame.
 ///
+/// # Errors
+/// [`Error::Number`].
+///
 /// # Source
 /// Dai et al. 2020, eqs. (3)-(4).
 #[doc(alias = "m_h")]
@@ -125,9 +138,15 @@ pub fn moment<T: Real>(
     attitude: &[[T; 3]; 3],
     induced_volume: T,
     earth_field: &[T; 3],
-) -> [T; 3] {
+) -> Result<[T; 3], Error> {
+    check_finite("permanent", permanent)?;
+    check_finite("attitude", attitude.as_flattened())?;
+    check_finite("induced_volume", &[induced_volume])?;
+    check_finite("earth_field", earth_field)?;
     let mu0 = T::of(4.0 * MU0_OVER_4PI) * T::pi();
-    [0, 1, 2].map(|i| dot(&attitude[i], permanent) + induced_volume / mu0 * earth_field[i])
+    let moment =
+        [0, 1, 2].map(|i| dot(&attitude[i], permanent) + induced_volume / mu0 * earth_field[i]);
+    Ok(finite("moment", moment)?)
 }
 
 /// A dipole that passes at constant velocity.
@@ -161,23 +180,41 @@ impl<T: Real> Pass<T> {
     }
 
     /// Where the dipole is after `time`, seen from `sensor`.
+    ///
+    /// # Errors
+    /// [`Error::Number`].
+    pub fn seen_from(&self, sensor: &[T; 3], time: T) -> Result<[T; 3], Error> {
+        check_finite("position", &self.position)?;
+        check_finite("velocity", &self.velocity)?;
+        check_finite("sensor", sensor)?;
+        check_finite("time", &[time])?;
+        Ok(finite("position", self.offset(sensor, time))?)
+    }
+
+    /// [`seen_from`](Self::seen_from) without a check.
     #[inline]
-    pub fn seen_from(&self, sensor: &[T; 3], time: T) -> [T; 3] {
+    pub(crate) fn offset(&self, sensor: &[T; 3], time: T) -> [T; 3] {
         [0, 1, 2].map(|i| self.position[i] + time * self.velocity[i] - sensor[i])
     }
 
     /// The pass of another size that one vector sensor at the origin cannot tell
     /// from this one: (u r0, u v, u^3 m). The fields agree for `u` > 0.
-    #[must_use]
-    pub fn scaled(&self, u: T) -> Self {
-        Self {
+    ///
+    /// # Errors
+    /// [`Error::Number`].
+    pub fn scaled(&self, u: T) -> Result<Self, Error> {
+        check_finite("u", &[u])?;
+        check_finite("pass", &self.state())?;
+        let scaled = Self {
             position: self.position.map(|x| u * x),
             velocity: self.velocity.map(|x| u * x),
-            moment: self.moment.map(|x| u * u * u * x),
-        }
+            moment: self.moment.map(|x| u * (u * (u * x))),
+        };
+        Ok(Self::of(&finite("pass", scaled.state())?))
     }
 
-    /// The mirror image (-r0, -v, m), whose field at the origin is the same.
+    /// The mirror image (-r0, -v, m), whose field at the origin is the same. Signs
+    /// change, nothing is computed.
     #[must_use]
     pub fn mirrored(&self) -> Self {
         Self {
@@ -212,7 +249,8 @@ impl<T: Copy> Sensing<T> {
 ///
 /// # Errors
 /// [`Error::OnSensor`] with the sample; [`Error::Length`] where `out` does not
-/// have a place for each number.
+/// have a place for each number; [`Error::Number`] for what is not finite, or a
+/// distance or field that exceeds the numbers of this type.
 pub fn measure<T: Real>(
     times: &[T],
     pass: &Pass<T>,
@@ -221,20 +259,40 @@ pub fn measure<T: Real>(
     out: &mut [T],
 ) -> Result<(), Error> {
     let channels = sensing.channels();
-    check_length("out", out.len(), times.len() * sensors.len() * channels)?;
+    let wanted = times.len().saturating_mul(sensors.len() * channels);
+    check_length("out", out.len(), wanted)?;
+    check_pass(times, pass, sensors, sensing)?;
     let mut places = out.chunks_exact_mut(channels);
     for (k, &time) in times.iter().enumerate() {
         for sensor in sensors {
-            let place = pass.seen_from(sensor, time - times[0]);
+            let place = pass.offset(sensor, time - times[0]);
             let h = field(&place, &pass.moment).map_err(|error| error.at(k))?;
             let Some(out) = places.next() else { break };
             match sensing {
                 Sensing::Vector => out.copy_from_slice(&h),
-                Sensing::TotalField(ambient) => out[0] = total(ambient, &h).0,
+                Sensing::TotalField(ambient) => out[0] = total(ambient, &h)?.0,
             }
         }
     }
     Ok(())
+}
+
+/// Refuses what is not finite.
+fn check_pass<T: Real>(
+    times: &[T],
+    pass: &Pass<T>,
+    sensors: &[[T; 3]],
+    sensing: &Sensing<T>,
+) -> Result<(), NumberError> {
+    check_finite("times", times)?;
+    check_finite("position", &pass.position)?;
+    check_finite("velocity", &pass.velocity)?;
+    check_finite("moment", &pass.moment)?;
+    check_finite("sensors", sensors.as_flattened())?;
+    match sensing {
+        Sensing::Vector => Ok(()),
+        Sensing::TotalField(ambient) => check_finite("ambient", ambient),
+    }
 }
 
 /// Pushes the whitened rows of a pass, in the order of [`measure`].
@@ -242,7 +300,8 @@ pub fn measure<T: Real>(
 /// `sigma` is one standard deviation in tesla for all samples, or one for each.
 ///
 /// # Errors
-/// [`Error::OnSensor`], [`Error::Sigma`] and [`Error::Length`].
+/// [`Error::OnSensor`], [`Error::Sigma`], [`Error::Length`]; [`Error::Number`] for
+/// what is not finite, or rows that exceed the numbers of this type.
 ///
 /// # Source
 /// Dai et al. 2020, eqs. (18)-(19).
@@ -267,6 +326,7 @@ pub fn push_rows<T: Real>(
     if sigma.len() != 1 {
         check_length("sigma", sigma.len(), times.len())?;
     }
+    check_pass(times, pass, sensors, sensing)?;
     for (k, &time) in times.iter().enumerate() {
         let s = sigma[if sigma.len() == 1 { 0 } else { k }];
         if !(s > T::zero() && s.is_finite()) {
@@ -277,7 +337,7 @@ pub fn push_rows<T: Real>(
         }
         let time = time - times[0];
         for sensor in sensors {
-            let place = pass.seen_from(sensor, time);
+            let place = pass.offset(sensor, time);
             let j = jacobian(&place, &pass.moment).map_err(|error| error.at(k))?;
             match sensing {
                 Sensing::Vector => {
@@ -287,7 +347,7 @@ pub fn push_rows<T: Real>(
                 }
                 Sensing::TotalField(ambient) => {
                     let h = field(&place, &pass.moment).map_err(|error| error.at(k))?;
-                    let (_, u) = total(ambient, &h);
+                    let (_, u) = total(ambient, &h)?;
                     let by_position = product(&j.position, &u);
                     sink.push(&row(&by_position, &product(&j.moment, &u), time, s))?;
                 }
@@ -299,14 +359,17 @@ pub fn push_rows<T: Real>(
 
 /// |ambient + h| and its direction. Where the sum vanishes the direction is that
 /// of nothing: no derivative exists there, and zero is its mean over all sides.
-fn total<T: Real>(ambient: &[T; 3], h: &[T; 3]) -> (T, [T; 3]) {
+fn total<T: Real>(ambient: &[T; 3], h: &[T; 3]) -> Result<(T, [T; 3]), NumberError> {
     let sum = [0, 1, 2].map(|i| ambient[i] + h[i]);
     let size = dot(&sum, &sum).sqrt();
-    if size > T::zero() {
+    if size == T::INFINITY {
+        return Err(NumberError::Overflow { result: "field" });
+    }
+    Ok(if size > T::zero() {
         (size, sum.map(|x| x / size))
     } else {
         (size, [T::zero(); 3])
-    }
+    })
 }
 
 #[inline]
@@ -320,10 +383,14 @@ fn row<T: Real>(by_position: &[T; 3], by_moment: &[T; 3], time: T, sigma: T) -> 
 #[inline]
 fn direction<T: Real>(position: &[T; 3]) -> Result<([T; 3], T), Error> {
     let inverse = T::one() / dot(position, position).sqrt();
+    if !(inverse > T::zero()) {
+        check_finite("position", position)?;
+        return Err(NumberError::Overflow { result: "distance" }.into());
+    }
     // The derivatives fall with the fourth power: so close that this overflows is
     // on the sensor.
     let fourth = inverse * inverse * inverse * inverse;
-    if !(fourth.is_finite() && inverse > T::zero()) {
+    if !fourth.is_finite() {
         return Err(Error::OnSensor { index: 0 });
     }
     Ok((position.map(|x| x * inverse), inverse))
@@ -354,7 +421,7 @@ fn check_length(array: &'static str, given: usize, wanted: usize) -> Result<(), 
 /// What can be wrong with the input of this module.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Error {
-    /// The dipole is on the sensor (or at no finite place): no field exists.
+    /// The dipole is on the sensor: no field exists.
     OnSensor {
         /// Which sample.
         index: usize,
@@ -405,7 +472,7 @@ impl core::fmt::Display for Error {
             Self::OnSensor { index } => write!(
                 f,
                 "sample {index}: the dipole is on the sensor, where its field is infinite; \
-                 the distance must be > 0 and finite"
+                 the distance must be > 0"
             ),
             Self::Sigma { index, given } => {
                 write!(f, "sigma[{index}] = {given} T: must be > 0 and finite")
@@ -470,7 +537,7 @@ mod tests {
             let pass = Pass { position: r, velocity: v, moment: m };
             let times: [f64; 21] = core::array::from_fn(|k| k as f64);
             prop_assume!(times.iter().all(|&t| {
-                let p = pass.seen_from(&[0.0; 3], t);
+                let p = pass.offset(&[0.0; 3], t);
                 dot(&p, &p) > 1e-4
             }));
             let mut rows = alloc::vec::Vec::<[f64; 9]>::new();
@@ -501,9 +568,9 @@ mod tests {
         };
         let here = fields(&pass);
         for (other, sign) in [
-            (pass.scaled(2.5), 1.0),
+            (pass.scaled(2.5).unwrap(), 1.0),
             (pass.mirrored(), 1.0),
-            (pass.scaled(-2.5), -1.0),
+            (pass.scaled(-2.5).unwrap(), -1.0),
         ] {
             for (a, b) in here.iter().zip(fields(&other)) {
                 assert!((a - sign * b).abs() < 1e-14 * here[31].abs().max(a.abs()));
@@ -565,7 +632,8 @@ mod tests {
             &turn,
             0.5,
             &[0.0, 0.0, 4e-7 * core::f64::consts::PI],
-        );
+        )
+        .unwrap();
         for (given, wanted) in m.iter().zip([0.0, 2.0, 1.5]) {
             assert!((given - wanted).abs() < 1e-12);
         }

@@ -6,7 +6,7 @@
 //! the row space of `O_k` = [C; CA; ..; CA^k]: it can be written by the output and
 //! its first k derivatives. Levels do not depend on the units of states, outputs
 //! or time, and neither do the decisions made here: the system is balanced first
-//! ([`scaling`]), by powers of two found from its nonzero pattern, so that the
+//! (the module `scaling`), by powers of two found from its nonzero pattern, so that the
 //! same system in other units is the same matrix. Powers of A are never formed.
 //!
 //! # Source
@@ -17,12 +17,13 @@
 pub mod analysis;
 #[cfg(feature = "alloc")]
 pub mod piecewise;
-pub mod scaling;
-pub mod staircase;
+pub(crate) mod scaling;
+pub(crate) mod staircase;
 #[cfg(feature = "alloc")]
 pub mod window;
-use crate::scalar::Real;
+use crate::scalar::{NumberError, Real, check_finite};
 use staircase::Staircase;
+pub use staircase::{Found, default_rtol};
 
 /// Ranks of `O_0`, `O_1`, .. of a system of fixed size, and the level of each state.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,19 +36,30 @@ pub struct SmallLevels<const N: usize> {
 
 /// Levels of a small system, without allocation.
 ///
+/// # Errors
+/// [`NumberError::NotFinite`] with the entry of A or C, row by row;
+/// [`NumberError::Overflow`] for a system whose entries, though finite, differ by so
+/// much that no units make their squares numbers.
+///
+/// # Source
+/// Yang & Yin 2012; see the [module](self).
+///
 /// ```
 /// use gramian::linear::levels;
 /// // Position is measured, velocity follows from its derivative, the third
 /// // state has no part in either.
 /// let a = [[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]];
-/// let found = levels(&a, &[[1.0, 0.0, 0.0]]);
+/// let found = levels(&a, &[[1.0, 0.0, 0.0]])?;
 /// assert_eq!(found.ranks, [1, 2, 2]);
 /// assert_eq!(found.states, [Some(0), Some(1), None]);
+/// # Ok::<(), gramian::scalar::NumberError>(())
 /// ```
 pub fn levels<T: Real, const N: usize, const P: usize>(
     a: &[[T; N]; N],
     c: &[[T; N]; P],
-) -> SmallLevels<N> {
+) -> Result<SmallLevels<N>, NumberError> {
+    check_finite("A", a.as_flattened())?;
+    check_finite("C", c.as_flattened())?;
     let (mut a, mut c) = (*a, *c);
     let zero = T::zero();
     let (mut basis, mut pattern) = ([[zero; N]; N], [[zero; N]; N]);
@@ -55,6 +67,12 @@ pub fn levels<T: Real, const N: usize, const P: usize>(
         ([[zero; N]; P], [[zero; N]; 5], [[zero; P]; 4]);
     let (mut states, mut outputs) = ([zero; N], [zero; P]);
     let mut ranks = [0; N];
+    if N == 0 {
+        return Ok(SmallLevels {
+            ranks,
+            states: [None; N],
+        });
+    }
     staircase::center(a.as_flattened_mut(), N, N, &mut states);
     let systems = scaling::Systems {
         a: a.as_flattened(),
@@ -75,6 +93,7 @@ pub fn levels<T: Real, const N: usize, const P: usize>(
         a.as_flattened_mut(),
         c.as_flattened_mut(),
     );
+    scaling::check(a.as_flattened(), c.as_flattened(), N)?;
     let [v, w, ..] = &mut state_work;
     let form = Staircase {
         n: N,
@@ -88,19 +107,20 @@ pub fn levels<T: Real, const N: usize, const P: usize>(
             pattern.as_flattened_mut()
         },
     };
-    let rtol = staircase::default_rtol(N);
+    let rtol = default_rtol(N);
     let touch = form.reduce(rtol, v, w, &mut ranks).touch(rtol);
     let mut levels = [None; N];
     staircase::state_levels(basis.as_flattened(), N, N, &ranks, touch, |i, k| {
         levels[i] = k;
     });
-    SmallLevels {
+    Ok(SmallLevels {
         ranks,
         states: levels,
-    }
+    })
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 
@@ -114,15 +134,17 @@ mod tests {
             [0.0, 0.0, 0.0, 0.0],
             [1.0, 0.0, 0.0, 0.0],
         ];
-        let found = levels(&a, &[[1e-6, 0.0, 0.0, 0.0], [1e6, 0.0, 0.0, 0.0]]);
+        let found = levels(&a, &[[1e-6, 0.0, 0.0, 0.0], [1e6, 0.0, 0.0, 0.0]]).unwrap();
         assert_eq!(found.ranks, [1, 2, 3, 3]);
         assert_eq!(found.states, [Some(0), Some(1), Some(2), None]);
     }
 
     #[test]
     fn more_outputs_than_states() {
-        let found = levels(&[[0.0]], &[[0.0], [3.0], [-1.0]]);
+        let found = levels(&[[0.0]], &[[0.0], [3.0], [-1.0]]).unwrap();
         assert_eq!((found.ranks, found.states), ([1], [Some(0)]));
-        assert_eq!(levels(&[[1.0]], &[[0.0]]).states, [None]);
+        assert!(levels(&[[f64::NAN]], &[[1.0]]).is_err());
+        assert!(levels(&[[1.7e308, 0.0], [0.0, -1.7e308]], &[[1.0, 1.0]]).is_err());
+        assert_eq!(levels(&[[1.0]], &[[0.0]]).unwrap().states, [None]);
     }
 }

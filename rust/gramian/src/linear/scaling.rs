@@ -11,7 +11,7 @@
 //! elimination, J. Inst. Maths Applics 10: least squares on the logarithms, by
 //! conjugate gradients.
 
-use crate::scalar::Real;
+use crate::scalar::{NumberError, Real};
 
 /// One or several systems that share their scales.
 #[derive(Clone, Copy, Debug)]
@@ -242,6 +242,17 @@ impl<T: Real> Balance<T> {
             }
         }
     }
+}
+
+/// Refuses balanced systems whose squares, or sums of n of them, are not numbers.
+pub(crate) fn check<T: Real>(a: &[T], c: &[T], n: usize) -> Result<(), NumberError> {
+    let limit = T::MAX.sqrt() / T::of(4.0 * n.max(1) as f64);
+    if a.iter().chain(c).all(|x| x.abs() <= limit) {
+        return Ok(());
+    }
+    Err(NumberError::Overflow {
+        result: "balanced system",
+    })
 }
 
 /// x^T y, in eight sums side by side.

@@ -108,6 +108,7 @@ impl<T: Real> Staircase<'_, T> {
             .chunks_exact(stride)
             .fold(zero, |size, row| size.max(dot(row, row)));
         let size = largest_row.sqrt();
+        let per_size = if size > zero { T::one() / size } else { zero };
         let mut found = Found {
             weakest: T::one(),
             rejected: zero,
@@ -135,7 +136,7 @@ impl<T: Real> Staircase<'_, T> {
                     let direction = &basis[(first + k) * stride..(first + k + 1) * stride];
                     w.fill(zero);
                     for (&x, line) in direction.iter().zip(a.chunks_exact(stride)) {
-                        add(w, x / size, line);
+                        add(w, x * per_size, line);
                     }
                     row.fill(zero);
                     for j in start..n {

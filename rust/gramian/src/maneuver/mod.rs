@@ -12,7 +12,7 @@
 pub mod plan;
 pub mod steer;
 
-use crate::scalar::{NumberError, Real, hypot, wrapped};
+use crate::scalar::{NumberError, Real, check_finite, finite, hypot, wrapped};
 use crate::square_root::SquareRootInformation;
 
 /// A closed-form law of heading.
@@ -115,7 +115,7 @@ impl Side {
 /// rad, m.
 ///
 /// # Errors
-/// As [`Law::turn`].
+/// As [`Law::turn`]; [`Error::Number`] for a bearing that is not finite.
 ///
 /// # Source
 /// Xu et al. 2009, eqs. (12) and (22); see [`Law`].
@@ -128,13 +128,14 @@ impl Side {
 /// ```
 #[inline]
 pub fn heading<T: Real>(bearing: T, range: T, step: T, law: Law, side: Side) -> Result<T, Error> {
+    check_finite("bearing", &[bearing])?;
     let (cos, sin) = law.turn(range, step)?;
     Ok(wrapped(bearing + side.sign::<T>() * sin.atan2(cos)))
 }
 
 /// The range after a leg at `cos` of the angle off the line of sight.
 #[inline]
-pub fn next_range<T: Real>(range: T, step: T, cos: T) -> T {
+pub(crate) fn next_range<T: Real>(range: T, step: T, cos: T) -> T {
     // (range - step)^2 and what is left, so that nothing cancels near zero.
     let near = range - step;
     let rest = T::of(2.0) * range * step * (T::one() - cos);
@@ -182,11 +183,15 @@ impl<T: Real> Steering<T> {
     ///
     /// # Errors
     /// [`Error::OnTarget`] where there is no line of sight, [`Error::Inside`] for
-    /// a position inside the stand-off range, otherwise as [`Law::turn`].
+    /// a position inside the stand-off range, [`Error::Number`] for what is not
+    /// finite or a stand-off range below zero; otherwise as [`Law::turn`].
     ///
     /// # Source
     /// Xu et al. 2009, eqs. (15) and (16) for [`Law::MaxDet`].
     pub fn leg(&self, position: [T; 2], target: [T; 2]) -> Result<Option<Leg<T>>, Error> {
+        check_finite("position", &position)?;
+        check_finite("target", &target)?;
+        check_standoff(self.standoff)?;
         let (east, north) = (target[0] - position[0], target[1] - position[1]);
         let range = hypot(east, north);
         if !(range > T::zero()) {
@@ -213,12 +218,13 @@ impl<T: Real> Steering<T> {
         let sin = self.side.sign::<T>() * sin;
         // The line of sight, turned clockwise.
         let direction = [u * cos + v * sin, v * cos - u * sin];
+        let end = [
+            position[0] + self.step * direction[0],
+            position[1] + self.step * direction[1],
+        ];
         Ok(Some(Leg {
-            direction,
-            end: [
-                position[0] + self.step * direction[0],
-                position[1] + self.step * direction[1],
-            ],
+            direction: finite("direction", direction)?,
+            end: finite("end", end)?,
         }))
     }
 }
@@ -237,12 +243,14 @@ fn turn_to<T: Real>(range: T, step: T, to: T) -> (T, T) {
 /// [`SquareRootInformation<T, 2>`] it is the running information of a path.
 ///
 /// # Errors
-/// [`Error::OnTarget`], [`Error::Sigma`].
+/// [`Error::OnTarget`], [`Error::Sigma`], [`Error::Number`].
 ///
 /// # Source
 /// Xu et al. 2009, eq. (9).
 #[inline]
 pub fn row<T: Real>(east: T, north: T, sigma: T) -> Result<[T; 2], Error> {
+    check_finite("east", &[east])?;
+    check_finite("north", &[north])?;
     let range = hypot(east, north);
     if !(range > T::zero()) {
         return Err(Error::OnTarget { index: 0 });
@@ -254,7 +262,8 @@ pub fn row<T: Real>(east: T, north: T, sigma: T) -> Result<[T; 2], Error> {
         });
     }
     let weight = T::one() / (range * sigma);
-    Ok([north / range * weight, -(east / range) * weight])
+    let row = [north / range * weight, -(east / range) * weight];
+    Ok(finite("row", row)?)
 }
 
 /// One choice among several headings.
@@ -264,7 +273,8 @@ pub struct Choice<T> {
     pub index: usize,
     /// The heading, rad.
     pub heading: T,
-    /// The determinant of the information after that leg.
+    /// The determinant of the information after that leg; infinite or 0 where it
+    /// exceeds the numbers of this type, though the choice holds.
     pub determinant: T,
 }
 
@@ -276,7 +286,8 @@ pub struct Choice<T> {
 /// included; without any the first two bearings are compared, as the laws do.
 ///
 /// # Errors
-/// As [`row`], and [`Error::Step`].
+/// As [`row`], and [`Error::Step`]; [`Error::Number`] also for a stand-off range
+/// below zero, or where the information exceeds the numbers of this type.
 ///
 /// ```
 /// use gramian::{maneuver, square_root::SquareRootInformation};
@@ -302,6 +313,10 @@ pub fn best_heading<T: Real>(
             given: step.double(),
         });
     }
+    check_finite("position", &position)?;
+    check_finite("target", &target)?;
+    check_finite("headings", headings)?;
+    check_standoff(standoff)?;
     let mut start = *information;
     if start.count() == 0 {
         start.absorb(&row(
@@ -310,7 +325,7 @@ pub fn best_heading<T: Real>(
             sigma,
         )?);
     }
-    let mut best: Option<Choice<T>> = None;
+    let mut best: Option<(T, Choice<T>)> = None;
     for (index, &heading) in headings.iter().enumerate() {
         let (sin, cos) = heading.sin_cos();
         let east = target[0] - position[0] - step * sin;
@@ -321,16 +336,29 @@ pub fn best_heading<T: Real>(
         }
         let mut root = start;
         root.absorb(&row(east, north, sigma)?);
-        let determinant = root.determinant();
-        if best.is_none_or(|best| determinant > best.determinant) {
-            best = Some(Choice {
+        // The root exceeds the numbers of this type last.
+        let size = root.sound()?.root_determinant();
+        if best.is_none_or(|(largest, _)| size > largest) {
+            let choice = Choice {
                 index,
                 heading,
-                determinant,
-            });
+                determinant: size * size,
+            };
+            best = Some((size, choice));
         }
     }
-    Ok(best)
+    Ok(best.map(|(_, choice)| choice))
+}
+
+fn check_standoff<T: Real>(standoff: T) -> Result<(), NumberError> {
+    if standoff >= T::zero() && standoff.is_finite() {
+        return Ok(());
+    }
+    Err(NumberError::OutOfRange {
+        name: "standoff",
+        given: standoff.double(),
+        allowed: ">= 0 and finite",
+    })
 }
 
 #[inline]

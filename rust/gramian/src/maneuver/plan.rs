@@ -11,7 +11,7 @@
 //! family: D (log det), A (trace of the bound), E (smallest eigenvalue).
 
 use crate::bearings;
-use crate::scalar::{NumberError, Real};
+use crate::scalar::{NumberError, Real, all_finite, check_finite, check_positive};
 use crate::spectrum::{Spectrum, decompose};
 use crate::square_root::SquareRootInformation;
 
@@ -70,16 +70,21 @@ pub struct Target<'a, T, const N: usize> {
 /// Where the path does not determine all states the value says so: log det is
 /// negative infinity, the eigenvalue zero, a bound infinite.
 ///
+/// The work grows with the number of steps.
+///
 /// # Errors
-/// [`Error`] where a sample is on the target, or the arrays do not match.
+/// [`Error::OnTarget`] where a sample is on the target, [`Error::Length`] where the
+/// arrays do not match, [`Error::Sigma`], and [`Error::Number`] for what is not
+/// finite, a scale or sharpness that is not positive, and a value that exceeds the
+/// numbers of this type.
 pub fn value<T: Real, const N: usize>(
     legs: &Legs<'_, T>,
     target: &Target<'_, T, N>,
     criterion: &Criterion<T, N>,
 ) -> Result<T, Error> {
-    legs.check()?;
+    check(legs, target, criterion)?;
     let (root, _) = accumulate(legs, target, |_, _| {})?;
-    Ok(differentiate(&root, &target.scale, criterion).0)
+    number(differentiate(&root, &target.scale, criterion).0)
 }
 
 /// The value after each sample: `out` has one entry more than there are steps.
@@ -92,17 +97,21 @@ pub fn along<T: Real, const N: usize>(
     criterion: &Criterion<T, N>,
     out: &mut [T],
 ) -> Result<(), Error> {
-    legs.check()?;
-    if out.len() != legs.steps() + 1 {
+    check(legs, target, criterion)?;
+    let wanted = legs.steps().saturating_add(1);
+    if out.len() != wanted {
         return Err(Error::Length {
             array: "out",
             given: out.len(),
-            wanted: legs.steps() + 1,
+            wanted,
         });
     }
     accumulate(legs, target, |sample, root| {
         out[sample] = differentiate(root, &target.scale, criterion).0;
     })?;
+    for &value in &*out {
+        number(value)?;
+    }
     Ok(())
 }
 
@@ -120,7 +129,8 @@ pub fn gradient<T: Real, const N: usize>(
     by_heading: &mut [T],
     by_length: &mut [T],
 ) -> Result<T, Error> {
-    legs.check()?;
+    check(legs, target, criterion)?;
+    check_finite("weight", &[weight])?;
     for (array, given) in [
         ("by_heading", by_heading.len()),
         ("by_length", by_length.len()),
@@ -135,7 +145,7 @@ pub fn gradient<T: Real, const N: usize>(
     }
     let (root, end) = accumulate(legs, target, |_, _| {})?;
     let (value, by_information) = differentiate(&root, &target.scale, criterion);
-    if !value.is_finite() {
+    if !number(value)?.is_finite() {
         return Ok(value);
     }
     // Backwards along the path: what moves with a step is every sample after it,
@@ -156,13 +166,60 @@ pub fn gradient<T: Real, const N: usize>(
             sample -= 1;
         }
     }
-    Ok(value)
+    if all_finite(by_heading) && all_finite(by_length) {
+        Ok(value)
+    } else {
+        Err(NumberError::Overflow { result: "gradient" }.into())
+    }
+}
+
+/// Hands on a value that is a number: infinity says that there is no bound.
+fn number<T: Real>(value: T) -> Result<T, Error> {
+    if value == value {
+        Ok(value)
+    } else {
+        Err(NumberError::Overflow { result: "value" }.into())
+    }
+}
+
+/// Checks all but sigma, which each row does.
+fn check<T: Real, const N: usize>(
+    legs: &Legs<'_, T>,
+    target: &Target<'_, T, N>,
+    criterion: &Criterion<T, N>,
+) -> Result<(), Error> {
+    const {
+        assert!(
+            N == 2 || N == 4,
+            "the states are (x, y) or (x0, y0, vx, vy)"
+        );
+    }
+    legs.check()?;
+    check_finite("state", &target.state)?;
+    for scale in target.scale {
+        check_positive("scale", scale)?;
+    }
+    match criterion {
+        Criterion::Combination(combination) => check_finite("combination", combination)?,
+        Criterion::SmallestEigenvalue { sharpness } if !(*sharpness > T::zero()) => {
+            return Err(NumberError::OutOfRange {
+                name: "sharpness",
+                given: sharpness.double(),
+                allowed: "> 0",
+            }
+            .into());
+        }
+        _ => {}
+    }
+    Ok(())
 }
 
 impl<T: Real> Legs<'_, T> {
     /// Number of steps of all legs.
     pub fn steps(&self) -> usize {
-        self.counts.iter().sum()
+        self.counts
+            .iter()
+            .fold(0, |sum, &count| sum.saturating_add(count))
     }
 
     fn check(&self) -> Result<(), Error> {
@@ -179,6 +236,10 @@ impl<T: Real> Legs<'_, T> {
                 });
             }
         }
+        check_finite("start", &self.start)?;
+        check_finite("dt", &[self.dt])?;
+        check_finite("headings", self.headings)?;
+        check_finite("lengths", self.lengths)?;
         Ok(())
     }
 }
@@ -195,11 +256,12 @@ fn row<T: Real, const N: usize>(
     target: &Target<'_, T, N>,
 ) -> Result<[T; N], Error> {
     let time = time_of(sample, dt);
-    let [x, y] = bearings::position(&target.state, time);
+    let [x, y] = bearings::moved(&target.state, time);
     let row =
         bearings::row(time, x - at[0], y - at[1], target.sigma).map_err(|error| {
             match error.at(sample) {
                 bearings::Error::Sigma { given, .. } => Error::Sigma { given },
+                bearings::Error::Number(error) => Error::Number(error),
                 _ => Error::OnTarget { sample },
             }
         })?;
@@ -230,7 +292,7 @@ fn accumulate<T: Real, const N: usize>(
             each(sample, &root);
         }
     }
-    Ok((root, at))
+    Ok((root.sound()?, at))
 }
 
 /// The criterion and its derivative G by the information on the scaled states:
@@ -349,7 +411,7 @@ fn by_position<T: Real, const N: usize>(
         return [T::zero(); 2];
     };
     let time = time_of(sample, dt);
-    let [x, y] = bearings::position(&target.state, time);
+    let [x, y] = bearings::moved(&target.state, time);
     let (x, y) = (x - at[0], y - at[1]);
     let squared = x * x + y * y;
     // 2 G h, folded to the two position entries of the unscaled row.

@@ -1,11 +1,12 @@
 //! Headings that keep a path clear of circles and within its rate of turn.
 
+use super::check_standoff;
 use crate::bearings;
-use crate::scalar::{Real, hypot, wrapped};
+use crate::scalar::{NumberError, Real, check_finite, hypot, wrapped};
 
 /// A disc that must not be entered.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Circle<T> {
+pub(crate) struct Circle<T> {
     /// Its centre (east, north).
     pub center: [T; 2],
     /// Its radius.
@@ -16,7 +17,7 @@ pub struct Circle<T> {
 
 /// The part of a step that must stay outside a circle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Part {
+pub(crate) enum Part {
     /// Its end, where the next bearing is taken.
     End,
     /// All of it.
@@ -37,6 +38,13 @@ pub struct Limits<'a, T> {
 }
 
 impl<T: Real> Limits<'_, T> {
+    fn check(&self) -> Result<(), NumberError> {
+        check_standoff(self.standoff)?;
+        check_finite("targets", self.targets.as_flattened())?;
+        check_finite("keep_out", self.keep_out.as_flattened())?;
+        not_below_zero("max_turn", self.max_turn, true)
+    }
+
     /// Number of circles.
     fn len(&self) -> usize {
         self.targets.len() + self.keep_out.len()
@@ -46,7 +54,7 @@ impl<T: Real> Limits<'_, T> {
     fn circle(&self, index: usize, time: T) -> Circle<T> {
         if index < self.targets.len() {
             Circle {
-                center: bearings::position(&self.targets[index], time),
+                center: bearings::moved(&self.targets[index], time),
                 radius: self.standoff,
                 part: Part::End,
             }
@@ -61,9 +69,35 @@ impl<T: Real> Limits<'_, T> {
     }
 }
 
+fn not_below_zero<T: Real>(name: &'static str, value: T, endless: bool) -> Result<(), NumberError> {
+    if value >= T::zero() && (endless || value.is_finite()) {
+        return Ok(());
+    }
+    Err(NumberError::OutOfRange {
+        name,
+        given: value.double(),
+        allowed: if endless { ">= 0" } else { ">= 0 and finite" },
+    })
+}
+
 /// The heading that leads straight away from the circle whose edge is nearest:
 /// what is left where no heading keeps the limits. `None` without circles.
-pub fn escape<T: Real>(at: [T; 2], time: T, limits: &Limits<'_, T>) -> Option<T> {
+///
+/// # Errors
+/// [`NumberError`] for what is not finite, or limits below zero.
+pub fn escape<T: Real>(
+    at: [T; 2],
+    time: T,
+    limits: &Limits<'_, T>,
+) -> Result<Option<T>, NumberError> {
+    check_finite("at", &at)?;
+    check_finite("time", &[time])?;
+    limits.check()?;
+    Ok(way_out(at, time, limits))
+}
+
+/// [`escape`] without a check.
+pub(crate) fn way_out<T: Real>(at: [T; 2], time: T, limits: &Limits<'_, T>) -> Option<T> {
     let mut nearest: Option<(T, T)> = None;
     for i in 0..limits.len() {
         let circle = limits.circle(i, time);
@@ -78,7 +112,7 @@ pub fn escape<T: Real>(at: [T; 2], time: T, limits: &Limits<'_, T>) -> Option<T>
 
 /// The middle and half the width of the headings that a circle forbids to a
 /// step of `length` from `at`; the half width is zero where it forbids none.
-pub fn forbidden<T: Real>(at: [T; 2], length: T, circle: &Circle<T>) -> (T, T) {
+pub(crate) fn forbidden<T: Real>(at: [T; 2], length: T, circle: &Circle<T>) -> (T, T) {
     let (x, y) = (circle.center[0] - at[0], circle.center[1] - at[1]);
     let distance = hypot(x, y);
     let middle = x.atan2(y);
@@ -109,7 +143,55 @@ pub fn forbidden<T: Real>(at: [T; 2], length: T, circle: &Circle<T>) -> (T, T) {
 /// heading keeps the limits.
 ///
 /// Ties go clockwise.
+///
+/// # Units
+/// m, s, rad; headings clockwise from north. The result is `wanted` or the next
+/// that is allowed, not wrapped.
+///
+/// # Errors
+/// [`NumberError`] for what is not finite, limits or a length below zero, and circles
+/// whose distance exceeds the numbers of this type.
+///
+/// ```
+/// use gramian::maneuver::steer::{Limits, steer};
+/// let limits = Limits {
+///     standoff: 0.0,
+///     targets: &[],
+///     keep_out: &[[0.0, 10.0, 2.0]],
+///     max_turn: f64::INFINITY,
+/// };
+/// // Straight on there is a disc: turned aside, clockwise.
+/// let heading = steer([0.0, 0.0], 1.0, 20.0, 0.0, None, &limits).unwrap();
+/// assert!((heading.unwrap() - 0.2_f64.asin()).abs() < 1e-12);
+/// ```
 pub fn steer<T: Real>(
+    at: [T; 2],
+    time: T,
+    length: T,
+    wanted: T,
+    before: Option<T>,
+    limits: &Limits<'_, T>,
+) -> Result<Option<T>, NumberError> {
+    check_finite("at", &at)?;
+    for (name, value) in [("time", time), ("wanted", wanted)] {
+        check_finite(name, &[value])?;
+    }
+    check_finite("before", before.as_slice())?;
+    not_below_zero("length", length, false)?;
+    limits.check()?;
+    for i in 0..limits.len() {
+        let (middle, half) = forbidden(at, length, &limits.circle(i, time));
+        if !(middle.is_finite() && half.is_finite()) {
+            return Err(NumberError::Overflow {
+                result: "distance of a circle",
+            });
+        }
+    }
+    Ok(aside(at, time, length, wanted, before, limits))
+}
+
+/// [`steer`] without a check.
+pub(crate) fn aside<T: Real>(
     at: [T; 2],
     time: T,
     length: T,
@@ -155,8 +237,9 @@ pub fn steer<T: Real>(
 }
 
 /// Where an observer is when it asks for its next heading.
+#[cfg(any(feature = "std", test))]
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Place<T> {
+pub(crate) struct Place<T> {
     /// The step that comes.
     pub step: usize,
     /// Where it is.
@@ -170,7 +253,8 @@ pub struct Place<T> {
 /// Writes the headings of a path that goes as `wanted` asks, turned aside where
 /// a limit wants it. Returns how many steps broke a limit because no heading
 /// kept all: 0 for a path that keeps them.
-pub fn follow<T: Real>(
+#[cfg(any(feature = "std", test))]
+pub(crate) fn follow<T: Real>(
     start: [T; 2],
     dt: T,
     lengths: &[T],
@@ -192,12 +276,12 @@ pub fn follow<T: Real>(
         place.time = T::of(step as f64) * dt;
         let ends = T::of((step + 1) as f64) * dt;
         let asked = wanted(&place);
-        let found = steer(place.at, ends, length, asked, before, limits);
+        let found = aside(place.at, ends, length, asked, before, limits);
         if found.is_none() {
             broken += 1;
         }
         let chosen = found.unwrap_or_else(|| {
-            let away = escape(place.at, ends, limits).unwrap_or(asked);
+            let away = way_out(place.at, ends, limits).unwrap_or(asked);
             within_turn(away, before, limits.max_turn)
         });
         place.deflected = chosen != asked;
@@ -210,7 +294,8 @@ pub fn follow<T: Real>(
 }
 
 /// The heading nearest to `wanted` that a turn from `before` reaches.
-pub fn within_turn<T: Real>(wanted: T, before: Option<T>, max_turn: T) -> T {
+#[cfg(any(feature = "std", test))]
+pub(crate) fn within_turn<T: Real>(wanted: T, before: Option<T>, max_turn: T) -> T {
     match before {
         Some(before) => before + wrapped(wanted - before).clamp(-max_turn, max_turn),
         None => wanted,
@@ -220,8 +305,9 @@ pub fn within_turn<T: Real>(wanted: T, before: Option<T>, max_turn: T) -> T {
 /// A family of first guesses: straight on a heading that is `offset` to one side
 /// of the bearing to a point, along the edge of what turns it aside from there
 /// on, and after `turn_back` steps the same to the other side.
+#[cfg(any(feature = "std", test))]
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Arc<T> {
+pub(crate) struct Arc<T> {
     /// Angle between the bearing and the heading, >= 0.
     pub offset: T,
     /// +1 with the target on the left, -1 on the right.
@@ -230,15 +316,16 @@ pub struct Arc<T> {
     pub turn_back: usize,
 }
 
+#[cfg(any(feature = "std", test))]
 impl<T: Real> Arc<T> {
     /// What the guess wants next: a function for [`follow`]. The point is at
     /// `aim` (x0, y0, vx, vy) and moves.
-    pub fn wanted(self, aim: [T; 4]) -> impl FnMut(&Place<T>) -> T {
+    pub(crate) fn wanted(self, aim: [T; 4]) -> impl FnMut(&Place<T>) -> T {
         let mut heading = None;
         let mut along = false;
         move |place| {
-            let point = bearings::position(&aim, place.time);
-            let bearing = bearings::bearing(place.at, point);
+            let point = bearings::moved(&aim, place.time);
+            let bearing = bearings::sight(place.at, point);
             let back = place.step >= self.turn_back;
             let side = if back { -self.side } else { self.side };
             if place.step == self.turn_back {
@@ -314,10 +401,12 @@ mod tests {
             keep_out: &[[0.0, 10.0, 2.0]],
             max_turn: f64::INFINITY,
         };
-        let heading = steer([0.0; 2], 1.0, 20.0, 0.0, None, &limits).unwrap();
+        let heading = steer([0.0; 2], 1.0, 20.0, 0.0, None, &limits)
+            .unwrap()
+            .unwrap();
         assert!((heading.abs() - 0.2_f64.asin()).abs() < 1e-12);
         // A step that ends short of it may point at it.
-        assert_eq!(steer([0.0; 2], 1.0, 7.9, 0.0, None, &limits), Some(0.0));
+        assert_eq!(steer([0.0; 2], 1.0, 7.9, 0.0, None, &limits), Ok(Some(0.0)));
     }
 
     #[test]
@@ -328,7 +417,10 @@ mod tests {
             keep_out: &[[0.0, 10.0, 5.0]],
             max_turn: 0.1,
         };
-        assert_eq!(steer([0.0; 2], 1.0, 20.0, 0.0, Some(0.0), &limits), None);
+        assert_eq!(
+            steer([0.0; 2], 1.0, 20.0, 0.0, Some(0.0), &limits),
+            Ok(None)
+        );
         let mut headings = [0.0; 2];
         let broken = follow(
             [0.0; 2],

@@ -1,8 +1,8 @@
 //! The running degree of observability of two sensors' biases.
 
-use super::Error;
 use super::pair::Plane;
-use crate::scalar::Real;
+use super::{Error, Layout};
+use crate::scalar::{Real, check_finite};
 use crate::square_root::SquareRootInformation;
 
 /// eta = 2 det((1/K) sum of projectors)^(1/4), look by look, without allocation.
@@ -13,7 +13,8 @@ use crate::square_root::SquareRootInformation;
 ///
 /// ```
 /// use gramian::registration::degree::Running;
-/// let mut running = Running::new([0.0, 0.0], [60e3, 0.0], [50.0, 1.7e-3], [50.0, 1.7e-3]);
+/// let sigma = [50.0, 1.7e-3];
+/// let mut running = Running::new([0.0, 0.0], [60e3, 0.0], sigma, sigma).unwrap();
 /// running.push([20e3, 30e3]).unwrap();
 /// assert_eq!(running.eta(), 0.0);
 /// running.push([45e3, 25e3]).unwrap();
@@ -30,20 +31,29 @@ pub struct Running<T> {
 impl<T: Real> Running<T> {
     /// Sensors at `a` and `b` (east, north), with their deviations of range and
     /// azimuth.
-    pub fn new(a: [T; 2], b: [T; 2], sigma_a: [T; 2], sigma_b: [T; 2]) -> Self {
-        Self {
-            sensors: [a, b],
-            sigma: [sigma_a, sigma_b],
+    ///
+    /// # Units
+    /// m, m and rad.
+    ///
+    /// # Errors
+    /// As [`Layout::check`].
+    pub fn new(a: [T; 2], b: [T; 2], sigma_a: [T; 2], sigma_b: [T; 2]) -> Result<Self, Error> {
+        let (sensors, sigma) = ([a, b], [sigma_a, sigma_b]);
+        Layout::PAIR.check(sensors.as_flattened(), sigma.as_flattened())?;
+        Ok(Self {
+            sensors,
+            sigma,
             root: SquareRootInformation::new(),
             looks: 0,
-        }
+        })
     }
 
     /// Takes in one look at a target at `position`.
     ///
     /// # Errors
-    /// [`Error::OnSensor`], with the number of the look.
+    /// As [`Plane::new`], with the number of the look. It is not taken in then.
     pub fn push(&mut self, position: [T; 2]) -> Result<(), Error> {
+        check_finite("position", &position).map_err(|error| error.at(self.looks as usize))?;
         let offset = |s: usize| {
             [
                 position[0] - self.sensors[s][0],

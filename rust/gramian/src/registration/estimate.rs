@@ -22,7 +22,7 @@
 use alloc::vec;
 use alloc::vec::Vec;
 
-use super::look::{linearise, place, reduce, width};
+use super::look::{reduce, unchecked_linearise, unchecked_place, width};
 use super::{Error, Layout, MOST};
 use crate::scalar::Real;
 use crate::spectrum::{decompose, default_rtol, rank, unit_columns};
@@ -301,7 +301,7 @@ impl<T: Real> Estimator<T> {
             let p = &mut self.positions[k * d..(k + 1) * d];
             p.fill(T::zero());
             for s in 0..m {
-                place(
+                unchecked_place(
                     &layout,
                     &question.sensors[s * d..(s + 1) * d],
                     &self.biases[s * per..(s + 1) * per],
@@ -541,7 +541,7 @@ impl<T: Real> Estimator<T> {
             let bias = &self.biases[s * per..(s + 1) * per];
             let mut at = [T::zero(); 3];
             let report = &reports[(k * m + s) * d..(k * m + s + 1) * d];
-            place(
+            unchecked_place(
                 &layout,
                 &question.sensors[own.clone()],
                 bias,
@@ -549,8 +549,8 @@ impl<T: Real> Estimator<T> {
                 &mut at,
             );
             let (sensor, sigma) = (&question.sensors[own.clone()], &question.sigma[own]);
-            let linear =
-                linearise(&layout, sensor, sigma, bias, &at[..d]).map_err(|error| error.at(k))?;
+            let linear = unchecked_linearise(&layout, sensor, sigma, bias, &at[..d])
+                .map_err(|error| error.at(k))?;
             let inverse = inverse(&linear.position, d);
             let mut apart = [T::zero(); 3];
             for i in 0..d {
@@ -919,11 +919,13 @@ pub fn report<T: Real>(
             let sensor = &sensors[s * d..(s + 1) * d];
             let bias = &biases[s * per..(s + 1) * per];
             let linear =
-                linearise(layout, sensor, &unit, bias, p).map_err(|error| match error {
-                    Error::OnSensor { .. } => Error::OnSensor { look: k, sensor: s },
-                    Error::Overhead { .. } => Error::Overhead { look: k, sensor: s },
-                    other => other,
-                })?;
+                unchecked_linearise(layout, sensor, &unit, bias, p).map_err(
+                    |error| match error {
+                        Error::OnSensor { .. } => Error::OnSensor { look: k, sensor: s },
+                        Error::Overhead { .. } => Error::Overhead { look: k, sensor: s },
+                        other => other,
+                    },
+                )?;
             out[(k * m + s) * d..(k * m + s + 1) * d].copy_from_slice(&linear.measured[..d]);
         }
     }

@@ -1,7 +1,9 @@
 //! One look of any number of sensors, in the plane or in space.
 
-use super::{Dimension, Error, Layout, MOST, pair};
-use crate::scalar::{Real, hypot, wrapped};
+#[cfg(any(feature = "alloc", test))]
+use super::pair;
+use super::{Dimension, Error, Layout, MOST, check_length};
+use crate::scalar::{NumberError, Real, all_finite, check_finite, hypot, wrapped};
 use crate::square_root::reflect;
 
 /// What one sensor measures of a target, and how that depends on the target's
@@ -20,9 +22,49 @@ pub struct Linear<T> {
 /// biases `bias` (see the order in [`super`]).
 ///
 /// # Errors
-/// [`Error::OnSensor`] and [`Error::Overhead`], with look and sensor 0.
-#[inline]
+/// [`Error::OnSensor`] and [`Error::Overhead`], with look and sensor 0;
+/// [`Error::Length`], [`Error::Sigma`]; [`Error::Number`] for what is not finite, or
+/// derivatives that exceed the numbers of this type.
 pub fn linearise<T: Real>(
+    layout: &Layout,
+    sensor: &[T],
+    sigma: &[T],
+    bias: &[T],
+    target: &[T],
+) -> Result<Linear<T>, Error> {
+    let d = layout.size();
+    check_length("sensor", sensor.len(), d)?;
+    check_length("sigma", sigma.len(), d)?;
+    check_length("bias", bias.len(), layout.per_sensor())?;
+    check_length("target", target.len(), d)?;
+    check_finite("sensor", sensor)?;
+    check_finite("bias", bias)?;
+    check_finite("target", target)?;
+    if let Some(quantity) = sigma
+        .iter()
+        .position(|&s| !(s > T::zero() && s.is_finite()))
+    {
+        return Err(Error::Sigma {
+            sensor: 0,
+            quantity,
+            given: sigma[quantity].double(),
+        });
+    }
+    let out = unchecked_linearise(layout, sensor, sigma, bias, target)?;
+    if all_finite(&out.measured)
+        && all_finite(out.position.as_flattened())
+        && all_finite(out.bias.as_flattened())
+    {
+        return Ok(out);
+    }
+    Err(NumberError::Overflow {
+        result: "derivatives",
+    }
+    .into())
+}
+
+#[inline]
+pub(crate) fn unchecked_linearise<T: Real>(
     layout: &Layout,
     sensor: &[T],
     sigma: &[T],
@@ -132,8 +174,41 @@ fn about_north<T: Real>(v: [T; 3], [sin, cos]: [T; 2]) -> [T; 3] {
     [cos * v[0] + sin * v[2], v[1], cos * v[2] - sin * v[0]]
 }
 
-/// Where a report of one sensor puts the target, given that sensor's biases.
-pub fn place<T: Real>(layout: &Layout, sensor: &[T], bias: &[T], report: &[T], out: &mut [T]) {
+/// Where a report of one sensor puts the target, given that sensor's biases: d
+/// numbers each for `sensor`, `report` and `out`.
+///
+/// # Errors
+/// [`Error::Length`]; [`Error::Number`] for what is not finite, or a place that
+/// exceeds the numbers of this type (a gain of -1).
+pub fn place<T: Real>(
+    layout: &Layout,
+    sensor: &[T],
+    bias: &[T],
+    report: &[T],
+    out: &mut [T],
+) -> Result<(), Error> {
+    let d = layout.size();
+    check_length("sensor", sensor.len(), d)?;
+    check_length("bias", bias.len(), layout.per_sensor())?;
+    check_length("report", report.len(), d)?;
+    check_length("out", out.len(), d)?;
+    check_finite("sensor", sensor)?;
+    check_finite("bias", bias)?;
+    check_finite("report", report)?;
+    unchecked_place(layout, sensor, bias, report, out);
+    if all_finite(out) {
+        return Ok(());
+    }
+    Err(NumberError::Overflow { result: "place" }.into())
+}
+
+pub(crate) fn unchecked_place<T: Real>(
+    layout: &Layout,
+    sensor: &[T],
+    bias: &[T],
+    report: &[T],
+    out: &mut [T],
+) {
     let (d, o) = (layout.size(), T::zero());
     let space = layout.dimension == Dimension::Space;
     let mut next = d;
@@ -173,7 +248,7 @@ pub fn place<T: Real>(layout: &Layout, sensor: &[T], bias: &[T], report: &[T], o
 }
 
 /// Width of a line of [`fill`]: position, biases, residual.
-pub const fn width(layout: &Layout) -> usize {
+pub(crate) const fn width(layout: &Layout) -> usize {
     layout.size() + layout.states() + 1
 }
 
@@ -183,7 +258,7 @@ pub const fn width(layout: &Layout) -> usize {
 ///
 /// # Errors
 /// [`Error::OnSensor`] and [`Error::Overhead`], with look 0.
-pub fn fill<T: Real>(
+pub(crate) fn fill<T: Real>(
     layout: &Layout,
     sensors: &[T],
     sigma: &[T],
@@ -195,7 +270,7 @@ pub fn fill<T: Real>(
     let (d, per, c) = (layout.size(), layout.per_sensor(), width(layout));
     for s in 0..layout.sensors {
         let own = s * d..(s + 1) * d;
-        let linear = linearise(
+        let linear = unchecked_linearise(
             layout,
             &sensors[own.clone()],
             &sigma[own.clone()],
@@ -225,7 +300,7 @@ pub fn fill<T: Real>(
 /// Eliminates the target's position from the lines of a look: the first d lines
 /// then give the position from the biases, the others are free of it. `work`
 /// has room for one line.
-pub fn eliminate<T: Real>(layout: &Layout, lines: &mut [T], work: &mut [T]) {
+pub(crate) fn eliminate<T: Real>(layout: &Layout, lines: &mut [T], work: &mut [T]) {
     let c = width(layout);
     // Each sensor alone gives a position, so these columns have full rank.
     for k in 0..layout.size() {
@@ -239,7 +314,8 @@ pub fn eliminate<T: Real>(layout: &Layout, lines: &mut [T], work: &mut [T]) {
 /// # Errors
 /// [`Error::OnSensor`] and [`Error::Overhead`], with look 0.
 #[allow(clippy::too_many_arguments)]
-pub fn reduce<T: Real>(
+#[cfg(any(feature = "alloc", test))]
+pub(crate) fn reduce<T: Real>(
     layout: &Layout,
     sensors: &[T],
     sigma: &[T],
@@ -264,12 +340,60 @@ pub fn reduce<T: Real>(
     Ok(cost)
 }
 
-/// The rows of one look on the biases alone: [`Layout::rows`] lines of
-/// [`Layout::states`] numbers. `work` has room for all lines and one more.
+/// How many numbers of scratch space [`rows`] needs: N d + 1 lines of position,
+/// biases and residual.
+///
+/// ```
+/// use gramian::registration::{Layout, look};
+/// assert_eq!(look::scratch(&Layout::PAIR), 35);
+/// ```
+pub const fn scratch(layout: &Layout) -> usize {
+    let lines = layout.sensors.saturating_mul(layout.size());
+    lines.saturating_add(1).saturating_mul(width(layout))
+}
+
+/// The rows of one look on the biases alone, without allocation: [`Layout::rows`]
+/// lines of [`Layout::states`] numbers. `work` has [`scratch`] numbers.
 ///
 /// # Errors
-/// [`Error::OnSensor`] and [`Error::Overhead`], with look 0.
+/// As [`Layout::check`]; [`Error::OnSensor`] and [`Error::Overhead`], with look 0;
+/// [`Error::Length`]; [`Error::Number`] for what is not finite, or rows that exceed
+/// the numbers of this type.
+///
+/// ```
+/// use gramian::registration::{Layout, look};
+/// let (sensors, sigma) = ([0.0, 0.0, 60e3, 0.0], [50.0, 2e-3, 50.0, 2e-3]);
+/// let (mut work, mut rows) = ([0.0; 35], [0.0; 8]);
+/// let target = [20e3, 30e3_f64];
+/// look::rows(&Layout::PAIR, &sensors, &sigma, &[0.0; 4], &target, &mut work, &mut rows)?;
+/// # Ok::<(), gramian::registration::Error>(())
+/// ```
 pub fn rows<T: Real>(
+    layout: &Layout,
+    sensors: &[T],
+    sigma: &[T],
+    biases: &[T],
+    target: &[T],
+    work: &mut [T],
+    out: &mut [T],
+) -> Result<(), Error> {
+    layout.check(sensors, sigma)?;
+    let wanted = layout.rows().saturating_mul(layout.states());
+    check_length("biases", biases.len(), layout.states())?;
+    check_length("target", target.len(), layout.size())?;
+    check_length("work", work.len(), scratch(layout))?;
+    check_length("out", out.len(), wanted)?;
+    check_finite("biases", biases)?;
+    check_finite("target", target)?;
+    unchecked_rows(layout, sensors, sigma, biases, target, work, out)?;
+    if all_finite(out) {
+        return Ok(());
+    }
+    Err(NumberError::Overflow { result: "rows" }.into())
+}
+
+/// [`rows`] where only the target's place can be wrong.
+pub(crate) fn unchecked_rows<T: Real>(
     layout: &Layout,
     sensors: &[T],
     sigma: &[T],
@@ -420,7 +544,14 @@ mod tests {
                 }
             }
             let mut back = [0.0; 3];
-            place(&layout, &sensor, &bias, &here.measured, &mut back);
+            place(
+                &layout,
+                &sensor[..d],
+                &bias[..per],
+                &here.measured[..d],
+                &mut back[..d],
+            )
+            .unwrap();
             for i in 0..d {
                 assert!((back[i] - target[i]).abs() < 1e-9);
             }

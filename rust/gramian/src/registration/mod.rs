@@ -25,7 +25,7 @@ pub mod estimate;
 pub mod look;
 pub mod pair;
 
-use crate::scalar::{NumberError, Real};
+use crate::scalar::{NumberError, Real, check_finite};
 
 /// The most biases that one sensor can have.
 pub const MOST: usize = 10;
@@ -98,17 +98,17 @@ impl Layout {
     /// Number of biases of all sensors.
     #[inline]
     pub const fn states(&self) -> usize {
-        self.sensors * self.per_sensor()
+        self.sensors.saturating_mul(self.per_sensor())
     }
 
     /// Number of rows that one look leaves on the biases.
     #[inline]
     pub const fn rows(&self) -> usize {
-        (self.sensors - 1) * self.size()
+        self.sensors.saturating_sub(1).saturating_mul(self.size())
     }
 
-    /// Checks what all looks share: at least two sensors, none on another, and
-    /// deviations above zero.
+    /// Checks what all looks share: at least two sensors at finite places, none on
+    /// another, and deviations above zero.
     ///
     /// # Errors
     /// The first thing that is wrong.
@@ -120,14 +120,9 @@ impl Layout {
             });
         }
         for (name, given) in [("sensors", sensors.len()), ("sigma", sigma.len())] {
-            if given != self.sensors * d {
-                return Err(Error::Length {
-                    array: name,
-                    given,
-                    wanted: self.sensors * d,
-                });
-            }
+            check_length(name, given, self.sensors.saturating_mul(d))?;
         }
+        check_finite("sensors", sensors)?;
         for second in 0..self.sensors {
             for first in 0..second {
                 if sensors[first * d..(first + 1) * d] == sensors[second * d..(second + 1) * d] {
@@ -145,6 +140,18 @@ impl Layout {
             }
         }
         Ok(())
+    }
+}
+
+fn check_length(array: &'static str, given: usize, wanted: usize) -> Result<(), Error> {
+    if given == wanted {
+        Ok(())
+    } else {
+        Err(Error::Length {
+            array,
+            given,
+            wanted,
+        })
     }
 }
 

@@ -10,7 +10,9 @@
 //! of them, without an inverse.
 
 use super::Error;
-use crate::scalar::{Real, hypot, wrapped};
+#[cfg(any(feature = "alloc", test))]
+use crate::scalar::wrapped;
+use crate::scalar::{NumberError, Real, check_finite, finite_one, hypot};
 
 /// What one look of two sensors says: a plane of the four whitened biases.
 ///
@@ -35,14 +37,22 @@ impl<T: Real> Plane<T> {
     /// from sensor B. The deviations are of range (m) and azimuth (rad).
     ///
     /// # Errors
-    /// [`Error::OnSensor`] where an offset is zero.
+    /// [`Error::OnSensor`] where an offset is zero; [`Error::Sigma`];
+    /// [`Error::Number`] for an offset that is not finite, or a product of offsets and
+    /// deviations that exceeds the numbers of this type.
     #[inline]
     pub fn new(a: [T; 2], b: [T; 2], sigma_a: &[T; 2], sigma_b: &[T; 2]) -> Result<Self, Error> {
         let (ra, rb) = (hypot(a[0], a[1]), hypot(b[0], b[1]));
         for (sensor, range) in [ra, rb].into_iter().enumerate() {
             if !(range > T::zero()) {
+                check_finite("offset", &[a, b][sensor])?;
                 return Err(Error::OnSensor { look: 0, sensor });
             }
+        }
+        let zero = T::zero();
+        let positive = sigma_a[0] > zero && sigma_a[1] > zero;
+        if !(positive && sigma_b[0] > zero && sigma_b[1] > zero) {
+            return Err(wrong_sigma([sigma_a, sigma_b]));
         }
         let ua = [a[0] / ra, a[1] / ra];
         let ub = [b[0] / rb, b[1] / rb];
@@ -64,7 +74,13 @@ impl<T: Real> Plane<T> {
             sum + m * m
         });
         let size = largest * sum.sqrt();
-        Ok(Self { minors, size })
+        // A minor that is NaN or infinite is in the sum, or is the ratio.
+        if size.is_finite() {
+            return Ok(Self { minors, size });
+        }
+        check_finite("offset", &a)?;
+        check_finite("offset", &b)?;
+        Err(wrong_sigma([sigma_a, sigma_b]))
     }
 
     /// The antisymmetric matrix of minors over its size: a quarter turn within
@@ -111,7 +127,16 @@ impl<T: Real> Plane<T> {
 
     /// `det [H_1; H_2] Sigma^(1/2)`: with unit deviations, the determinant of the
     /// paper. Zero where two looks leave a combination of biases free.
-    pub fn determinant(&self, other: &Self) -> T {
+    ///
+    /// # Errors
+    /// [`Error::Number`] where it exceeds the numbers of this type.
+    pub fn determinant(&self, other: &Self) -> Result<T, Error> {
+        Ok(finite_one("determinant", self.product(other))?)
+    }
+
+    /// [`determinant`](Self::determinant) without a check.
+    #[inline]
+    pub(crate) fn product(&self, other: &Self) -> T {
         let [a, b, c, d, e, f] = self.minors;
         let o = other.minors;
         (a * o[5] + f * o[0]) - (b * o[4] + e * o[1]) + (c * o[3] + d * o[2])
@@ -120,11 +145,38 @@ impl<T: Real> Plane<T> {
     /// The product of the sines of the angles between the two planes, in [0, 1]:
     /// how far the second look has turned from the first.
     pub fn pair_degree(&self, other: &Self) -> T {
-        (self.determinant(other) / self.size / other.size).abs()
+        let degree = (self.product(other) / self.size / other.size).abs();
+        if degree.is_finite() {
+            return degree;
+        }
+        // The product exceeds the numbers, the ratio does not.
+        let unit = |plane: &Self| Self {
+            minors: plane.minors.map(|m| m / plane.size),
+            size: T::one(),
+        };
+        unit(self).product(&unit(other)).abs()
     }
 }
 
+/// The first deviation that is not positive and finite.
+#[cold]
+fn wrong_sigma<T: Real>(sigma: [&[T; 2]; 2]) -> Error {
+    for (sensor, sigma) in sigma.into_iter().enumerate() {
+        for (quantity, &value) in sigma.iter().enumerate() {
+            if !(value > T::zero() && value.is_finite()) {
+                return Error::Sigma {
+                    sensor,
+                    quantity,
+                    given: value.double(),
+                };
+            }
+        }
+    }
+    NumberError::Overflow { result: "plane" }.into()
+}
+
 /// What [`reduce`](super::look::reduce) does, for two sensors in the plane.
+#[cfg(any(feature = "alloc", test))]
 pub(crate) fn reduce<T: Real>(
     sensors: &[T],
     sigma: &[T],
@@ -226,7 +278,10 @@ mod tests {
         let ((a1, b1, g1), (a2, b2, g2)) = (polar(one), polar(two));
         let expected = (a1 * b2 + a2 * b1) * (1.0 - g1.cos() * g2.cos())
             - (a1 * b1 + a2 * b2) * g1.sin() * g2.sin();
-        let det = at(one.0, one.1).determinant(&at(two.0, two.1)).abs();
+        let det = at(one.0, one.1)
+            .determinant(&at(two.0, two.1))
+            .unwrap()
+            .abs();
         assert!((det - 335_105_061.623_85).abs() < 1e-5, "{det}");
         assert!((det - expected.abs()).abs() < 1e-6 * det);
     }
