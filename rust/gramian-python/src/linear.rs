@@ -4,8 +4,7 @@ use gramian::batch::{self, Span, simd::Path};
 use gramian::linear::analysis::Analysis;
 use gramian::linear::piecewise;
 use gramian::linear::window;
-use gramian::spectrum;
-use gramian::square_root::triangularize;
+use gramian::observability::singular_values;
 use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 
@@ -175,15 +174,9 @@ fn right_singular<'py>(
     rows.expect_entries()?;
     let (count, n) = (rows.core_shape()[0], rows.core_shape()[1]);
     rows.expect(&[Some(count), Some(n)], "one row for each measurement")?;
-    let mut a = rows.slice()?.to_vec();
-    a.resize(count.max(n) * n, 0.0);
-    let (values, vectors) = run::detached(py, |_| {
-        let (mut s, mut v) = (vec![0.0; n], vec![0.0; n * n]);
-        let mut work = vec![0.0; n * n];
-        triangularize(&mut a, n, &mut work[..n]);
-        spectrum::decompose(&a, n, &vec![1.0; n], &mut s, &mut v, &mut work);
-        (s, v)
-    })?;
+    let rows = rows.slice()?;
+    let (values, vectors) = run::detached(py, |_| singular_values(rows, n))?
+        .map_err(|error| errors::input_at("", error))?;
     Ok((
         PyArray1::from_vec(py, values),
         PyArray1::from_vec(py, vectors).reshape([n, n])?,
@@ -267,7 +260,8 @@ impl LinearAnalysis {
                 "A and C have leading axes: must be one system",
             ));
         }
-        let inner = run::detached(py, |_| Analysis::new(a, c, n, rtol))?;
+        let inner = run::detached(py, |_| Analysis::new(a, c, n, rtol))?
+            .map_err(|error| errors::input_at("", error))?;
         Ok(Self { inner, n })
     }
 
@@ -297,12 +291,16 @@ impl LinearAnalysis {
         tolerance: Option<f64>,
     ) -> PyResult<Option<usize>> {
         let combination = self.combination(combination)?;
-        Ok(self.inner.level_of(combination.slice()?, tolerance))
+        self.inner
+            .level_of(combination.slice()?, tolerance)
+            .map_err(|error| errors::input_at("", error))
     }
 
     fn residuals(&self, combination: &Bound<'_, PyAny>) -> PyResult<Vec<f64>> {
         let combination = self.combination(combination)?;
-        Ok(self.inner.residuals(combination.slice()?))
+        self.inner
+            .residuals(combination.slice()?)
+            .map_err(|error| errors::input_at("", error))
     }
 
     fn null_space<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {

@@ -1,14 +1,12 @@
 //! `gram`, `crlb_std`, and the analysis of one problem.
 
 use gramian::batch::{self, simd::Path};
-use gramian::observability::Observability;
-use gramian::spectrum::default_rtol;
-use gramian::square_root::eliminate;
+use gramian::observability::{Observability, marginal_rows as marginal};
 use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 
 use crate::convert::{Batch, Input};
-use crate::errors::InputError;
+use crate::errors::{InputError, input_at};
 use crate::run;
 
 #[pyfunction]
@@ -110,17 +108,10 @@ fn marginal_rows<'py>(
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let rows = Input::new(rows, "rows", 2)?;
     rows.expect(&[None, None], "one row for each measurement")?;
-    let (count, n) = (rows.core_shape()[0], rows.core_shape()[1]);
-    let mut a = rows.slice()?.to_vec();
-    let rtol = rtol.unwrap_or_else(|| default_rtol(count, n));
-    let left = run::detached(py, |_| {
-        let mut work = vec![0.0; n + eliminated];
-        let rank = eliminate(&mut a, n, eliminated, rtol, &mut work);
-        a.chunks_exact(n)
-            .skip(rank)
-            .map(|row| row[eliminated..].to_vec())
-            .collect::<Vec<_>>()
-    })?;
+    let n = rows.core_shape()[1];
+    let data = rows.slice()?;
+    let left = run::detached(py, |_| marginal(data, n, eliminated, rtol))?
+        .map_err(|error| input_at("", error))?;
     if left.is_empty() {
         return Ok(PyArray2::zeros(py, [0, n - eliminated], false));
     }
@@ -146,9 +137,9 @@ impl Analysis {
         }
         let n = rows.core_shape()[1];
         let data = rows.slice()?;
-        Ok(Self(run::detached(py, |_| {
-            Observability::new(data, n, rtol)
-        })?))
+        let found = run::detached(py, |_| Observability::new(data, n, rtol))?
+            .map_err(|error| input_at("", error))?;
+        Ok(Self(found))
     }
 
     #[getter]
@@ -177,14 +168,15 @@ impl Analysis {
         scale: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let scale = self.vector(scale, "scale")?;
-        Ok(PyArray1::from_vec(
-            py,
-            self.0.singular_values_scaled(&scale),
-        ))
+        let values = self
+            .0
+            .singular_values_scaled(&scale)
+            .map_err(|error| input_at("", error))?;
+        Ok(PyArray1::from_vec(py, values))
     }
 
     fn null_space<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let basis = self.0.null_space();
+        let basis = self.0.null_space().map_err(|error| input_at("", error))?;
         let n = self.0.states();
         let columns: Vec<Vec<f64>> = (0..n)
             .map(|i| basis.iter().map(|vector| vector[i]).collect())
@@ -192,8 +184,12 @@ impl Analysis {
         Ok(PyArray2::from_vec2(py, &columns)?)
     }
 
-    fn weakest_direction<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_vec(py, self.0.weakest_direction())
+    fn weakest_direction<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let direction = self
+            .0
+            .weakest_direction()
+            .map_err(|error| input_at("", error))?;
+        Ok(PyArray1::from_vec(py, direction))
     }
 
     fn crlb_std<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
@@ -210,7 +206,9 @@ impl Analysis {
 
     fn combination_std(&self, combination: &Bound<'_, PyAny>) -> PyResult<f64> {
         let combination = self.vector(combination, "combination")?;
-        Ok(self.0.combination_std(&combination))
+        self.0
+            .combination_std(&combination)
+            .map_err(|error| input_at("", error))
     }
 
     fn knowing<'py>(
@@ -220,7 +218,10 @@ impl Analysis {
         sigma: f64,
     ) -> PyResult<(usize, Bound<'py, PyArray1<f64>>)> {
         let combination = self.vector(combination, "combination")?;
-        let (rank, std) = self.0.knowing(&combination, sigma);
+        let (rank, std) = self
+            .0
+            .knowing(&combination, sigma)
+            .map_err(|error| input_at("", error))?;
         Ok((rank, PyArray1::from_vec(py, std)))
     }
 }

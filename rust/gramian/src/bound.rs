@@ -6,7 +6,7 @@ use crate::spectrum::{Spectrum, touch_tolerance};
 /// Standard deviation of each state at the Cramer-Rao bound, from the scaled
 /// spectrum (see [`decompose`](crate::spectrum::decompose)); infinite for every
 /// state that an unobservable combination touches.
-pub fn standard_deviations<T: Real>(
+pub(crate) fn standard_deviations<T: Real>(
     s: &[T],
     v: &[T],
     scale: &[T],
@@ -28,7 +28,13 @@ pub fn standard_deviations<T: Real>(
 
 /// The Cramer-Rao bound on the covariance, n x n; `false` where the rank is short,
 /// since no such matrix exists then, or an entry is not finite.
-pub fn covariance<T: Real>(s: &[T], v: &[T], scale: &[T], rank: usize, out: &mut [T]) -> bool {
+pub(crate) fn covariance<T: Real>(
+    s: &[T],
+    v: &[T],
+    scale: &[T],
+    rank: usize,
+    out: &mut [T],
+) -> bool {
     let n = s.len();
     if rank < n {
         return false;

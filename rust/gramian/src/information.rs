@@ -87,7 +87,7 @@ impl<T: Real, const N: usize> Information<T, N> {
     /// # Errors
     /// [`Error::Index`] as above; [`Error::Singular`] when the other states are
     /// not determined even with these known. (Eliminate on the rows then:
-    /// [`eliminate`](crate::square_root::eliminate).) [`Error::Number`] where a
+    /// `observability::marginal_rows`.) [`Error::Number`] where a
     /// product on the way exceeds the numbers of this type.
     pub fn marginalize_others<const M: usize>(
         &self,

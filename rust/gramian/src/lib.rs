@@ -68,7 +68,7 @@ pub mod bound;
 pub mod chi_square;
 pub mod dipole;
 pub mod information;
-pub mod lane;
+mod lane;
 pub mod linear;
 pub mod maneuver;
 pub mod posterior;

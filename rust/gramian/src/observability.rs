@@ -8,9 +8,9 @@ use alloc::vec;
 use alloc::vec::Vec;
 
 use crate::bound;
-use crate::scalar::Real;
+use crate::scalar::{NumberError, Real, all_finite, check_finite};
 use crate::spectrum;
-use crate::square_root::triangularize;
+use crate::square_root::{eliminate, triangularize};
 
 /// Rank, spectrum, null space and bounds of rows (K, n).
 #[derive(Clone, Debug)]
@@ -28,7 +28,29 @@ impl<T: Real> Observability<T> {
     /// Analyses `rows` of length `n`, row-major. `rtol` is the relative rank
     /// tolerance on the scaled singular values; by default
     /// [`default_rtol`](spectrum::default_rtol).
-    pub fn new(rows: &[T], n: usize, rtol: Option<T>) -> Self {
+    ///
+    /// # Errors
+    /// [`Error::Length`] for rows that are not of length `n` >= 1, [`Error::Number`]
+    /// for what is not finite, a tolerance that is not in [0, 1), or information that
+    /// exceeds the numbers of this type.
+    pub fn new(rows: &[T], n: usize, rtol: Option<T>) -> Result<Self, Error> {
+        check_rows(rows, n)?;
+        if let Some(rtol) = rtol {
+            spectrum::check_rtol(rtol)?;
+        }
+        let reduced = Self::reduced(rows, n, rtol);
+        // As for `SquareRootInformation`: no column's norm overflows then.
+        let limit = T::MAX / T::of(2.0 * n as f64);
+        if reduced.factor.iter().all(|x| x.abs() <= limit) {
+            return Ok(reduced);
+        }
+        Err(NumberError::Overflow {
+            result: "information",
+        }
+        .into())
+    }
+
+    fn reduced(rows: &[T], n: usize, rtol: Option<T>) -> Self {
         let count = rows.len().checked_div(n).unwrap_or(0);
         let mut padded = rows.to_vec();
         padded.resize(count.max(n) * n, T::zero());
@@ -102,18 +124,27 @@ impl<T: Real> Observability<T> {
 
     /// Singular values of the rows with column j multiplied by `scale[j]`: with
     /// prior deviations as scale, how much more the data know than the prior.
-    pub fn singular_values_scaled(&self, scale: &[T]) -> Vec<T> {
+    ///
+    /// # Errors
+    /// [`Error::Length`], [`Error::Number`].
+    pub fn singular_values_scaled(&self, scale: &[T]) -> Result<Vec<T>, Error> {
         let n = self.n;
+        check_length("scale", scale.len(), n)?;
+        check_finite("scale", scale)?;
         let mut values = vec![T::zero(); n];
         let (mut vectors, mut work) = (vec![T::zero(); n * n], vec![T::zero(); n * n]);
         spectrum::decompose(&self.factor, n, scale, &mut values, &mut vectors, &mut work);
-        values
+        Ok(finite("singular values", values)?)
     }
 
     /// Basis of the unobservable combinations in physical units, one after the
     /// other: reduced so that each has a leading state with coefficient 1 which
     /// the others do not contain. Rounding noise is set to zero.
-    pub fn null_space(&self) -> Vec<Vec<T>> {
+    ///
+    /// # Errors
+    /// [`Error::Number`] where the units of two states differ by more than the
+    /// numbers of this type.
+    pub fn null_space(&self) -> Result<Vec<Vec<T>>, Error> {
         let n = self.n;
         let mut basis: Vec<Vec<T>> = (self.rank..n)
             .map(|k| self.vectors[k * n..(k + 1) * n].to_vec())
@@ -173,22 +204,29 @@ impl<T: Real> Observability<T> {
             }
         }
         basis
+            .into_iter()
+            .map(|vector| Ok(finite("null space", vector)?))
+            .collect()
     }
 
     /// The longest axis of the error ellipsoid in scaled states, among what is
     /// determined: how far each state moves along it at one standard deviation.
-    pub fn weakest_direction(&self) -> Vec<T> {
+    ///
+    /// # Errors
+    /// [`Error::Number`] where that exceeds the numbers of this type.
+    pub fn weakest_direction(&self) -> Result<Vec<T>, Error> {
         let n = self.n;
         let Some(k) = self.rank.checked_sub(1) else {
-            return vec![T::zero(); n];
+            return Ok(vec![T::zero(); n]);
         };
-        (0..n)
+        let direction = (0..n)
             .map(|i| self.scale[i] * self.vectors[k * n + i] / self.singular_values[k])
-            .collect()
+            .collect();
+        Ok(finite("weakest direction", direction)?)
     }
 
     /// Standard deviation of each state at the bound, infinite where an
-    /// unobservable combination touches it.
+    /// unobservable combination touches it, or it exceeds the numbers of this type.
     pub fn crlb_std(&self) -> Vec<T> {
         let mut out = vec![T::zero(); self.n];
         bound::standard_deviations(
@@ -202,7 +240,8 @@ impl<T: Real> Observability<T> {
         out
     }
 
-    /// The bound on the covariance, `None` where the rank is short.
+    /// The bound on the covariance, `None` where the rank is short, or an entry
+    /// exceeds the numbers of this type.
     pub fn crlb(&self) -> Option<Vec<T>> {
         let mut out = vec![T::zero(); self.n * self.n];
         bound::covariance(
@@ -226,8 +265,25 @@ impl<T: Real> Observability<T> {
         log + log
     }
 
-    /// The bound on the standard deviation of the combination c^T x.
-    pub fn combination_std(&self, combination: &[T]) -> T {
+    /// The bound on the standard deviation of the combination c^T x; infinite where
+    /// there is none.
+    ///
+    /// # Errors
+    /// [`Error::Length`], [`Error::Number`].
+    pub fn combination_std(&self, combination: &[T]) -> Result<T, Error> {
+        check_length("combination", combination.len(), self.n)?;
+        check_finite("combination", combination)?;
+        let std = self.deviation(combination);
+        if std == std {
+            return Ok(std);
+        }
+        Err(NumberError::Overflow {
+            result: "combination",
+        }
+        .into())
+    }
+
+    fn deviation(&self, combination: &[T]) -> T {
         let n = self.n;
         let scaled: Vec<T> = combination
             .iter()
@@ -262,13 +318,31 @@ impl<T: Real> Observability<T> {
 
     /// The answer once the combination c^T x is also known to `sigma`; with
     /// `sigma` 0, exactly. Gives rank (of n) and standard deviations then.
-    pub fn knowing(&self, combination: &[T], sigma: T) -> (usize, Vec<T>) {
+    ///
+    /// # Errors
+    /// [`Error::Length`]; [`Error::Number`] for what is not finite, a deviation below
+    /// zero, or information that exceeds the numbers of this type.
+    pub fn knowing(&self, combination: &[T], sigma: T) -> Result<(usize, Vec<T>), Error> {
         let n = self.n;
+        check_length("combination", combination.len(), n)?;
+        check_finite("combination", combination)?;
+        if !(sigma >= T::zero() && sigma.is_finite()) {
+            return Err(NumberError::OutOfRange {
+                name: "sigma",
+                given: sigma.double(),
+                allowed: ">= 0 and finite",
+            }
+            .into());
+        }
+        if combination.iter().all(|&c| c == T::zero()) {
+            return Ok((self.rank, self.crlb_std()));
+        }
         if sigma > T::zero() {
             let mut rows = self.factor.clone();
-            rows.extend(combination.iter().map(|&c| c / sigma));
-            let known = Self::new(&rows, n, Some(self.rtol));
-            return (known.rank, known.crlb_std());
+            let row = combination.iter().map(|&c| c / sigma).collect();
+            rows.extend(finite("combination / sigma", row)?);
+            let known = Self::new(&rows, n, Some(self.rtol))?;
+            return Ok((known.rank, known.crlb_std()));
         }
         // Exact knowledge leaves the states orthogonal to c (in scaled states):
         // a reflection takes c to the first axis, whose column then falls away.
@@ -277,7 +351,8 @@ impl<T: Real> Observability<T> {
             .zip(&self.scale)
             .map(|(&c, &d)| c * d)
             .collect();
-        let reflection = reflection_to_first_axis(&scaled);
+        let reflection = reflection_to_first_axis(&finite("combination", scaled)?);
+        let reflection = finite("combination", reflection)?;
         let m = n - 1;
         let mut rows = vec![T::zero(); n * m];
         for i in 0..n {
@@ -287,16 +362,130 @@ impl<T: Real> Observability<T> {
                 });
             }
         }
-        let rest = Self::new(&rows, m, Some(self.rtol));
+        let rest = Self::reduced(&rows, m, Some(self.rtol));
         let std = (0..n)
             .map(|i| {
                 let coordinates: Vec<T> = (0..m).map(|j| reflection[i * n + j + 1]).collect();
-                self.scale[i] * rest.combination_std(&coordinates)
+                self.scale[i] * rest.deviation(&coordinates)
             })
             .collect();
-        (rest.rank + 1, std)
+        Ok((rest.rank + 1, std))
     }
 }
+
+/// Singular values (descending) of `rows` of length `n` as they are, without a scale,
+/// and their right singular vectors, vector j at `j*n..(j+1)*n`.
+///
+/// # Errors
+/// As [`Observability::new`].
+///
+/// ```
+/// let (values, _) = gramian::observability::singular_values(&[3.0, 0.0, 0.0, 4.0], 2).unwrap();
+/// assert_eq!(values, [4.0, 3.0]);
+/// ```
+pub fn singular_values<T: Real>(rows: &[T], n: usize) -> Result<(Vec<T>, Vec<T>), Error> {
+    let factor = Observability::new(rows, n, None)?.factor;
+    let (mut values, mut vectors) = (vec![T::zero(); n], vec![T::zero(); n * n]);
+    let (ones, mut work) = (vec![T::one(); n], vec![T::zero(); n * n]);
+    spectrum::decompose(&factor, n, &ones, &mut values, &mut vectors, &mut work);
+    Ok((finite("singular values", values)?, vectors))
+}
+
+/// The rows on the states from `eliminated` on, when nothing is known of those
+/// before: the Schur complement of the information, found without forming it. States
+/// that are not determined at all take no information with them.
+///
+/// # Errors
+/// As [`Observability::new`]; [`Error::Length`] where no state would be left.
+///
+/// ```
+/// // Two rows on (x, y): without x one is left, on y alone.
+/// let left = gramian::observability::marginal_rows(&[1.0, 1.0, 1.0, -1.0], 2, 1, None).unwrap();
+/// assert!((left[0][0].abs() - 2.0_f64.sqrt()).abs() < 1e-15);
+/// ```
+pub fn marginal_rows<T: Real>(
+    rows: &[T],
+    n: usize,
+    eliminated: usize,
+    rtol: Option<T>,
+) -> Result<Vec<Vec<T>>, Error> {
+    check_rows(rows, n)?;
+    if eliminated > n {
+        check_length("eliminated", eliminated, n)?;
+    }
+    let rtol = rtol.unwrap_or_else(|| spectrum::default_rtol(rows.len() / n, n));
+    spectrum::check_rtol(rtol)?;
+    let (mut a, mut work) = (rows.to_vec(), vec![T::zero(); n + eliminated]);
+    let rank = eliminate(&mut a, n, eliminated, rtol, &mut work);
+    a.chunks_exact(n)
+        .skip(rank)
+        .map(|row| Ok(finite("rows", row[eliminated..].to_vec())?))
+        .collect()
+}
+
+fn finite<T: Real>(result: &'static str, values: Vec<T>) -> Result<Vec<T>, NumberError> {
+    if all_finite(&values) {
+        Ok(values)
+    } else {
+        Err(NumberError::Overflow { result })
+    }
+}
+
+fn check_length(array: &'static str, given: usize, wanted: usize) -> Result<(), Error> {
+    if given == wanted {
+        Ok(())
+    } else {
+        Err(Error::Length {
+            array,
+            given,
+            wanted,
+        })
+    }
+}
+
+fn check_rows<T: Real>(rows: &[T], n: usize) -> Result<(), Error> {
+    let length = n.max(1);
+    check_length("states", n, length)?;
+    check_length("rows", rows.len(), rows.len().next_multiple_of(length))?;
+    Ok(check_finite("rows", rows)?)
+}
+
+/// What can be wrong with the input of this module.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Error {
+    /// An array whose length does not fit.
+    Length {
+        /// Its name.
+        array: &'static str,
+        /// Its length.
+        given: usize,
+        /// A length that fits.
+        wanted: usize,
+    },
+    /// A number that is not finite, or too large to go on with.
+    Number(NumberError),
+}
+
+impl From<NumberError> for Error {
+    fn from(error: NumberError) -> Self {
+        Self::Number(error)
+    }
+}
+
+impl core::fmt::Display for Error {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Length {
+                array,
+                given,
+                wanted,
+            } => write!(f, "{array} has {given} entries: must have {wanted}"),
+            Self::Number(error) => error.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for Error {}
 
 /// The symmetric orthogonal matrix that takes `c` to the first axis.
 fn reflection_to_first_axis<T: Real>(c: &[T]) -> Vec<T> {

@@ -7,7 +7,7 @@
 //! P = C^T C or J = R^T R, and everything is done to it by orthogonal
 //! transformations. Two primitives serve both forms:
 //!
-//! | | [`absorb`]: rows are added | [`shrink`]: a row is measured |
+//! | | `absorb`: rows are added | `shrink`: a row is measured |
 //! |---|---|---|
 //! | [`Form::Covariance`] | process noise: P + G G^T | measurement: (P^-1 + h h^T)^-1 |
 //! | [`Form::Information`] | measurement: J + h h^T | process noise: (J^-1 + g g^T)^-1 |
@@ -19,7 +19,7 @@
 //! # Source
 //! Tichavsky, Muravchik & Nehorai 1998, "Posterior Cramer-Rao bounds for
 //! discrete-time nonlinear filtering"; as eqs. (4) and (5) in Xu et al. 2009.
-//! [`shrink`] is Carlson's triangular measurement update (1973).
+//! `shrink` is Carlson's triangular measurement update (1973).
 
 use crate::bound::crlb_std;
 use crate::lane::Lane;
@@ -38,7 +38,8 @@ pub enum Form {
 
 /// Numbers of scratch space that [`predict`] and [`update`] need for `n` states
 /// and at most `rows` rows at once.
-pub const fn scratch(n: usize, rows: usize) -> usize {
+#[cfg(feature = "std")]
+pub(crate) const fn scratch(n: usize, rows: usize) -> usize {
     let extra = if rows > n { rows } else { n };
     (n + extra) * n + n
 }
@@ -49,8 +50,9 @@ pub const fn scratch(n: usize, rows: usize) -> usize {
 /// covariance form and F^-1 in information form. `noise` is the n x n upper
 /// triangular factor of the process noise, Q = noise^T noise. `used[j n + k]`
 /// tells whether entry (j, k) of `transition` is ever other than zero.
+#[cfg(feature = "std")]
 #[inline(always)]
-pub fn predict<L: Lane>(
+pub(crate) fn predict<L: Lane>(
     form: Form,
     root: &mut [L],
     n: usize,
@@ -76,8 +78,9 @@ pub fn predict<L: Lane>(
 }
 
 /// Takes in whitened measurement rows (k x n, row-major).
+#[cfg(feature = "std")]
 #[inline(always)]
-pub fn update<L: Lane>(form: Form, root: &mut [L], n: usize, rows: &[L], work: &mut [L]) {
+pub(crate) fn update<L: Lane>(form: Form, root: &mut [L], n: usize, rows: &[L], work: &mut [L]) {
     match form {
         Form::Covariance => {
             for row in rows.chunks_exact(n) {
@@ -95,6 +98,7 @@ pub fn update<L: Lane>(form: Form, root: &mut [L], n: usize, rows: &[L], work: &
 }
 
 /// out = root transition, with `root` upper triangular.
+#[cfg(feature = "std")]
 #[inline(always)]
 fn multiply<L: Lane>(root: &[L], n: usize, transition: &[L], used: &[bool], out: &mut [L]) {
     let zero = root[0].splat(0.0);
@@ -123,8 +127,9 @@ fn multiply<L: Lane>(root: &[L], n: usize, transition: &[L], used: &[bool], out:
 ///
 /// # Source
 /// Golub & Van Loan, section 5.2.8; Thornton 1976 for its use on covariances.
+#[cfg(feature = "std")]
 #[inline(always)]
-pub fn absorb<L: Lane>(a: &mut [L], n: usize, stepped: bool, root: &mut [L]) {
+pub(crate) fn absorb<L: Lane>(a: &mut [L], n: usize, stepped: bool, root: &mut [L]) {
     let rows = a.len() / n;
     for k in 0..n {
         let last = if stepped { n + k + 1 } else { rows };
@@ -163,7 +168,7 @@ pub fn absorb<L: Lane>(a: &mut [L], n: usize, stepped: bool, root: &mut [L]) {
 /// Carlson 1973, "Fast triangular formulation of the square root filter". Rows
 /// are rotated from the last to the first, which keeps the triangle.
 #[inline(always)]
-pub fn shrink<L: Lane>(root: &mut [L], n: usize, h: &[L], work: &mut [L]) {
+pub(crate) fn shrink<L: Lane>(root: &mut [L], n: usize, h: &[L], work: &mut [L]) {
     let zero = root[0].splat(0.0);
     let q = &mut work[..n];
     q.fill(zero);
@@ -189,8 +194,9 @@ pub fn shrink<L: Lane>(root: &mut [L], n: usize, h: &[L], work: &mut [L]) {
 }
 
 /// Variances from a factor of the covariance.
+#[cfg(feature = "std")]
 #[inline(always)]
-pub fn variances_of_covariance<L: Lane>(root: &[L], n: usize, out: &mut [L]) {
+pub(crate) fn variances_of_covariance<L: Lane>(root: &[L], n: usize, out: &mut [L]) {
     for j in 0..n {
         let mut sum = root[j] * root[j];
         for i in 1..=j {
@@ -203,8 +209,14 @@ pub fn variances_of_covariance<L: Lane>(root: &[L], n: usize, out: &mut [L]) {
 
 /// Variances from a factor of the information that is well conditioned: sums of
 /// squares along the rows of its inverse. `work` holds at least n numbers.
+#[cfg(feature = "std")]
 #[inline(always)]
-pub fn variances_of_information<L: Lane>(root: &[L], n: usize, out: &mut [L], work: &mut [L]) {
+pub(crate) fn variances_of_information<L: Lane>(
+    root: &[L],
+    n: usize,
+    out: &mut [L],
+    work: &mut [L],
+) {
     let zero = root[0].splat(0.0);
     let x = &mut work[..n];
     out[..n].fill(zero);

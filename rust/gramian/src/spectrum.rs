@@ -16,7 +16,7 @@ pub fn default_rtol<T: Real>(rows: usize, states: usize) -> T {
 
 /// 1 / norm of each column of the n x n factor `r`; 1 where a column is zero, or
 /// so small that the quotient overflows: a state which nothing measures.
-pub fn unit_columns<T: Real>(r: &[T], n: usize, scale: &mut [T]) {
+pub(crate) fn unit_columns<T: Real>(r: &[T], n: usize, scale: &mut [T]) {
     for j in 0..n {
         let norm = (0..n).fold(T::zero(), |norm, i| hypot(norm, r[i * n + j]));
         let inverse = T::one() / norm;
@@ -34,7 +34,7 @@ pub fn unit_columns<T: Real>(r: &[T], n: usize, scale: &mut [T]) {
 /// # Source
 /// One-sided Jacobi iteration, which finds small singular values of a scaled
 /// matrix to high relative accuracy (Demmel & Veselic 1992).
-pub fn decompose<T: Real>(
+pub(crate) fn decompose<T: Real>(
     r: &[T],
     n: usize,
     scale: &[T],
@@ -139,7 +139,7 @@ fn sort_descending<T: Real>(s: &mut [T], v: &mut [T], n: usize) {
 }
 
 /// How many of the descending singular values exceed `rtol` times the first.
-pub fn rank<T: Real>(s: &[T], rtol: T) -> usize {
+pub(crate) fn rank<T: Real>(s: &[T], rtol: T) -> usize {
     match s.first() {
         Some(&first) if first > T::zero() => s.iter().take_while(|&&x| x > rtol * first).count(),
         _ => 0,
@@ -149,7 +149,7 @@ pub fn rank<T: Real>(s: &[T], rtol: T) -> usize {
 /// A scaled singular vector component below this is rounding, not part of the
 /// null space: the perturbation of the null vectors by errors of relative size
 /// `rtol`, given the smallest singular value that counts.
-pub fn touch_tolerance<T: Real>(s: &[T], rank: usize, rtol: T) -> T {
+pub(crate) fn touch_tolerance<T: Real>(s: &[T], rank: usize, rtol: T) -> T {
     if rank == 0 {
         return T::zero();
     }

@@ -270,7 +270,7 @@ impl<T: Real, const N: usize> RowSink<T, N> for SquareRootInformation<T, N> {
 ///
 /// # Source
 /// Givens rotations, Golub & Van Loan, Matrix Computations, section 5.1.
-pub fn rotate_in<T: Real>(r: &mut [T], row: &mut [T]) {
+pub(crate) fn rotate_in<T: Real>(r: &mut [T], row: &mut [T]) {
     let n = row.len();
     for k in 0..n {
         let b = row[k];
@@ -295,7 +295,8 @@ pub fn rotate_in<T: Real>(r: &mut [T], row: &mut [T]) {
 ///
 /// # Source
 /// Householder reflections, Golub & Van Loan, section 5.2.
-pub fn triangularize<T: Real>(a: &mut [T], n: usize, work: &mut [T]) {
+#[cfg(feature = "alloc")]
+pub(crate) fn triangularize<T: Real>(a: &mut [T], n: usize, work: &mut [T]) {
     let rows = a.len().checked_div(n).unwrap_or(0);
     for k in 0..n.min(rows) {
         reflect(a, n, k, k, work);
@@ -367,7 +368,14 @@ pub(crate) fn reflect<T: Real>(a: &mut [T], n: usize, top: usize, column: usize,
 /// This is the Schur complement of the information, found without forming it.
 /// Columns are pivoted and their rank decided on their own scale, so that
 /// states which are not determined at all take no information with them.
-pub fn eliminate<T: Real>(a: &mut [T], n: usize, p: usize, rtol: T, work: &mut [T]) -> usize {
+#[cfg(feature = "alloc")]
+pub(crate) fn eliminate<T: Real>(
+    a: &mut [T],
+    n: usize,
+    p: usize,
+    rtol: T,
+    work: &mut [T],
+) -> usize {
     let rows = a.len().checked_div(n).unwrap_or(0);
     let norm_below = |a: &[T], j: usize, top: usize| {
         (top..rows).fold(T::zero(), |norm, i| hypot(norm, a[i * n + j]))

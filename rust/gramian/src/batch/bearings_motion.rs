@@ -90,7 +90,7 @@ impl Trial<'_> {
 
     fn offset<const D: usize>(&self, i: usize) -> [f64; D] {
         let place = match self.target {
-            Motion::State(state) => bearings::motion::<f64, D>(state.get(0), self.time(i)),
+            Motion::State(state) => bearings::moved_along::<f64, D>(state.get(0), self.time(i)),
             Motion::Positions(places) => core::array::from_fn(|k| places.get(0)[i * D + k]),
         };
         core::array::from_fn(|k| place[k] - self.observer[i * D + k])

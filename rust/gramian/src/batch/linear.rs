@@ -312,8 +312,8 @@ pub fn linear_gramian(
         let (a, c) = (a.get(trial), c.get(trial));
         let q = q.map(|q| q.get(trial));
         let window = match span {
-            Span::Samples(count) => Window::sample(a, c, q, n).repeated(count),
-            Span::Duration(duration) => Window::continuous(a, c, q, n, duration).map(Some),
+            Span::Samples(count) => Window::sampled(a, c, q, n).many(count),
+            Span::Duration(duration) => Window::integrated(a, c, q, n, duration).map(Some),
         };
         match window.map_err(|error| (trial, error))? {
             Some(window) => out.copy_from_slice(&window.gramian),
@@ -372,7 +372,7 @@ mod tests {
                 a[i * n + n - 1] = 0.0;
             }
             c[n - 1] = 0.0;
-            let one = crate::linear::analysis::Analysis::new(&a, &c, n, None);
+            let one = crate::linear::analysis::Analysis::new(&a, &c, n, None).unwrap();
             assert_eq!(one.rank(), n - 1);
             for path in Path::available() {
                 let mut out = vec![0.0; 2 * n];

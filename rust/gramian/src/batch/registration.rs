@@ -6,7 +6,7 @@ use core::convert::Infallible;
 
 use super::simd::{Path, lane_sums};
 use super::{Items, Stream, Threads};
-use crate::registration::estimate::{Answer, Estimator, Question, Status, report};
+use crate::registration::estimate::{Answer, Estimator, Question, Status, unchecked_report};
 use crate::registration::pair::Plane;
 use crate::registration::{Error, Layout, look};
 use crate::square_root::{rotate_in, triangularize};
@@ -474,7 +474,7 @@ pub fn reports(scene: Scene<'_>, threads: Threads, out: &mut [f64]) -> Result<()
     let size = scene.looks() * layout.sensors * layout.size();
     threads.over(out, size, 60.0 * size as f64, |trial, out| {
         scene.check(trial)?;
-        report(
+        unchecked_report(
             &layout,
             scene.sensors.get(trial),
             scene.biases.get(trial),
@@ -571,10 +571,10 @@ pub fn estimate(
         out,
         size,
         3000.0 * looks as f64,
-        || Estimator::new(layout, looks),
+        || Estimator::sized(layout, looks),
         |estimator, trial, out| {
             let answer = estimator
-                .run(question, reports.get(trial))
+                .answer(question, reports.get(trial))
                 .map_err(|error| (trial, error))?;
             write(estimator, &answer, out);
             Ok(())
@@ -598,12 +598,13 @@ pub fn estimate_trials(
     let layout = question.layout;
     let looks = positions.len() / layout.size();
     let mut exact = vec![0.0; looks * layout.sensors * layout.size()];
-    report(&layout, question.sensors, biases, positions, &mut exact).map_err(|error| (0, error))?;
+    unchecked_report(&layout, question.sensors, biases, positions, &mut exact)
+        .map_err(|error| (0, error))?;
     threads.over_with(
         out,
         answer_size(&layout, 0),
         3000.0 * looks as f64,
-        || (Estimator::new(layout, looks), exact.clone()),
+        || (Estimator::sized(layout, looks), exact.clone()),
         |(estimator, noisy), trial, out| {
             let mut stream = Stream::new(seed, first + trial as u64);
             let sigma = question.sigma.iter().cycle();
@@ -611,7 +612,7 @@ pub fn estimate_trials(
                 *value = exact + sigma * stream.normal();
             }
             let answer = estimator
-                .run(question, noisy)
+                .answer(question, noisy)
                 .map_err(|error| (trial, error))?;
             write(estimator, &answer, out);
             Ok(())

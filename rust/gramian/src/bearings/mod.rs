@@ -22,6 +22,8 @@ pub use discriminant::{
     fixed_target_sum_qr,
 };
 pub use monitor::{Answer, Monitor};
+#[cfg(feature = "std")]
+pub(crate) use motion::moved_along;
 pub use motion::{azimuth_elevation_rows, motion, motion_row};
 pub(crate) use rows::moved;
 #[cfg(any(feature = "std", test))]

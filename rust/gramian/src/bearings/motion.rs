@@ -31,6 +31,11 @@ pub fn motion<T: Real, const D: usize>(state: &[T], time: T) -> Result<[T; D], E
     check_orders::<D>("state", state.len())?;
     check_finite("state", state)?;
     check_finite("time", &[time])?;
+    Ok(finite("position", moved_along(state, time))?)
+}
+
+/// [`motion`] without a check.
+pub(crate) fn moved_along<T: Real, const D: usize>(state: &[T], time: T) -> [T; D] {
     let (orders, _) = state.as_chunks::<D>();
     let mut place = [T::zero(); D];
     for (k, derivative) in orders.iter().enumerate() {
@@ -39,7 +44,7 @@ pub fn motion<T: Real, const D: usize>(state: &[T], time: T) -> Result<[T; D], E
             place[i] += factor * derivative[i];
         }
     }
-    Ok(finite("position", place)?)
+    place
 }
 
 /// Refuses a number of states that is not D for each order.

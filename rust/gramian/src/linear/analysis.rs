@@ -4,9 +4,11 @@
 use alloc::vec;
 use alloc::vec::Vec;
 
+use super::Error;
 use super::scaling::{self, Systems, Work, dot};
 use super::staircase::{self, Found, Staircase};
-use crate::scalar::Real;
+use crate::scalar::{NumberError, Real, check_finite};
+use crate::spectrum::check_rtol;
 
 /// Ranks, levels, kernel and determined combinations of a system.
 #[derive(Clone, Debug)]
@@ -24,21 +26,49 @@ pub struct Analysis<T> {
 impl<T: Real> Analysis<T> {
     /// Analyses A (n x n) and C (p x n), row-major. Couplings below `rtol` of the
     /// balanced norms count as zero; by default
-    /// [`default_rtol`](staircase::`default_rtol`).
-    pub fn new(a: &[T], c: &[T], n: usize, rtol: Option<T>) -> Self {
-        let mut forms = Self::of_segments(a, c, n, c.len().checked_div(n).unwrap_or(0), rtol);
-        forms.swap_remove(0)
+    /// [`default_rtol`](super::default_rtol).
+    ///
+    /// # Errors
+    /// [`Error::Length`] where A is not n x n with n >= 1 or C not p x n,
+    /// [`Error::Number`] for what is not finite, a tolerance that is not in [0, 1), or
+    /// a balanced system whose squares exceed the numbers of this type.
+    pub fn new(a: &[T], c: &[T], n: usize, rtol: Option<T>) -> Result<Self, Error> {
+        let p = c.len().checked_div(n).unwrap_or(0);
+        let mut forms = Self::of_segments(a, c, n, p, 1, rtol)?;
+        forms.pop().ok_or(Error::Length {
+            array: "A",
+            given: a.len(),
+            wanted: n * n,
+        })
     }
 
     /// The same for several systems A (segments, n, n), C (segments, p, n), all
     /// in the same balanced states.
-    pub fn of_segments(a: &[T], c: &[T], n: usize, p: usize, rtol: Option<T>) -> Vec<Self> {
+    pub(super) fn of_segments(
+        a: &[T],
+        c: &[T],
+        n: usize,
+        p: usize,
+        segments: usize,
+        rtol: Option<T>,
+    ) -> Result<Vec<Self>, Error> {
+        Error::check_length("states", n, n.max(1))?;
+        Error::check_length("A", a.len(), segments.saturating_mul(n.saturating_mul(n)))?;
+        Error::check_length("outputs", p, p.max(1))?;
+        Error::check_length("C", c.len(), segments.saturating_mul(p.saturating_mul(n)))?;
+        check_finite("A", a)?;
+        check_finite("C", c)?;
+        if let Some(rtol) = rtol {
+            check_rtol(rtol)?;
+        }
         let (mut a, mut c) = (a.to_vec(), c.to_vec());
         let scale = balance(&mut a, &mut c, n);
+        scaling::check(&a, &c, n)?;
         let rtol = rtol.unwrap_or_else(|| staircase::default_rtol(n));
         let mut rows = vec![T::zero(); n.max(p) * n];
         let (mut v, mut w) = (vec![T::zero(); n], vec![T::zero(); n]);
-        a.chunks_exact(n * n)
+        let forms = a
+            .chunks_exact(n * n)
             .zip(c.chunks_exact(p * n))
             .map(|(a, c)| {
                 let mut basis = vec![T::zero(); n * n];
@@ -61,7 +91,8 @@ impl<T: Real> Analysis<T> {
                     rtol,
                 }
             })
-            .collect()
+            .collect();
+        Ok(forms)
     }
 
     /// Rank of `O_k` for k = 0..n.
@@ -119,13 +150,32 @@ impl<T: Real> Analysis<T> {
 
     /// The part of combination^T x, relative to the whole in balanced states,
     /// that `O_k` leaves open, for k = 0..n.
-    pub fn residuals(&self, combination: &[T]) -> Vec<T> {
+    ///
+    /// # Errors
+    /// [`Error::Length`]; [`Error::Number`] for what is not finite, a combination
+    /// that is zero, or so large or small in balanced states that it is no number.
+    pub fn residuals(&self, combination: &[T]) -> Result<Vec<T>, Error> {
         let n = self.n;
-        let scaled: Vec<T> = combination
+        Error::check_length("combination", combination.len(), n)?;
+        check_finite("combination", combination)?;
+        let mut scaled: Vec<T> = combination
             .iter()
             .zip(&self.scale)
             .map(|(&c, &d)| c * d)
             .collect();
+        let largest = scaled.iter().fold(T::zero(), |top, x| top.max(x.abs()));
+        let unit = T::one() / largest;
+        if !(unit > T::zero() && unit.is_finite()) {
+            return Err(NumberError::OutOfRange {
+                name: "combination",
+                given: largest.double(),
+                allowed: "neither zero nor infinite in balanced states",
+            }
+            .into());
+        }
+        for x in &mut scaled {
+            *x *= unit;
+        }
         let whole = dot(&scaled, &scaled);
         let mut left = T::zero();
         // From the last direction on, so that small parts are not lost.
@@ -135,19 +185,28 @@ impl<T: Real> Analysis<T> {
             left += part * part;
             tails[k] = left;
         }
-        self.ranks
+        Ok(self
+            .ranks
             .iter()
             .map(|&rank| (tails[rank] / whole).sqrt())
-            .collect()
+            .collect())
     }
 
     /// The level of a combination: the first k that leaves no more than
     /// `tolerance` of it open; by default what rounding explains.
-    pub fn level_of(&self, combination: &[T], tolerance: Option<T>) -> Option<usize> {
+    ///
+    /// # Errors
+    /// As [`residuals`](Self::residuals); [`Error::Number`] for a tolerance that is
+    /// not finite.
+    pub fn level_of(
+        &self,
+        combination: &[T],
+        tolerance: Option<T>,
+    ) -> Result<Option<usize>, Error> {
+        check_finite("tolerance", tolerance.as_slice())?;
         let tolerance = tolerance.unwrap_or_else(|| self.found.touch(self.rtol));
-        self.residuals(combination)
-            .iter()
-            .position(|&left| left <= tolerance)
+        let residuals = self.residuals(combination)?;
+        Ok(residuals.iter().position(|&left| left <= tolerance))
     }
 
     /// Basis of the combinations that no derivative determines, in physical

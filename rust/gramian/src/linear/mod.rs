@@ -25,6 +25,72 @@ use crate::scalar::{NumberError, Real, check_finite};
 use staircase::Staircase;
 pub use staircase::{Found, default_rtol};
 
+/// What can be wrong with the input of the parts for run-time sizes.
+#[cfg(feature = "alloc")]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Error {
+    /// An array whose length does not fit.
+    Length {
+        /// Its name.
+        array: &'static str,
+        /// Its length.
+        given: usize,
+        /// A length that fits.
+        wanted: usize,
+    },
+    /// A number that is not finite, or too large to go on with.
+    Number(NumberError),
+    /// A window too long for the numbers.
+    Window(window::Overflow),
+}
+
+#[cfg(feature = "alloc")]
+impl Error {
+    fn check_length(array: &'static str, given: usize, wanted: usize) -> Result<(), Self> {
+        if given == wanted {
+            Ok(())
+        } else {
+            Err(Self::Length {
+                array,
+                given,
+                wanted,
+            })
+        }
+    }
+}
+
+#[cfg(feature = "alloc")]
+impl From<NumberError> for Error {
+    fn from(error: NumberError) -> Self {
+        Self::Number(error)
+    }
+}
+
+#[cfg(feature = "alloc")]
+impl From<window::Overflow> for Error {
+    fn from(error: window::Overflow) -> Self {
+        Self::Window(error)
+    }
+}
+
+#[cfg(feature = "alloc")]
+impl core::fmt::Display for Error {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Length {
+                array,
+                given,
+                wanted,
+            } => write!(f, "{array} has {given} entries: must have {wanted}"),
+            Self::Number(error) => error.fmt(f),
+            Self::Window(error) => error.fmt(f),
+        }
+    }
+}
+
+#[cfg(feature = "alloc")]
+impl core::error::Error for Error {}
+
 /// Ranks of `O_0`, `O_1`, .. of a system of fixed size, and the level of each state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SmallLevels<const N: usize> {

@@ -7,10 +7,11 @@
 use alloc::vec;
 use alloc::vec::Vec;
 
+use super::Error;
 use super::analysis::{Analysis, reduced_null_space};
 use super::scaling::dot;
-use super::window::{Overflow, transition};
-use crate::scalar::Real;
+use super::window::{Overflow, exponential};
+use crate::scalar::{NumberError, Real, all_finite, check_finite};
 use crate::spectrum;
 use crate::square_root::rotate_in;
 
@@ -35,16 +36,20 @@ impl<T: Real> Piecewise<T> {
     /// Analyses A (segments, n, n), C (segments, p, n) with a duration each.
     ///
     /// # Errors
-    /// [`Overflow`] where a transition leaves the range of the numbers.
+    /// As [`Analysis::new`]; [`Error::Window`] where a transition leaves the range of
+    /// the numbers, [`Error::Number`] where the null space does.
     pub fn new(
         a: &[T],
         c: &[T],
         durations: &[T],
         n: usize,
         rtol: Option<T>,
-    ) -> Result<Self, Overflow> {
-        let p = c.len() / (n * durations.len());
-        let forms = Analysis::of_segments(a, c, n, p, rtol);
+    ) -> Result<Self, Error> {
+        let segments = durations.len();
+        Error::check_length("durations", segments, segments.max(1))?;
+        check_finite("durations", durations)?;
+        let p = c.len().checked_div(n.saturating_mul(segments)).unwrap_or(0);
+        let forms = Analysis::of_segments(a, c, n, p, segments, rtol)?;
         let scale = forms[0].scale();
         // Directions of different segments are compared with the accuracy that
         // the worst determined of them has.
@@ -77,7 +82,7 @@ impl<T: Real> Piecewise<T> {
             found.stripped.push(stripped.rank(touch));
             found.total.push(total.rank(touch));
             found.kernel_rests.push(form.kernel_rests(&balanced, touch));
-            let step: Vec<T> = transition(a, n, durations[j])?
+            let step: Vec<T> = exponential(a, n, durations[j])?
                 .iter()
                 .enumerate()
                 .map(|(k, &x)| x * scale[k % n] / scale[k / n])
@@ -89,10 +94,19 @@ impl<T: Real> Piecewise<T> {
                     .flat_map(|row| through(row, &phi))
                     .collect(),
             });
+            if !before.as_ref().is_some_and(|phi| all_finite(phi)) {
+                return Err(Overflow.into());
+            }
         }
         let null = total.kernel(touch);
         found.null_space = reduced_null_space(&null, scale, touch).0;
-        Ok(found)
+        if found.null_space.iter().all(|vector| all_finite(vector)) {
+            return Ok(found);
+        }
+        Err(NumberError::Overflow {
+            result: "null space",
+        }
+        .into())
     }
 }
 
@@ -134,7 +148,13 @@ impl<T: Real> Joined<T> {
     }
 
     fn push(&mut self, row: &[T]) {
-        let norm = dot(row, row).sqrt();
+        let largest = row.iter().fold(T::zero(), |top, x| top.max(x.abs()));
+        if !(T::one() / largest).is_finite() {
+            // What a transition makes vanish says nothing.
+            return;
+        }
+        let row: Vec<T> = row.iter().map(|&x| x / largest).collect();
+        let norm = dot(&row, &row).sqrt();
         let mut row: Vec<T> = row.iter().map(|&x| x / norm).collect();
         rotate_in(&mut self.factor, &mut row);
     }

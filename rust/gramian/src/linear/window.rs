@@ -17,21 +17,18 @@
 use alloc::vec;
 use alloc::vec::Vec;
 
+use super::Error;
 use super::analysis::balance;
 use super::scaling::add;
-use crate::scalar::Real;
+use crate::scalar::{Real, all_finite, check_finite, check_positive};
 
 /// A window of a system of n states, matrices n x n row-major.
 #[derive(Clone, Debug)]
 pub struct Window<T> {
     n: usize,
-    /// The transition from the beginning to the end.
-    pub transition: Vec<T>,
-    /// Covariance of the process noise gathered on the way.
-    pub noise: Vec<T>,
-    /// Information of the outputs in the window about the state at its
-    /// beginning: the Gramian.
-    pub gramian: Vec<T>,
+    transition: Vec<T>,
+    noise: Vec<T>,
+    pub(crate) gramian: Vec<T>,
 }
 
 /// The window is too long: its transition or Gramian exceeds the numbers.
@@ -49,9 +46,34 @@ impl core::fmt::Display for Overflow {
 impl core::error::Error for Overflow {}
 
 impl<T: Real> Window<T> {
+    /// The transition from the beginning to the end.
+    pub fn transition(&self) -> &[T] {
+        &self.transition
+    }
+
+    /// Covariance of the process noise gathered on the way.
+    pub fn noise(&self) -> &[T] {
+        &self.noise
+    }
+
+    /// Information of the outputs in the window about the state at its
+    /// beginning: the Gramian.
+    pub fn gramian(&self) -> &[T] {
+        &self.gramian
+    }
+
     /// One sample and the step after it: outputs `c` (whitened, p x n),
     /// x[k+1] = `phi` x[k] with noise covariance `q` if given.
-    pub fn sample(phi: &[T], c: &[T], q: Option<&[T]>, n: usize) -> Self {
+    ///
+    /// # Errors
+    /// [`Error::Length`] for matrices that do not fit n >= 1 states;
+    /// [`Error::Number`]; [`Error::Window`] where the Gramian exceeds the numbers.
+    pub fn sample(phi: &[T], c: &[T], q: Option<&[T]>, n: usize) -> Result<Self, Error> {
+        check_system("transition", phi, c, q, n)?;
+        Self::sampled(phi, c, q, n).whole()
+    }
+
+    pub(crate) fn sampled(phi: &[T], c: &[T], q: Option<&[T]>, n: usize) -> Self {
         Self {
             n,
             transition: phi.to_vec(),
@@ -64,8 +86,21 @@ impl<T: Real> Window<T> {
     /// process noise density `q` if given, over `duration`.
     ///
     /// # Errors
-    /// [`Overflow`].
+    /// [`Error::Length`] for matrices that do not fit n >= 1 states; [`Error::Number`]
+    /// for what is not finite, or a duration that is not positive; [`Error::Window`].
     pub fn continuous(
+        a: &[T],
+        c: &[T],
+        q: Option<&[T]>,
+        n: usize,
+        duration: T,
+    ) -> Result<Self, Error> {
+        check_system("A", a, c, q, n)?;
+        check_positive("duration", duration)?;
+        Self::integrated(a, c, q, n, duration)?.whole()
+    }
+
+    pub(crate) fn integrated(
         a: &[T],
         c: &[T],
         q: Option<&[T]>,
@@ -126,7 +161,7 @@ impl<T: Real> Window<T> {
         };
         window.symmetrize();
         for _ in 0..halvings {
-            window = window.then(&window)?;
+            window = window.joined(&window)?;
         }
         for i in 0..n {
             for j in 0..n {
@@ -141,8 +176,13 @@ impl<T: Real> Window<T> {
     /// This window and `next` after it, as one.
     ///
     /// # Errors
-    /// [`Overflow`].
-    pub fn then(&self, next: &Self) -> Result<Self, Overflow> {
+    /// [`Error::Length`] for a window of other states, [`Error::Window`].
+    pub fn then(&self, next: &Self) -> Result<Self, Error> {
+        Error::check_length("next", next.n, self.n)?;
+        self.joined(next)?.whole()
+    }
+
+    fn joined(&self, next: &Self) -> Result<Self, Overflow> {
         let n = self.n;
         let (mut through, mut noise) = (self.transition.clone(), self.noise.clone());
         if noise.iter().any(|&x| x != T::zero()) {
@@ -175,23 +215,37 @@ impl<T: Real> Window<T> {
     /// This window `count` times in a row.
     ///
     /// # Errors
-    /// [`Overflow`].
-    pub fn repeated(&self, mut count: usize) -> Result<Option<Self>, Overflow> {
+    /// [`Error::Window`].
+    pub fn repeated(&self, count: usize) -> Result<Option<Self>, Error> {
+        self.many(count)?.map(Self::whole).transpose()
+    }
+
+    pub(crate) fn many(&self, mut count: usize) -> Result<Option<Self>, Overflow> {
         let mut doubled = self.clone();
         let mut all: Option<Self> = None;
         while count > 0 {
             if count % 2 == 1 {
                 all = Some(match all {
                     None => doubled.clone(),
-                    Some(all) => all.then(&doubled)?,
+                    Some(all) => all.joined(&doubled)?,
                 });
             }
             count /= 2;
             if count > 0 {
-                doubled = doubled.then(&doubled)?;
+                doubled = doubled.joined(&doubled)?;
             }
         }
         Ok(all)
+    }
+
+    /// The window if all of it is finite; the Gramian alone may be where the
+    /// transition is not.
+    fn whole(self) -> Result<Self, Error> {
+        if all_finite(&self.transition) {
+            Ok(self.checked()?)
+        } else {
+            Err(Overflow.into())
+        }
     }
 
     fn symmetrize(&mut self) {
@@ -217,11 +271,42 @@ impl<T: Real> Window<T> {
     }
 }
 
+fn check_system<T: Real>(
+    name: &'static str,
+    a: &[T],
+    c: &[T],
+    q: Option<&[T]>,
+    n: usize,
+) -> Result<(), Error> {
+    let square = n.saturating_mul(n);
+    Error::check_length("states", n, n.max(1))?;
+    Error::check_length(name, a.len(), square)?;
+    Error::check_length("C", c.len(), c.len().next_multiple_of(n.max(1)))?;
+    check_finite(name, a)?;
+    check_finite("C", c)?;
+    if let Some(q) = q {
+        Error::check_length("Q", q.len(), square)?;
+        check_finite("Q", q)?;
+    }
+    Ok(())
+}
+
 /// e^(A duration), n x n.
 ///
 /// # Errors
-/// [`Overflow`].
-pub fn transition<T: Real>(a: &[T], n: usize, duration: T) -> Result<Vec<T>, Overflow> {
+/// [`Error::Length`], [`Error::Number`], [`Error::Window`].
+///
+/// ```
+/// let e = gramian::linear::window::transition(&[0.0, 1.0, 0.0, 0.0], 2, 3.0).unwrap();
+/// assert_eq!(e, [1.0, 3.0, 0.0, 1.0]);
+/// ```
+pub fn transition<T: Real>(a: &[T], n: usize, duration: T) -> Result<Vec<T>, Error> {
+    check_system("A", a, &[], None, n)?;
+    check_finite("duration", &[duration])?;
+    Ok(exponential(a, n, duration)?)
+}
+
+pub(crate) fn exponential<T: Real>(a: &[T], n: usize, duration: T) -> Result<Vec<T>, Overflow> {
     let (mut scaled, mut none) = (a.to_vec(), Vec::new());
     let scale = balance(&mut scaled, &mut none, n);
     let at = |i: usize, j: usize| a[i * n + j] * scale[j] / scale[i];
@@ -387,8 +472,8 @@ mod tests {
         let grows = [100.0_f64];
         assert_eq!(
             Window::continuous(&grows, &[1.0], None, 1, 100.0).map(|w| w.gramian),
-            Err(Overflow)
+            Err(Error::Window(Overflow))
         );
-        assert_eq!(transition(&grows, 1, 100.0), Err(Overflow));
+        assert_eq!(transition(&grows, 1, 100.0), Err(Error::Window(Overflow)));
     }
 }

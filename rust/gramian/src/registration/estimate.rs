@@ -23,8 +23,8 @@ use alloc::vec;
 use alloc::vec::Vec;
 
 use super::look::{reduce, unchecked_linearise, unchecked_place, width};
-use super::{Error, Layout, MOST};
-use crate::scalar::Real;
+use super::{Error, Layout, MOST, check_length};
+use crate::scalar::{NumberError, Real, all_finite, check_finite, check_positive};
 use crate::spectrum::{decompose, default_rtol, rank, unit_columns};
 use crate::square_root::{reflect, triangularize};
 
@@ -201,7 +201,19 @@ impl<T: Real> Solver<T> {
 
 impl<T: Real> Estimator<T> {
     /// Space for `looks` looks.
-    pub fn new(layout: Layout, looks: usize) -> Self {
+    ///
+    /// # Errors
+    /// [`Error::Sensors`] for fewer than two.
+    pub fn new(layout: Layout, looks: usize) -> Result<Self, Error> {
+        if layout.sensors < 2 {
+            return Err(Error::Sensors {
+                given: layout.sensors,
+            });
+        }
+        Ok(Self::sized(layout, looks))
+    }
+
+    pub(crate) fn sized(layout: Layout, looks: usize) -> Self {
         let (d, n, c) = (layout.size(), layout.states(), width(&layout));
         let measured = layout.sensors * d;
         let zeros = |count: usize| vec![T::zero(); count];
@@ -248,19 +260,54 @@ impl<T: Real> Estimator<T> {
     /// Estimates the biases from `reports`: for each look N d numbers.
     ///
     /// # Errors
-    /// As [`Layout::check`]; [`Error::Length`] for reports that do not fit;
-    /// [`Error::OnSensor`] and [`Error::Overhead`] where an estimated position is.
+    /// As [`Layout::check`]; [`Error::Length`] for reports or a prior that do not fit;
+    /// [`Error::OnSensor`] and [`Error::Overhead`] where an estimated position is;
+    /// [`Error::Number`] for what is not finite, a prior or limit that is not
+    /// positive, and an estimate that exceeds the numbers of this type.
     pub fn run(&mut self, question: &Question<'_, T>, reports: &[T]) -> Result<Answer<T>, Error> {
+        check_finite("reports", reports)?;
+        for (name, value) in [
+            ("tolerance", question.tolerance),
+            ("noise_share", question.noise_share),
+            ("bend", question.bend),
+        ] {
+            check_positive(name, value)?;
+        }
+        if let Some(prior) = question.prior {
+            check_length("prior", prior.len(), self.layout.states())?;
+            if let Some(given) = prior.iter().find(|&&s| !(s > T::zero())) {
+                return Err(NumberError::OutOfRange {
+                    name: "prior",
+                    given: given.double(),
+                    allowed: "> 0",
+                }
+                .into());
+            }
+        }
+        let answer = self.answer(question, reports)?;
+        let numbers = [answer.chi_square, answer.noise_share, answer.bend];
+        if all_finite(&numbers)
+            && all_finite(&self.biases)
+            && all_finite(&self.positions)
+            && all_finite(&self.covariance)
+            && all_finite(&self.directions)
+        {
+            return Ok(answer);
+        }
+        Err(NumberError::Overflow { result: "estimate" }.into())
+    }
+
+    /// [`run`](Self::run) of what the caller has checked; an estimate that does not
+    /// converge may end in NaN.
+    pub(crate) fn answer(
+        &mut self,
+        question: &Question<'_, T>,
+        reports: &[T],
+    ) -> Result<Answer<T>, Error> {
         let layout = self.layout;
         layout.check(question.sensors, question.sigma)?;
-        let wanted = self.looks * layout.sensors * layout.size();
-        if reports.len() != wanted {
-            return Err(Error::Length {
-                array: "reports",
-                given: reports.len(),
-                wanted,
-            });
-        }
+        let wanted = self.looks.saturating_mul(layout.sensors * layout.size());
+        check_length("reports", reports.len(), wanted)?;
         self.biases.fill(T::zero());
         if question.method == Method::MaximumLikelihood {
             self.mean_positions(question, reports);
@@ -358,6 +405,9 @@ impl<T: Real> Estimator<T> {
             let mut used = 0;
             let mut cost = self.linearise_all(question, reports, &mut used)?;
             cost += self.push_prior(question, &mut used);
+            if !cost.is_finite() && halvings >= 20 {
+                return Ok((iteration + 1, false));
+            }
             if !(cost <= before * T::of(1.0 + 1e-10)) && halvings < 20 {
                 // The step went too far: half way back.
                 halvings += 1;
@@ -901,11 +951,37 @@ fn inverse<T: Real>(m: &[[T; 3]; 3], d: usize) -> [[T; 3]; 3] {
     out
 }
 
-/// Reports of targets at `positions` with these biases and no noise.
+/// Reports of targets at `positions` with these biases and no noise: N d numbers
+/// for each.
 ///
 /// # Errors
-/// [`Error::OnSensor`] and [`Error::Overhead`].
+/// [`Error::OnSensor`], [`Error::Overhead`], [`Error::Length`]; [`Error::Number`] for
+/// what is not finite, or reports that exceed the numbers of this type.
 pub fn report<T: Real>(
+    layout: &Layout,
+    sensors: &[T],
+    biases: &[T],
+    positions: &[T],
+    out: &mut [T],
+) -> Result<(), Error> {
+    let d = layout.size();
+    check_length("sensors", sensors.len(), layout.sensors.saturating_mul(d))?;
+    check_length("biases", biases.len(), layout.states())?;
+    let wanted = positions.len().next_multiple_of(d);
+    check_length("positions", positions.len(), wanted)?;
+    let wanted = positions.len().saturating_mul(layout.sensors);
+    check_length("out", out.len(), wanted)?;
+    check_finite("sensors", sensors)?;
+    check_finite("biases", biases)?;
+    check_finite("positions", positions)?;
+    unchecked_report(layout, sensors, biases, positions, out)?;
+    if all_finite(out) {
+        return Ok(());
+    }
+    Err(NumberError::Overflow { result: "reports" }.into())
+}
+
+pub(crate) fn unchecked_report<T: Real>(
     layout: &Layout,
     sensors: &[T],
     biases: &[T],
@@ -983,7 +1059,7 @@ mod tests {
                 .collect();
             let mut reports = vec![0.0; looks * n];
             report(&layout, &sensors, &truth, &positions, &mut reports).unwrap();
-            let mut estimator = Estimator::new(layout, looks);
+            let mut estimator = Estimator::new(layout, looks).unwrap();
             for method in [Method::MaximumLikelihood, Method::Generalised] {
                 let answer = estimator
                     .run(&question(layout, &sensors, &sigma, method), &reports)
