@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 # Tests never fetch more threads than there are cores, and fail on rustc warnings.
 export CARGO_TERM_COLOR ?= auto
 
-.PHONY: demo test lint format rust-test python-test no-std-check bench bench-quick bench-check bench-record embedded-size package docs clean
+.PHONY: demo test lint format rust-test python-test no-std-check fuzz bench bench-quick bench-check bench-record embedded-size package docs clean
 
 demo: $(VENV)/.installed
 	$(BIN)/gramian demo --out out/demo
@@ -33,6 +33,13 @@ rust-test:
 
 no-std-check:
 	cargo build --manifest-path rust/no-std-check/Cargo.toml --target-dir target/no-std-check
+
+# A million random bit patterns for each function that works without std, and for
+# the C interface; `make test` takes a few thousand.
+fuzz: export GRAMIAN_FUZZ ?= 1000000
+fuzz:
+	cargo test --release -p gramian --no-default-features --features libm,alloc --test fuzz
+	cargo test --release -p gramian-capi --test fuzz
 
 python-test: $(VENV)/.installed
 	$(BIN)/python -m pytest

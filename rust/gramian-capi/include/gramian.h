@@ -29,6 +29,8 @@ typedef enum GramianStatus {
   GRAMIAN_STATUS_STEP,
   // Only some of the bearings come with a range.
   GRAMIAN_STATUS_MIXED,
+  // All numbers are finite, but what follows from them is too large for a float.
+  GRAMIAN_STATUS_OVERFLOW,
 } GramianStatus;
 
 // Which way to steer; see `gramian_heading`.

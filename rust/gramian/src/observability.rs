@@ -400,8 +400,8 @@ pub fn singular_values<T: Real>(rows: &[T], n: usize) -> Result<(Vec<T>, Vec<T>)
 ///
 /// ```
 /// // Two rows on (x, y): without x one is left, on y alone.
-/// let left = gramian::observability::marginal_rows(&[1.0, 1.0, 1.0, -1.0], 2, 1, None).unwrap();
-/// assert!((left[0][0].abs() - 2.0_f64.sqrt()).abs() < 1e-15);
+/// let left = gramian::observability::marginal_rows(&[1.0, 1.0, 1.0, -1.0_f64], 2, 1, None);
+/// assert!((left.unwrap()[0][0].abs() - 2.0_f64.sqrt()).abs() < 1e-15);
 /// ```
 pub fn marginal_rows<T: Real>(
     rows: &[T],

@@ -267,7 +267,8 @@ pub fn semidefinite_root<T: Real>(covariance: &[T], n: usize, out: &mut [T]) -> 
         for i in 0..j {
             pivot -= out[i * n + j] * out[i * n + j];
         }
-        if pivot < -slack * diagonal.abs() || diagonal < T::zero() {
+        // NaN too: of an entry far larger than its variances allow.
+        if !(pivot >= -slack * diagonal.abs() && diagonal >= T::zero()) {
             return Err(Error::Indefinite { index: j });
         }
         let negligible = pivot <= slack * diagonal;

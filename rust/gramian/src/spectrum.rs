@@ -98,8 +98,8 @@ fn rotate_pair<T: Real>(w: &mut [T], v: &mut [T], n: usize, p: usize, q: usize) 
     let (x, y) = (&mut left[p * n..(p + 1) * n], &mut right[..n]);
     let (alpha, beta, gamma) = (dot(x, x), dot(y, y), dot(x, y));
     let size = alpha.sqrt() * beta.sqrt();
-    // Also where a column is zero.
-    if gamma.abs() <= T::EPSILON * size {
+    // Also where a column is zero, or holds NaN.
+    if !(gamma.abs() > T::EPSILON * size) {
         return false;
     }
     let zeta = (beta - alpha) / (gamma + gamma);

@@ -43,7 +43,7 @@ pub struct Found<T> {
 
 impl<T: Real> Found<T> {
     /// A component of a basis vector below this is rounding.
-    pub fn touch(&self, rtol: T) -> T {
+    pub(crate) fn touch(&self, rtol: T) -> T {
         (T::of(4.0) * rtol / self.weakest).clamp(T::of(4.0) * T::EPSILON, T::of(1e-2))
     }
 }

@@ -1,0 +1,1300 @@
+//! Random bit patterns for every public function of the surface without `std`, in
+//! `f32` and `f64`: none may panic or run without end, accept a number that is not
+//! finite in silence, or return one without an error. Infinity is an answer only
+//! where the documentation says so, NaN nowhere; a refused call changes nothing.
+//!
+//! `GRAMIAN_FUZZ` is the number of patterns for each function (`make fuzz` takes a
+//! million). A pattern that fails is named in the message by its number.
+//!
+//! # A new function
+//! Write a case, `fn name<T: Number>(draw: &mut Draw<T>)`, that draws the inputs from
+//! `draw`, hands the result to [`Draw::taken`] and what is in it to [`Draw::finite`],
+//! [`Draw::bounds`] or [`Draw::ordered`], and list it in [`CASES`].
+//! `every_public_function_has_a_case` fails until the function's name is called here.
+//! What only hands out a field, or changes no number, stands in [`NOTHING_TO_TEST`].
+#![allow(clippy::unwrap_used, clippy::print_stderr)]
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::time::Duration;
+
+use gramian::bearings::{self, Form, Monitor};
+use gramian::bound;
+use gramian::chi_square;
+use gramian::dipole::{self, Accumulator, Pass, Sensing};
+use gramian::information::Information;
+use gramian::linear;
+use gramian::maneuver::plan::{self, Criterion, Legs, Target};
+use gramian::maneuver::steer::{self, Limits};
+use gramian::maneuver::{self, AtStandoff, Law, Side, Steering};
+use gramian::posterior::{self, Posterior};
+use gramian::registration::degree::Running;
+use gramian::registration::pair::Plane;
+use gramian::registration::{Dimension, Layout, look};
+use gramian::rows::RowSink;
+use gramian::scalar::{Real, wrap_angle};
+use gramian::spectrum::Spectrum;
+use gramian::square_root::SquareRootInformation;
+
+/// A number type with its bits.
+trait Number: Real {
+    /// Decimal exponents of the smallest and the largest number.
+    const RANGE: (f64, f64);
+    fn of_bits(bits: u64) -> Self;
+    fn special(index: u64) -> Self;
+}
+
+macro_rules! number {
+    ($type:ident, $bits:ty, $range:expr) => {
+        impl Number for $type {
+            const RANGE: (f64, f64) = $range;
+            #[allow(clippy::cast_possible_truncation)]
+            fn of_bits(bits: u64) -> Self {
+                Self::from_bits(bits as $bits)
+            }
+            fn special(index: u64) -> Self {
+                let values = [
+                    0.0,
+                    -0.0,
+                    1.0,
+                    -1.0,
+                    Self::INFINITY,
+                    Self::NEG_INFINITY,
+                    Self::NAN,
+                    Self::MIN_POSITIVE,
+                    -Self::MIN_POSITIVE,
+                    Self::from_bits(1),
+                    Self::MAX,
+                    Self::MIN,
+                    Self::EPSILON,
+                    core::f64::consts::PI as Self,
+                ];
+                values[usize::try_from(index).unwrap() % values.len()]
+            }
+        }
+    };
+}
+number!(f32, u32, (-45.0, 38.5));
+#[allow(clippy::unnecessary_cast)]
+mod double {
+    use super::Number;
+    number!(f64, u64, (-323.0, 308.2));
+}
+
+/// What the entries of a pattern look like.
+#[derive(Clone, Copy)]
+enum Kind {
+    Bits,
+    Anything,
+    Ordinary,
+    OrdinaryButOne,
+    /// Decimal exponents up to this part of the type's range.
+    Wide(f64),
+    /// One size for all, up to rounding of their own.
+    Scaled(f64),
+}
+
+struct Draw<T> {
+    name: &'static str,
+    state: u64,
+    pattern: u64,
+    kind: Kind,
+    sound: bool,
+    mark: core::marker::PhantomData<T>,
+}
+
+impl<T: Number> Draw<T> {
+    fn new(name: &'static str) -> Self {
+        Self {
+            name,
+            state: 0,
+            pattern: 0,
+            kind: Kind::Bits,
+            sound: true,
+            mark: core::marker::PhantomData,
+        }
+    }
+
+    /// `SplitMix64`.
+    fn bits(&mut self) -> u64 {
+        self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    fn below(&mut self, count: u64) -> u64 {
+        self.bits() % count
+    }
+
+    fn index(&mut self, count: usize) -> usize {
+        usize::try_from(self.below(count as u64)).unwrap()
+    }
+
+    /// In [0, 1).
+    fn uniform(&mut self) -> f64 {
+        (self.bits() >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    fn start(&mut self, pattern: u64) {
+        self.pattern = pattern;
+        self.state = pattern.wrapping_mul(0xd134_2543_de82_ef95) ^ 0x5851_f42d;
+        self.again();
+        let size = (self.uniform() * 2.0 - 1.0) * T::RANGE.1;
+        self.kind = match self.below(12) {
+            0 => Kind::Bits,
+            1 => Kind::Anything,
+            2..=4 => Kind::Ordinary,
+            5 | 6 => Kind::OrdinaryButOne,
+            7 => Kind::Wide(1.0),
+            8 => Kind::Wide(0.5),
+            9 => Kind::Wide(0.1),
+            _ => Kind::Scaled(size),
+        };
+    }
+
+    /// Inputs count for the next call from here on.
+    fn again(&mut self) {
+        self.sound = true;
+    }
+
+    fn ordinary(&mut self) -> T {
+        let scale = [1.0, 10.0, 1e4][self.index(3)];
+        // Whole numbers meet each other and zero.
+        let value = (self.uniform() * 2.0 - 1.0) * scale;
+        T::of(if self.below(4) == 0 {
+            value.round()
+        } else {
+            value
+        })
+    }
+
+    fn free(&mut self) -> T {
+        match self.kind {
+            Kind::Bits => T::of_bits(self.bits()),
+            Kind::Anything => match self.below(4) {
+                0 => T::of_bits(self.bits()),
+                1 => {
+                    let index = self.below(64);
+                    T::special(index)
+                }
+                2 => self.wide(1.0),
+                _ => self.ordinary(),
+            },
+            Kind::Ordinary => self.ordinary(),
+            Kind::OrdinaryButOne => {
+                if self.below(8) == 0 {
+                    let index = self.below(64);
+                    T::special(index)
+                } else {
+                    self.ordinary()
+                }
+            }
+            Kind::Wide(part) => self.wide(part),
+            Kind::Scaled(exponent) => {
+                let value = self.ordinary().double();
+                // In two steps: the power alone may not be a number.
+                T::of(value * 10_f64.powf(exponent / 2.0)) * T::of(10_f64.powf(exponent / 2.0))
+            }
+        }
+    }
+
+    fn wide(&mut self, part: f64) -> T {
+        let (least, most) = T::RANGE;
+        let exponent = part * (least + self.uniform() * (most - least));
+        let value = T::of(10_f64.powf(exponent));
+        if self.below(2) == 0 { value } else { -value }
+    }
+
+    /// A number that must be finite.
+    fn x(&mut self) -> T {
+        let value = self.free();
+        self.sound &= value.is_finite();
+        value
+    }
+
+    /// A magnitude that may be infinite.
+    fn or_infinite(&mut self) -> T {
+        let value = self.free().abs();
+        self.sound &= value.is_finite() || value == T::INFINITY;
+        value
+    }
+
+    /// Above zero more often than not.
+    fn positive(&mut self) -> T {
+        let value = self.x();
+        if self.below(8) == 0 {
+            value
+        } else {
+            value.abs()
+        }
+    }
+
+    fn array<const N: usize>(&mut self) -> [T; N] {
+        core::array::from_fn(|_| self.x())
+    }
+
+    fn arrays<const N: usize, const M: usize>(&mut self) -> [[T; N]; M] {
+        core::array::from_fn(|_| self.array())
+    }
+
+    fn positives<const N: usize>(&mut self) -> [T; N] {
+        core::array::from_fn(|_| self.positive())
+    }
+
+    fn numbers(&mut self, count: usize) -> Vec<T> {
+        (0..count).map(|_| self.x()).collect()
+    }
+
+    /// Instants, increasing more often than not.
+    fn times(&mut self, count: usize) -> Vec<T> {
+        let mut times = self.numbers(count);
+        if self.below(8) > 0 {
+            for i in 1..count {
+                times[i] = times[i - 1] + times[i].abs();
+                self.sound &= times[i].is_finite();
+            }
+        }
+        times
+    }
+
+    fn place(&self) -> String {
+        format!("{}, pattern {}", self.name, self.pattern)
+    }
+
+    /// A result, `None` for an error. Nothing may be taken that is not finite.
+    fn taken<V, E>(&self, result: Result<V, E>) -> Option<V> {
+        if result.is_ok() {
+            assert!(self.sound, "{}: taken though not finite", self.place());
+        }
+        result.ok()
+    }
+
+    fn finite(&self, values: &[T]) {
+        for x in values {
+            assert!(x.is_finite(), "{}: gave {x}", self.place());
+        }
+    }
+
+    /// Not negative, perhaps infinite.
+    fn bounds(&self, values: &[T]) {
+        for x in values {
+            assert!(*x >= T::zero(), "{}: gave {x}", self.place());
+        }
+    }
+
+    /// Anything but NaN.
+    fn ordered(&self, values: &[T]) {
+        for x in values {
+            assert!(x == x, "{}: gave {x}", self.place());
+        }
+    }
+
+    fn unchanged<V: PartialEq + core::fmt::Debug, E>(
+        &self,
+        result: &Result<(), E>,
+        now: &V,
+        before: &V,
+    ) {
+        if result.is_err() {
+            assert_eq!(now, before, "{}: an error changed it", self.place());
+        }
+    }
+}
+
+/// Some rows, taken or not.
+fn information_of<T: Number, const N: usize>(draw: &mut Draw<T>) -> SquareRootInformation<T, N> {
+    let mut root = SquareRootInformation::new();
+    for _ in 0..draw.index(N + 3) {
+        draw.again();
+        let (row, before) = (draw.array(), root);
+        let result = root.push(&row);
+        draw.unchanged(&result, &root, &before);
+        draw.taken(result);
+        draw.finite(root.factor().as_flattened());
+    }
+    draw.again();
+    root
+}
+
+fn square_root_of<T: Number, const N: usize>(draw: &mut Draw<T>) {
+    let mut root = information_of::<T, N>(draw);
+    let other = information_of::<T, N>(draw);
+    let before = root;
+    let result = root.merge(&other);
+    draw.unchanged(&result, &root, &before);
+    let (keep, before) = (draw.positive(), root);
+    let result = root.forget(keep);
+    draw.unchanged(&result, &root, &before);
+    draw.taken(result);
+    draw.finite(root.factor().as_flattened());
+    answers_of(draw, &root);
+    draw.bounds(&[root.determinant(), root.root_determinant()]);
+    draw.ordered(&[root.log_determinant()]);
+    draw.bounds(&root.crlb_std());
+    assert!(
+        root.crlb()
+            .is_none_or(|crlb| crlb.as_flattened().iter().all(|x| x.is_finite()))
+    );
+    let nullity = (0..N).filter_map(|i| root.null_direction(i)).count();
+    assert_eq!(root.rank() + nullity, N, "{}", draw.place());
+}
+
+fn answers_of<T: Number, const N: usize>(draw: &mut Draw<T>, root: &SquareRootInformation<T, N>) {
+    let spectrum = root.spectrum();
+    spectrum_of(draw, &spectrum);
+    draw.again();
+    let rtol = draw.positive();
+    if let Some(spectrum) = draw.taken(Spectrum::with_rtol(root, rtol)) {
+        spectrum_of(draw, &spectrum);
+    }
+}
+
+fn spectrum_of<T: Number, const N: usize>(draw: &Draw<T>, spectrum: &Spectrum<T, N>) {
+    draw.bounds(spectrum.singular_values());
+    draw.finite(spectrum.singular_values());
+    draw.finite(spectrum.scale());
+    draw.finite(spectrum.vectors().as_flattened());
+    draw.bounds(&bound::crlb_std(spectrum));
+    if let Some(crlb) = bound::crlb(spectrum) {
+        draw.finite(crlb.as_flattened());
+    }
+    for i in 0..N {
+        if let Some(null) = spectrum.null_vector(i) {
+            draw.finite(&null);
+        }
+    }
+}
+
+fn square_root<T: Number>(draw: &mut Draw<T>) {
+    match draw.below(4) {
+        0 => square_root_of::<T, 1>(draw),
+        1 => square_root_of::<T, 2>(draw),
+        2 => square_root_of::<T, 3>(draw),
+        _ => square_root_of::<T, 4>(draw),
+    }
+}
+
+fn spectrum<T: Number>(draw: &mut Draw<T>) {
+    let root = information_of::<T, 3>(draw);
+    spectrum_of(draw, &Spectrum::new(&root));
+    let rtol: T = gramian::spectrum::default_rtol(draw.index(1 << 40), draw.index(1 << 20));
+    draw.finite(&[rtol]);
+}
+
+fn row_sinks<T: Number>(draw: &mut Draw<T>) {
+    let row = draw.array::<3>();
+    let mut information = Information::new();
+    draw.taken(RowSink::push(&mut information, &row));
+    let mut root = SquareRootInformation::new();
+    draw.taken(RowSink::push(&mut root, &row));
+    #[cfg(feature = "alloc")]
+    draw.taken(RowSink::push(&mut Vec::new(), &row));
+}
+
+fn information<T: Number>(draw: &mut Draw<T>) {
+    let mut sum = Information::<T, 4>::new();
+    for _ in 0..draw.index(8) {
+        draw.again();
+        let (row, before) = (draw.array(), sum);
+        let result = sum.push(&row);
+        draw.unchanged(&result, &sum, &before);
+        draw.taken(result);
+    }
+    draw.again();
+    let (index, sigma, before) = (draw.index(6), draw.positive(), sum);
+    let result = sum.prior(index, sigma);
+    draw.unchanged(&result, &sum, &before);
+    draw.taken(result);
+    let before = sum;
+    let result = sum.add(&before);
+    draw.unchanged(&result, &sum, &before);
+    draw.finite(sum.matrix().as_slice());
+    let keep = [draw.index(5), draw.index(5)];
+    for part in [sum.fix_others(&keep), sum.marginalize_others(&keep)] {
+        if let Ok(part) = part {
+            draw.finite(part.matrix().as_slice());
+        }
+    }
+}
+
+fn posterior<T: Number>(draw: &mut Draw<T>) {
+    let mut bound = Posterior::<T, 3>::unknown();
+    for _ in 0..draw.index(5) {
+        draw.again();
+        let (row, before) = (draw.array(), bound);
+        let result = bound.update(&row);
+        draw.unchanged(&result, &bound, &before);
+        draw.taken(result);
+        draw.again();
+        let (inverse, noise) = (draw.arrays::<3, 3>(), draw.arrays::<3, 2>());
+        let (before, count) = (bound, draw.index(3));
+        draw.sound |= count < 2;
+        let result = bound.predict(&inverse, &noise[..count]);
+        draw.unchanged(&result, &bound, &before);
+        if count == 2 {
+            draw.taken(result);
+        }
+        draw.finite(bound.root().factor().as_flattened());
+        draw.bounds(&bound.standard_deviations());
+    }
+}
+
+fn semidefinite_root<T: Number>(draw: &mut Draw<T>) {
+    let n = draw.index(4);
+    let mut covariance = draw.numbers(n * n);
+    if draw.below(2) == 0 {
+        for i in 0..n {
+            for j in 0..i {
+                covariance[i * n + j] = covariance[j * n + i];
+            }
+            covariance[i * n + i] = covariance[i * n + i].abs() * T::of(3.0);
+        }
+    }
+    let mut out = vec![T::zero(); n * n + draw.index(2)];
+    draw.sound = covariance.iter().all(|x| x.is_finite());
+    if draw
+        .taken(posterior::semidefinite_root(&covariance, n, &mut out))
+        .is_some()
+    {
+        draw.finite(&out);
+    }
+}
+
+fn chi_square<T: Number>(draw: &mut Draw<T>) {
+    let (value, dof) = (draw.positive(), draw.positive());
+    if let Some(p) = draw.taken(chi_square::survival(value, dof)) {
+        assert!(p >= T::zero() && p <= T::one(), "{}: {p}", draw.place());
+    }
+}
+
+fn scalar<T: Number>(draw: &mut Draw<T>) {
+    let angle = draw.x();
+    if let Some(wrapped) = draw.taken(wrap_angle(angle)) {
+        assert!(
+            wrapped > -T::pi() && wrapped <= T::pi(),
+            "{}: {wrapped}",
+            draw.place()
+        );
+    }
+}
+
+fn discriminants<T: Number>(draw: &mut Draw<T>) {
+    let (times, angles) = (draw.array(), draw.array());
+    for form in [Form::Sines, Form::Products, Form::Cotangents] {
+        if let Some(value) = draw.taken(bearings::discriminant(&times, &angles, form)) {
+            draw.finite(&[value]);
+        }
+    }
+}
+
+fn sums<T: Number>(draw: &mut Draw<T>) {
+    let count = draw.index(8);
+    let (times, angles) = (draw.times(count), draw.numbers(count));
+    let weights: Vec<T> = (0..count).map(|_| draw.positive()).collect();
+    for weights in [Some(weights.as_slice()), None] {
+        draw.sound &= weights.is_some() || times.iter().chain(&angles).all(|x| x.is_finite());
+        if weights.is_none() {
+            draw.sound = times.iter().chain(&angles).all(|x| x.is_finite());
+        }
+        draw.taken(bearings::check_track(&times, &angles, weights, 2));
+        for sum in [
+            bearings::discriminant_sum(&times, &angles, weights),
+            bearings::discriminant_sum_qr(&times, &angles, weights),
+            bearings::fixed_target_sum(&times, &angles, weights),
+            bearings::fixed_target_sum_qr(&times, &angles, weights),
+        ] {
+            if let Some(sum) = draw.taken(sum) {
+                draw.finite(&[sum]);
+            }
+        }
+    }
+}
+
+fn observability_test<T: Number>(draw: &mut Draw<T>) {
+    let count = draw.index(9);
+    let (times, angles) = (draw.times(count), draw.numbers(count));
+    let many = if draw.below(2) == 0 { 1 } else { count };
+    let sigma: Vec<T> = (0..many).map(|_| draw.positive()).collect();
+    if let Some(test) = draw.taken(bearings::observability_test(&times, &angles, &sigma)) {
+        draw.finite(&[test.statistic, test.p_value]);
+        draw.finite(&test.relative_motion);
+    }
+}
+
+fn monitor<T: Number>(draw: &mut Draw<T>) {
+    let mut monitor = Monitor::<T>::new();
+    let ranged = draw.below(2) == 0;
+    let mut time = draw.x();
+    for _ in 0..draw.index(10) {
+        draw.again();
+        if draw.below(8) > 0 {
+            let step = draw.x().abs();
+            time += step;
+        } else {
+            time = draw.free();
+        }
+        draw.sound = time.is_finite();
+        let (bearing, sigma) = (draw.x(), draw.positive());
+        let distance = ranged.then(|| draw.positive());
+        let before = monitor;
+        let result = monitor.push(time, bearing, sigma, distance);
+        draw.unchanged(&result, &monitor, &before);
+        if draw.taken(result).is_none() && !time.is_finite() {
+            time = T::zero();
+        }
+        let answer = monitor.answer();
+        assert!(answer.count == monitor.count() && answer.rank <= 4);
+        draw.bounds(&answer.crlb_std);
+        draw.bounds(&[answer.determinant]);
+        draw.ordered(&[answer.log_determinant]);
+        draw.finite(&[
+            answer.singular_value,
+            answer.statistic,
+            answer.dof,
+            answer.p_value,
+        ]);
+        draw.finite(&answer.relative_motion);
+    }
+}
+
+fn motions<T: Number>(draw: &mut Draw<T>) {
+    let count = draw.index(9);
+    let (state, time) = (draw.numbers(count), draw.x());
+    if let Some(place) = draw.taken(bearings::motion::<T, 2>(&state, time)) {
+        draw.finite(&place);
+    }
+    if let Some(place) = draw.taken(bearings::motion::<T, 3>(&state, time)) {
+        draw.finite(&place);
+    }
+    draw.again();
+    let (time, offset, sigma) = (draw.x(), draw.array(), draw.positive());
+    let mut out = vec![T::zero(); draw.index(9)];
+    let result = bearings::motion_row(time, offset, sigma, &mut out);
+    if draw.taken(result).is_some() {
+        draw.finite(&out);
+    }
+    draw.again();
+    let (time, offset, sigma) = (draw.x(), draw.array(), draw.positives());
+    let (n, more) = (draw.index(13), draw.index(2));
+    let (mut azimuth, mut elevation) = (vec![T::zero(); n], vec![T::zero(); n + more]);
+    let result =
+        bearings::azimuth_elevation_rows(time, offset, sigma, &mut azimuth, &mut elevation);
+    if draw.taken(result).is_some() {
+        draw.finite(&azimuth);
+        draw.finite(&elevation);
+    }
+}
+
+fn bearing_rows<T: Number>(draw: &mut Draw<T>) {
+    let (time, east, north, sigma) = (draw.x(), draw.x(), draw.x(), draw.positive());
+    if let Some(row) = draw.taken(bearings::row(time, east, north, sigma)) {
+        draw.finite(&row);
+    }
+    draw.again();
+    let (state, time) = (draw.array(), draw.x());
+    if let Some(place) = draw.taken(bearings::position(&state, time)) {
+        draw.finite(&place);
+    }
+    draw.again();
+    let (observer, target) = (draw.array(), draw.array());
+    if let Some(bearing) = draw.taken(bearings::bearing(observer, target)) {
+        draw.finite(&[bearing]);
+    }
+    draw.again();
+    let times = draw.array::<3>();
+    let (observer, target) = (draw.arrays::<2, 3>(), draw.arrays::<2, 3>());
+    let sigma = draw.positives::<3>();
+    let mut root = SquareRootInformation::new();
+    draw.taken(bearings::push_rows(
+        &times, &observer, &target, &sigma, &mut root,
+    ));
+    draw.finite(root.factor().as_flattened());
+}
+
+fn fields<T: Number>(draw: &mut Draw<T>) {
+    let (position, moment) = (draw.array(), draw.array());
+    if let Some(field) = draw.taken(dipole::field(&position, &moment)) {
+        draw.finite(&field);
+    }
+    if let Some(jacobian) = draw.taken(dipole::jacobian(&position, &moment)) {
+        draw.finite(jacobian.position.as_flattened());
+        draw.finite(jacobian.moment.as_flattened());
+    }
+    draw.again();
+    let (permanent, attitude) = (draw.array(), draw.arrays::<3, 3>());
+    let (volume, earth) = (draw.x(), draw.array());
+    if let Some(moment) = draw.taken(dipole::moment(&permanent, &attitude, volume, &earth)) {
+        draw.finite(&moment);
+    }
+}
+
+fn passes<T: Number>(draw: &mut Draw<T>) {
+    let pass = Pass::of(&draw.array());
+    let sound = draw.sound;
+    let moving = [pass.position, pass.velocity];
+    draw.sound = moving.as_flattened().iter().all(|x| x.is_finite());
+    let (sensor, time) = (draw.array(), draw.x());
+    if let Some(place) = draw.taken(pass.seen_from(&sensor, time)) {
+        draw.finite(&place);
+    }
+    draw.sound = sound;
+    let u = draw.x();
+    if let Some(scaled) = draw.taken(pass.scaled(u)) {
+        draw.finite(&scaled.state());
+    }
+    draw.sound = sound;
+    let sensing = if draw.below(2) == 0 {
+        Sensing::Vector
+    } else {
+        Sensing::TotalField(draw.array())
+    };
+    let (times, sensors) = (draw.array::<4>(), draw.arrays::<3, 2>());
+    let mut out = vec![T::zero(); 8 * sensing.channels()];
+    let result = dipole::measure(&times, &pass, &sensors, &sensing, &mut out);
+    if draw.taken(result).is_some() {
+        draw.finite(&out);
+    }
+    let sigma = draw.positives::<4>();
+    let mut root = SquareRootInformation::new();
+    draw.taken(dipole::push_rows(
+        &times, &pass, &sensors, &sensing, &sigma, &mut root,
+    ));
+    draw.finite(root.factor().as_flattened());
+}
+
+fn accumulator<T: Number>(draw: &mut Draw<T>) {
+    let (mut sums, mut both) = (Accumulator::new(), Accumulator::new());
+    for _ in 0..draw.index(5) {
+        draw.again();
+        let (time, weight, before) = (draw.x(), draw.positive(), sums);
+        let (position, moment) = (draw.array(), draw.array());
+        let result = sums.push(time, &position, &moment, weight);
+        draw.unchanged(&result, &sums, &before);
+        draw.taken(result);
+        let before = both;
+        let result = both.merge(&sums);
+        draw.unchanged(&result, &both, &before);
+    }
+    draw.finite(sums.matrix().as_flattened());
+    draw.finite(both.matrix().as_flattened());
+}
+
+fn law<T: Number>(draw: &mut Draw<T>) -> (Law, Side) {
+    let laws = [
+        Law::MaxDet,
+        Law::HammelLiu,
+        Law::BearingRate,
+        Law::Perpendicular,
+    ];
+    let sides = [Side::Right, Side::Left];
+    (laws[draw.index(4)], sides[draw.index(2)])
+}
+
+fn laws<T: Number>(draw: &mut Draw<T>) {
+    let (law, side) = law(draw);
+    let (range, step) = (draw.positive(), draw.positive());
+    if let Some((cos, sin)) = draw.taken(law.turn(range, step)) {
+        draw.finite(&[cos, sin, side.sign()]);
+    }
+    let bearing = draw.x();
+    if let Some(heading) = draw.taken(maneuver::heading(bearing, range, step, law, side)) {
+        assert!(
+            heading > -T::pi() && heading <= T::pi(),
+            "{}: {heading}",
+            draw.place()
+        );
+    }
+    draw.again();
+    let steering = Steering {
+        law,
+        side,
+        step: draw.positive(),
+        standoff: draw.positive(),
+        at_standoff: [AtStandoff::Stop, AtStandoff::Circle][draw.index(2)],
+    };
+    let (position, target) = (draw.array(), draw.array());
+    if let Some(Some(leg)) = draw.taken(steering.leg(position, target)) {
+        draw.finite(&leg.direction);
+        draw.finite(&leg.end);
+    }
+    draw.again();
+    let (east, north, sigma) = (draw.x(), draw.x(), draw.positive());
+    if let Some(row) = draw.taken(maneuver::row(east, north, sigma)) {
+        draw.finite(&row);
+    }
+}
+
+fn best_heading<T: Number>(draw: &mut Draw<T>) {
+    let information = information_of::<T, 2>(draw);
+    let (position, target) = (draw.array(), draw.array());
+    let (step, sigma, standoff) = (draw.positive(), draw.positive(), draw.positive());
+    let headings = draw.array::<4>();
+    let choice = maneuver::best_heading(
+        &information,
+        position,
+        target,
+        step,
+        sigma,
+        standoff,
+        &headings,
+    );
+    // Where every leg ends inside the stand-off range no sigma is looked at.
+    if let Ok(Some(choice)) = choice {
+        draw.taken::<_, ()>(Ok(()));
+        draw.finite(&[choice.heading]);
+        draw.bounds(&[choice.determinant]);
+    }
+}
+
+fn steering<T: Number>(draw: &mut Draw<T>) {
+    let (targets, keep_out) = (draw.arrays::<4, 2>(), draw.arrays::<3, 2>());
+    let limits = Limits {
+        standoff: draw.positive(),
+        targets: &targets,
+        keep_out: &keep_out,
+        max_turn: draw.or_infinite(),
+    };
+    let (at, time) = (draw.array(), draw.x());
+    if let Some(Some(heading)) = draw.taken(steer::escape(at, time, &limits)) {
+        draw.finite(&[heading]);
+    }
+    let (length, wanted) = (draw.positive(), draw.x());
+    let before = if draw.below(2) == 0 {
+        Some(draw.x())
+    } else {
+        None
+    };
+    let found = steer::steer(at, time, length, wanted, before, &limits);
+    if let Some(Some(heading)) = draw.taken(found) {
+        draw.finite(&[heading]);
+    }
+}
+
+fn plan_of<T: Number, const N: usize>(draw: &mut Draw<T>) {
+    let prior = information_of::<T, N>(draw);
+    let (headings, lengths) = (draw.array::<3>(), draw.array::<3>());
+    let counts = [draw.index(3), draw.index(3), draw.index(3)];
+    let legs = Legs {
+        start: draw.array(),
+        dt: draw.x(),
+        headings: &headings,
+        lengths: &lengths,
+        counts: &counts,
+    };
+    let target = Target {
+        state: draw.array(),
+        sigma: draw.positive(),
+        prior: &prior,
+        scale: draw.positives(),
+    };
+    let criterion = match draw.below(4) {
+        0 => Criterion::LogDet,
+        1 => Criterion::Trace,
+        2 => Criterion::SmallestEigenvalue {
+            sharpness: draw.or_infinite(),
+        },
+        _ => Criterion::Combination(draw.array()),
+    };
+    if let Some(value) = draw.taken(plan::value(&legs, &target, &criterion)) {
+        draw.ordered(&[value]);
+    }
+    let mut out = vec![T::zero(); legs.steps() + 1];
+    if draw
+        .taken(plan::along(&legs, &target, &criterion, &mut out))
+        .is_some()
+    {
+        draw.ordered(&out);
+    }
+    let (mut by_heading, mut by_length) = ([T::zero(); 3], [T::zero(); 3]);
+    let weight = draw.x();
+    let found = plan::gradient(
+        &legs,
+        &target,
+        &criterion,
+        weight,
+        &mut by_heading,
+        &mut by_length,
+    );
+    if let Some(value) = draw.taken(found) {
+        draw.ordered(&[value]);
+        draw.finite(&by_heading);
+        draw.finite(&by_length);
+    }
+}
+
+fn plans<T: Number>(draw: &mut Draw<T>) {
+    if draw.below(2) == 0 {
+        plan_of::<T, 2>(draw);
+    } else {
+        plan_of::<T, 4>(draw);
+    }
+}
+
+fn planes<T: Number>(draw: &mut Draw<T>) {
+    let plane = |draw: &mut Draw<T>| {
+        draw.again();
+        let (a, b) = (draw.array(), draw.array());
+        let (sigma_a, sigma_b) = (draw.positives(), draw.positives());
+        draw.taken(Plane::new(a, b, &sigma_a, &sigma_b))
+    };
+    let (Some(one), Some(two)) = (plane(draw), plane(draw)) else {
+        return;
+    };
+    draw.finite(one.projector().as_flattened());
+    draw.finite(one.basis().as_flattened());
+    draw.finite(&[one.pair_degree(&two)]);
+    if let Ok(determinant) = one.determinant(&two) {
+        draw.finite(&[determinant]);
+    }
+}
+
+fn running<T: Number>(draw: &mut Draw<T>) {
+    let (a, b) = (draw.array(), draw.array());
+    let (sigma_a, sigma_b) = (draw.positives(), draw.positives());
+    let Some(mut running) = draw.taken(Running::new(a, b, sigma_a, sigma_b)) else {
+        return;
+    };
+    for _ in 0..4 {
+        draw.again();
+        let (position, before) = (draw.array(), *running.root());
+        let result = running.push(position);
+        draw.unchanged(&result, running.root(), &before);
+        draw.taken(result);
+        draw.finite(&[running.eta()]);
+        draw.finite(running.root().factor().as_flattened());
+        assert!(running.looks() <= 4);
+    }
+}
+
+fn layout<T: Number>(draw: &mut Draw<T>) -> Layout {
+    let dimension = [Dimension::Plane, Dimension::Space][draw.index(2)];
+    let sensors = 1 + draw.index(3);
+    if draw.below(3) == 0 {
+        return Layout::simple(dimension, sensors);
+    }
+    Layout {
+        dimension,
+        sensors,
+        gain: draw.below(2) == 0,
+        position: draw.below(2) == 0,
+        attitude: draw.below(2) == 0,
+    }
+}
+
+fn looks<T: Number>(draw: &mut Draw<T>) {
+    let layout = layout(draw);
+    let (d, per) = (layout.size(), layout.per_sensor());
+    let (sensor, sigma) = (draw.array::<3>(), draw.positives::<3>());
+    let (bias, target) = (draw.array::<10>(), draw.array::<3>());
+    // Of these only the first entries are handed in.
+    let used = [&sensor[..d], &sigma[..d], &bias[..per], &target[..d]];
+    draw.sound = used.iter().all(|part| part.iter().all(|x| x.is_finite()));
+    let found = look::linearise(
+        &layout,
+        &sensor[..d],
+        &sigma[..d],
+        &bias[..per],
+        &target[..d],
+    );
+    if let Some(linear) = draw.taken(found) {
+        draw.finite(&linear.measured);
+        draw.finite(linear.position.as_flattened());
+        draw.finite(linear.bias.as_flattened());
+    }
+    let mut out = vec![T::zero(); d];
+    let used = [&sensor[..d], &bias[..per], &target[..d]];
+    draw.sound = used.iter().all(|part| part.iter().all(|x| x.is_finite()));
+    let found = look::place(&layout, &sensor[..d], &bias[..per], &target[..d], &mut out);
+    if draw.taken(found).is_some() {
+        draw.finite(&out);
+    }
+    draw.again();
+    let m = layout.sensors;
+    let (sensors, biases) = (draw.numbers(m * d), draw.numbers(layout.states()));
+    let sigma: Vec<T> = (0..m * d).map(|_| draw.positive()).collect();
+    let sound = draw.sound;
+    let used = [&sensors, &sigma];
+    draw.sound = used.iter().all(|part| part.iter().all(|x| x.is_finite()));
+    draw.taken(layout.check(&sensors, &sigma));
+    draw.sound = sound;
+    let target = draw.numbers(d);
+    let mut work = vec![T::zero(); look::scratch(&layout)];
+    let mut out = vec![T::zero(); layout.rows() * layout.states()];
+    let found = look::rows(
+        &layout, &sensors, &sigma, &biases, &target, &mut work, &mut out,
+    );
+    if draw.taken(found).is_some() {
+        draw.finite(&out);
+    }
+}
+
+fn levels<T: Number>(draw: &mut Draw<T>) {
+    let mut a = draw.arrays::<4, 4>();
+    // Zeros are what makes a system: most couplings do not exist.
+    for x in a.as_flattened_mut() {
+        if draw.below(2) == 0 && x.is_finite() {
+            *x = T::zero();
+        }
+    }
+    let c = draw.arrays::<4, 2>();
+    if let Some(found) = draw.taken(linear::levels(&a, &c)) {
+        assert!(found.ranks.iter().all(|&rank| rank <= 4));
+        assert!(found.states.iter().flatten().all(|&level| level < 4));
+    }
+    let rtol: T = linear::default_rtol(draw.index(1 << 40));
+    draw.finite(&[rtol]);
+}
+
+#[cfg(feature = "alloc")]
+mod sized {
+    use super::{Draw, Number, layout};
+    use gramian::linear::analysis::Analysis;
+    use gramian::linear::piecewise::Piecewise;
+    use gramian::linear::window::{self, Window};
+    use gramian::observability::{self, Observability};
+    use gramian::registration::estimate::{Estimator, Method, Question, report};
+
+    fn rtol<T: Number>(draw: &mut Draw<T>) -> Option<T> {
+        (draw.below(2) == 0).then(|| draw.positive())
+    }
+
+    pub fn observability<T: Number>(draw: &mut Draw<T>) {
+        let (n, count) = (draw.index(5), draw.index(7));
+        let stray = usize::from(draw.below(16) == 0);
+        let rows = draw.numbers(n * count + stray);
+        let rtol = rtol(draw);
+        let sound = draw.sound;
+        if let Some((values, vectors)) = {
+            draw.sound = rows.iter().all(|x| x.is_finite());
+            draw.taken(observability::singular_values(&rows, n))
+        } {
+            draw.finite(&values);
+            draw.finite(&vectors);
+        }
+        draw.sound = sound;
+        let eliminated = draw.index(n + 2);
+        let marginal = observability::marginal_rows(&rows, n, eliminated, rtol);
+        for row in draw.taken(marginal).into_iter().flatten() {
+            draw.finite(&row);
+        }
+        let Some(found) = draw.taken(Observability::new(&rows, n, rtol)) else {
+            return;
+        };
+        assert!(found.rank() <= found.states());
+        draw.finite(found.singular_values());
+        draw.finite(found.vectors());
+        draw.finite(found.factor());
+        draw.finite(found.scale());
+        draw.bounds(&found.crlb_std());
+        draw.finite(&found.crlb().unwrap_or_default());
+        draw.ordered(&[found.log_det(), found.rtol()]);
+        for vector in found.null_space().into_iter().flatten() {
+            draw.finite(&vector);
+        }
+        draw.finite(&found.weakest_direction().unwrap_or_default());
+        draw.again();
+        let (combination, sigma) = (draw.numbers(n), draw.positive());
+        if let Some((rank, std)) = draw.taken(found.knowing(&combination, sigma)) {
+            assert!(rank <= n);
+            draw.bounds(&std);
+        }
+        if let Some((rank, std)) = found.knowing(&combination, T::zero()).ok() {
+            assert!(rank <= n);
+            draw.bounds(&std);
+        }
+        draw.sound = combination.iter().all(|x| x.is_finite());
+        if let Some(std) = draw.taken(found.combination_std(&combination)) {
+            draw.bounds(&[std]);
+        }
+        if let Some(values) = draw.taken(found.singular_values_scaled(&combination)) {
+            draw.finite(&values);
+        }
+    }
+
+    fn system<T: Number>(draw: &mut Draw<T>, n: usize, count: usize) -> Vec<T> {
+        let mut a = draw.numbers(count * n * n);
+        for x in &mut a {
+            if draw.below(2) == 0 && x.is_finite() {
+                *x = T::zero();
+            }
+        }
+        a
+    }
+
+    pub fn analysis<T: Number>(draw: &mut Draw<T>) {
+        let n = draw.index(5);
+        let outputs = draw.index(3);
+        let (a, c) = (system(draw, n, 1), draw.numbers(outputs * n));
+        let rtol = rtol(draw);
+        let Some(found) = draw.taken(Analysis::new(&a, &c, n, rtol)) else {
+            return;
+        };
+        assert!(found.rank() <= n && found.ranks().len() == n);
+        assert_eq!(found.state_levels().len(), n);
+        draw.finite(found.scale());
+        draw.finite(found.row_space());
+        draw.finite(found.kernel());
+        draw.finite(&[found.found().weakest, found.found().rejected, found.rtol()]);
+        for vector in found.null_space() {
+            draw.finite(&vector);
+        }
+        for vector in found.combinations().into_iter().flatten() {
+            draw.finite(&vector);
+        }
+        draw.again();
+        let combination = draw.numbers(n);
+        if let Some(residuals) = draw.taken(found.residuals(&combination)) {
+            draw.finite(&residuals);
+        }
+        let tolerance = draw.x();
+        draw.taken(found.level_of(&combination, Some(tolerance)));
+    }
+
+    pub fn piecewise<T: Number>(draw: &mut Draw<T>) {
+        let (n, segments) = (draw.index(4), draw.index(4));
+        let (a, c) = (system(draw, n, segments), draw.numbers(segments * n));
+        let durations = draw.numbers(segments);
+        let found = Piecewise::new(&a, &c, &durations, n, None);
+        if let Some(found) = draw.taken(found) {
+            assert!(found.total.iter().all(|&rank| rank <= n));
+            for vector in found.null_space {
+                draw.finite(&vector);
+            }
+        }
+    }
+
+    pub fn windows<T: Number>(draw: &mut Draw<T>) {
+        let n = draw.index(4);
+        let (a, c) = (system(draw, n, 1), draw.numbers(n * 2));
+        let q = (draw.below(2) == 0).then(|| draw.numbers(n * n));
+        let sound = draw.sound;
+        let duration = draw.positive();
+        let finite = |draw: &Draw<T>, window: &Window<T>| {
+            draw.finite(window.transition());
+            draw.finite(window.noise());
+            draw.finite(window.gramian());
+        };
+        let window = Window::continuous(&a, &c, q.as_deref(), n, duration);
+        if let Some(window) = draw.taken(window) {
+            finite(draw, &window);
+        }
+        draw.sound = sound;
+        if let Some(one) = draw.taken(Window::sample(&a, &c, q.as_deref(), n)) {
+            finite(draw, &one);
+            if let Ok(two) = one.then(&one) {
+                finite(draw, &two);
+            }
+            if let Ok(Some(many)) = one.repeated(draw.index(1 << 40)) {
+                finite(draw, &many);
+            }
+        }
+        draw.sound = a.iter().all(|x| x.is_finite());
+        let duration = draw.x();
+        if let Some(e) = draw.taken(window::transition(&a, n, duration)) {
+            draw.finite(&e);
+        }
+    }
+
+    /// This number, or now and then another.
+    fn some<T: Number>(draw: &mut Draw<T>, usual: f64) -> T {
+        if draw.below(4) == 0 {
+            draw.positive()
+        } else {
+            T::of(usual)
+        }
+    }
+
+    pub fn estimates<T: Number>(draw: &mut Draw<T>) {
+        let (layout, looks) = (layout(draw), 1 + draw.index(3));
+        let (d, m, n) = (layout.size(), layout.sensors, layout.states());
+        let (sensors, positions) = (draw.numbers(m * d), draw.numbers(looks * d));
+        let biases = draw.numbers(n);
+        let mut reports = vec![T::zero(); looks * m * d];
+        let made = report(&layout, &sensors, &biases, &positions, &mut reports);
+        if draw.taken(made).is_some() {
+            draw.finite(&reports);
+        }
+        draw.sound = sensors.iter().all(|x| x.is_finite());
+        if draw.below(2) == 0 {
+            reports = draw.numbers(looks * m * d);
+        } else if !reports.iter().all(|x| x.is_finite()) {
+            return;
+        }
+        let sigma: Vec<T> = (0..m * d).map(|_| draw.positive()).collect();
+        let prior: Option<Vec<T>> =
+            (draw.below(2) == 0).then(|| (0..n).map(|_| draw.or_infinite()).collect());
+        let methods = [
+            Method::LeastSquares,
+            Method::Generalised,
+            Method::MaximumLikelihood,
+        ];
+        let question = Question {
+            layout,
+            sensors: &sensors,
+            sigma: &sigma,
+            prior: prior.as_deref(),
+            method: methods[draw.index(3)],
+            iterations: draw.index(6),
+            tolerance: some(draw, 1e-3),
+            noise_share: some(draw, 0.5),
+            bend: some(draw, 0.05),
+        };
+        let Ok(mut estimator) = Estimator::new(layout, looks) else {
+            return;
+        };
+        if let Some(answer) = draw.taken(estimator.run(&question, &reports)) {
+            draw.finite(&[answer.chi_square, answer.noise_share, answer.bend]);
+            draw.finite(estimator.biases());
+            draw.finite(estimator.positions());
+            draw.finite(estimator.covariance());
+            draw.finite(estimator.directions());
+        }
+    }
+}
+
+type Case<T> = fn(&mut Draw<T>);
+
+macro_rules! cases {
+    ($($(#[$attribute:meta])* $($name:ident)::+),+ $(,)?) => {
+        /// All cases, for each number type.
+        const CASES: &[(&str, Case<f32>, Case<f64>)] =
+            &[$($(#[$attribute])* (stringify!($($name)::+), $($name)::+::<f32>, $($name)::+::<f64>)),+];
+    };
+}
+
+cases![
+    square_root,
+    spectrum,
+    row_sinks,
+    information,
+    posterior,
+    semidefinite_root,
+    chi_square,
+    scalar,
+    discriminants,
+    sums,
+    observability_test,
+    monitor,
+    motions,
+    bearing_rows,
+    fields,
+    passes,
+    accumulator,
+    laws,
+    best_heading,
+    steering,
+    plans,
+    planes,
+    running,
+    looks,
+    levels,
+    #[cfg(feature = "alloc")]
+    sized::observability,
+    #[cfg(feature = "alloc")]
+    sized::analysis,
+    #[cfg(feature = "alloc")]
+    sized::piecewise,
+    #[cfg(feature = "alloc")]
+    sized::windows,
+    #[cfg(feature = "alloc")]
+    sized::estimates,
+];
+
+/// Patterns for each case; the iterative ones take a hundred times as long.
+fn patterns() -> u64 {
+    std::env::var("GRAMIAN_FUZZ").map_or(4_000, |count| count.parse().unwrap())
+}
+
+/// Runs a case; the message of the first pattern that fails.
+fn run<T: Number>(name: &'static str, case: Case<T>) -> Option<String> {
+    let (done, watch) = channel::<()>();
+    let watchdog = std::thread::spawn(move || {
+        if watch.recv_timeout(Duration::from_secs(1800)) == Err(RecvTimeoutError::Timeout) {
+            eprintln!("{name} runs without end");
+            std::process::abort();
+        }
+    });
+    let mut draw = Draw::new(name);
+    let failed = catch_unwind(AssertUnwindSafe(|| {
+        for pattern in 0..patterns() {
+            draw.start(pattern);
+            case(&mut draw);
+        }
+    }));
+    drop(done);
+    watchdog.join().unwrap();
+    failed.err().map(|cause| {
+        let said = cause
+            .downcast_ref::<String>()
+            .map_or("panic", String::as_str);
+        format!("{}: {said}", draw.place())
+    })
+}
+
+#[test]
+fn single_precision() {
+    let failed: Vec<String> = CASES
+        .iter()
+        .filter_map(|(name, case, _)| run(name, *case))
+        .collect();
+    assert!(failed.is_empty(), "{failed:#?}");
+}
+
+#[test]
+fn double_precision() {
+    let failed: Vec<String> = CASES
+        .iter()
+        .filter_map(|(name, _, case)| run(name, *case))
+        .collect();
+    assert!(failed.is_empty(), "{failed:#?}");
+}
+
+/// Functions that hand out what is held, count, or change no number.
+const NOTHING_TO_TEST: &[&str] = &["at", "mirrored"];
+
+/// Modules that need `std`.
+const WITH_STD: &[&str] = &["batch", "dense.rs", "localize"];
+
+#[test]
+fn every_public_function_has_a_case() {
+    let here = include_str!("fuzz.rs");
+    let source = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let mut folders = vec![source];
+    let mut missing = Vec::new();
+    let mut count = 0;
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if WITH_STD.iter().any(|name| path.ends_with(name)) {
+                continue;
+            }
+            if path.is_dir() {
+                folders.push(path);
+                continue;
+            }
+            let private = ["scaling.rs", "staircase.rs", "lane.rs"];
+            if private.iter().any(|name| path.ends_with(name)) {
+                continue;
+            }
+            for line in std::fs::read_to_string(&path).unwrap().lines() {
+                let line = line.trim_start();
+                let rest = line
+                    .strip_prefix("pub fn ")
+                    .or_else(|| line.strip_prefix("pub const fn "));
+                let Some(rest) = rest else { continue };
+                let end = rest.find(['(', '<']).unwrap();
+                let name = &rest[..end];
+                count += 1;
+                let called = [format!("{name}("), format!("{name}::<")];
+                let known = NOTHING_TO_TEST.contains(&name);
+                if !known && !called.iter().any(|call| here.contains(call)) {
+                    missing.push(format!("{}: {name}", path.display()));
+                }
+            }
+        }
+    }
+    assert!(count > 100);
+    assert!(missing.is_empty(), "without a case: {missing:#?}");
+}
