@@ -274,7 +274,8 @@ impl<T: Real> Observability<T> {
         check_length("combination", combination.len(), self.n)?;
         check_finite("combination", combination)?;
         let std = self.deviation(combination);
-        if std == std {
+        // Not NaN.
+        if std >= T::zero() {
             return Ok(std);
         }
         Err(NumberError::Overflow {

@@ -287,7 +287,11 @@ impl<T: Number> Draw<T> {
     /// Anything but NaN.
     fn ordered(&self, values: &[T]) {
         for x in values {
-            assert!(x == x, "{}: gave {x}", self.place());
+            assert!(
+                x.partial_cmp(&T::zero()).is_some(),
+                "{}: gave {x}",
+                self.place()
+            );
         }
     }
 

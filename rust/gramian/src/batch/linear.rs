@@ -329,6 +329,7 @@ pub fn gramian_cost(n: usize) -> f64 {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 

@@ -175,7 +175,8 @@ pub fn gradient<T: Real, const N: usize>(
 
 /// Hands on a value that is a number: infinity says that there is no bound.
 fn number<T: Real>(value: T) -> Result<T, Error> {
-    if value == value {
+    // Compares with nothing if NaN.
+    if value.partial_cmp(&T::zero()).is_some() {
         Ok(value)
     } else {
         Err(NumberError::Overflow { result: "value" }.into())
