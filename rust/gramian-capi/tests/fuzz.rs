@@ -4,6 +4,7 @@
 #![allow(unsafe_code, clippy::unwrap_used)]
 
 use std::mem::MaybeUninit;
+use std::ptr::null_mut as null;
 
 use gramian_capi::{
     GramianAnswer, GramianLaw, GramianSide, GramianStatus, gramian_dipole_field,
@@ -27,8 +28,8 @@ impl Draw {
     /// Any bits, or a number of a usual size.
     fn x(&mut self, wild: bool) -> f32 {
         let bits = self.bits();
-        if wild && bits % 4 == 0 {
-            f32::from_bits((bits >> 32) as u32)
+        if wild && bits.is_multiple_of(4) {
+            f32::from_bits(u32::try_from(bits >> 32).unwrap())
         } else {
             (bits >> 40) as f32 / 1e4
         }
@@ -55,7 +56,7 @@ fn no_pattern_gives_what_is_not_finite_without_a_status() {
     let count = std::env::var("GRAMIAN_FUZZ").map_or(20_000, |count| count.parse().unwrap());
     for pattern in 0..count {
         let mut draw = Draw(pattern);
-        let wild = draw.bits() % 2 == 0;
+        let wild = draw.bits().is_multiple_of(2);
         watch(&mut draw, wild);
         steer(&mut draw, wild);
         feel(&mut draw, wild);
@@ -73,13 +74,13 @@ fn watch(draw: &mut Draw, wild: bool) {
         monitor.assume_init()
     };
     let mut time = 0.0_f32;
-    let ranged = draw.bits() % 2 == 0;
+    let ranged = draw.bits().is_multiple_of(2);
     for _ in 0..6 {
         time += draw.x(wild).abs();
         let (bearing, sigma) = (draw.x(wild), draw.x(wild));
         let range = if ranged { draw.x(wild) } else { 0.0 };
         // SAFETY: a monitor that was made.
-        let status = unsafe { gramian_monitor_push(&mut monitor, time, bearing, sigma, range) };
+        let status = unsafe { gramian_monitor_push(&raw mut monitor, time, bearing, sigma, range) };
         if status == GramianStatus::Ok {
             assert!(finite(&[time, bearing, sigma, range]));
         } else if !time.is_finite() {
@@ -88,7 +89,7 @@ fn watch(draw: &mut Draw, wild: bool) {
         let mut answer = MaybeUninit::<GramianAnswer>::uninit();
         // SAFETY: a monitor that was made, and memory for an answer.
         let answer = unsafe {
-            let status = gramian_monitor_answer(&monitor, answer.as_mut_ptr());
+            let status = gramian_monitor_answer(&raw const monitor, answer.as_mut_ptr());
             assert_eq!(status, GramianStatus::Ok);
             answer.assume_init()
         };
@@ -109,7 +110,7 @@ fn steer(draw: &mut Draw, wild: bool) {
     let side = [GramianSide::Right, GramianSide::Left][usize::try_from(draw.bits() % 2).unwrap()];
     let mut heading = f32::NAN;
     // SAFETY: a pointer to a float.
-    let status = unsafe { gramian_heading(bearing, range, step, law, side, &mut heading) };
+    let status = unsafe { gramian_heading(bearing, range, step, law, side, &raw mut heading) };
     if status == GramianStatus::Ok {
         assert!(finite(&[bearing, range, step, heading]));
     }
@@ -151,7 +152,13 @@ fn feel(draw: &mut Draw, wild: bool) {
         let (position, moment) = (draw.vector(wild), draw.vector(wild));
         // SAFETY: sums that were made, and pointers to three floats.
         let status = unsafe {
-            gramian_dipole_sums_push(&mut sums, time, position.as_ptr(), moment.as_ptr(), sigma)
+            gramian_dipole_sums_push(
+                &raw mut sums,
+                time,
+                position.as_ptr(),
+                moment.as_ptr(),
+                sigma,
+            )
         };
         if status == GramianStatus::Ok {
             assert!(finite(&[time, sigma]) && finite(&position) && finite(&moment));
@@ -159,13 +166,12 @@ fn feel(draw: &mut Draw, wild: bool) {
     }
     let mut matrix = [f32::NAN; 81];
     // SAFETY: sums that were made, and a pointer to 81 floats.
-    let status = unsafe { gramian_dipole_sums_matrix(&sums, matrix.as_mut_ptr()) };
+    let status = unsafe { gramian_dipole_sums_matrix(&raw const sums, matrix.as_mut_ptr()) };
     assert!(status == GramianStatus::Ok && finite(&matrix));
 }
 
 #[test]
 fn a_null_pointer_is_a_status() {
-    let null = core::ptr::null_mut;
     // SAFETY: null is allowed everywhere.
     unsafe {
         assert_eq!(gramian_monitor_init(null()), GramianStatus::Null);

@@ -180,7 +180,7 @@ fn stirling<T: Real>(x: T) -> T {
 ///
 /// # Source
 /// Stirling's series (NIST DLMF 5.11.1) from x = 10 on, reached by recurrence.
-pub fn ln_gamma<T: Real>(x: T) -> T {
+fn ln_gamma<T: Real>(x: T) -> T {
     let one = T::one();
     let (mut x, mut product) = (x, one);
     while x < T::of(10.0) {

@@ -67,7 +67,7 @@ macro_rules! number {
                     Self::MAX,
                     Self::MIN,
                     Self::EPSILON,
-                    core::f64::consts::PI as Self,
+                    core::$type::consts::PI,
                 ];
                 values[usize::try_from(index).unwrap() % values.len()]
             }
@@ -92,6 +92,10 @@ enum Kind {
     Wide(f64),
     /// One size for all, up to rounding of their own.
     Scaled(f64),
+}
+
+fn all_finite<T: Number>(values: &[T]) -> bool {
+    values.iter().all(|&x| x.is_finite())
 }
 
 struct Draw<T> {
@@ -339,7 +343,7 @@ fn square_root_of<T: Number, const N: usize>(draw: &mut Draw<T>) {
     draw.bounds(&root.crlb_std());
     assert!(
         root.crlb()
-            .is_none_or(|crlb| crlb.as_flattened().iter().all(|x| x.is_finite()))
+            .is_none_or(|crlb| all_finite(crlb.as_flattened()))
     );
     let nullity = (0..N).filter_map(|i| root.null_direction(i)).count();
     assert_eq!(root.rank() + nullity, N, "{}", draw.place());
@@ -416,10 +420,9 @@ fn information<T: Number>(draw: &mut Draw<T>) {
     draw.unchanged(&result, &sum, &before);
     draw.finite(sum.matrix().as_slice());
     let keep = [draw.index(5), draw.index(5)];
-    for part in [sum.fix_others(&keep), sum.marginalize_others(&keep)] {
-        if let Ok(part) = part {
-            draw.finite(part.matrix().as_slice());
-        }
+    let parts = [sum.fix_others(&keep), sum.marginalize_others(&keep)];
+    for part in parts.into_iter().flatten() {
+        draw.finite(part.matrix().as_slice());
     }
 }
 
@@ -457,7 +460,7 @@ fn semidefinite_root<T: Number>(draw: &mut Draw<T>) {
         }
     }
     let mut out = vec![T::zero(); n * n + draw.index(2)];
-    draw.sound = covariance.iter().all(|x| x.is_finite());
+    draw.sound = all_finite(&covariance);
     if draw
         .taken(posterior::semidefinite_root(&covariance, n, &mut out))
         .is_some()
@@ -498,9 +501,8 @@ fn sums<T: Number>(draw: &mut Draw<T>) {
     let (times, angles) = (draw.times(count), draw.numbers(count));
     let weights: Vec<T> = (0..count).map(|_| draw.positive()).collect();
     for weights in [Some(weights.as_slice()), None] {
-        draw.sound &= weights.is_some() || times.iter().chain(&angles).all(|x| x.is_finite());
         if weights.is_none() {
-            draw.sound = times.iter().chain(&angles).all(|x| x.is_finite());
+            draw.sound = all_finite(&times) && all_finite(&angles);
         }
         draw.taken(bearings::check_track(&times, &angles, weights, 2));
         for sum in [
@@ -638,7 +640,7 @@ fn passes<T: Number>(draw: &mut Draw<T>) {
     let pass = Pass::of(&draw.array());
     let sound = draw.sound;
     let moving = [pass.position, pass.velocity];
-    draw.sound = moving.as_flattened().iter().all(|x| x.is_finite());
+    draw.sound = all_finite(moving.as_flattened());
     let (sensor, time) = (draw.array(), draw.x());
     if let Some(place) = draw.taken(pass.seen_from(&sensor, time)) {
         draw.finite(&place);
@@ -894,7 +896,7 @@ fn looks<T: Number>(draw: &mut Draw<T>) {
     let (bias, target) = (draw.array::<10>(), draw.array::<3>());
     // Of these only the first entries are handed in.
     let used = [&sensor[..d], &sigma[..d], &bias[..per], &target[..d]];
-    draw.sound = used.iter().all(|part| part.iter().all(|x| x.is_finite()));
+    draw.sound = used.iter().all(|part| all_finite(part));
     let found = look::linearise(
         &layout,
         &sensor[..d],
@@ -909,7 +911,7 @@ fn looks<T: Number>(draw: &mut Draw<T>) {
     }
     let mut out = vec![T::zero(); d];
     let used = [&sensor[..d], &bias[..per], &target[..d]];
-    draw.sound = used.iter().all(|part| part.iter().all(|x| x.is_finite()));
+    draw.sound = used.iter().all(|part| all_finite(part));
     let found = look::place(&layout, &sensor[..d], &bias[..per], &target[..d], &mut out);
     if draw.taken(found).is_some() {
         draw.finite(&out);
@@ -920,7 +922,7 @@ fn looks<T: Number>(draw: &mut Draw<T>) {
     let sigma: Vec<T> = (0..m * d).map(|_| draw.positive()).collect();
     let sound = draw.sound;
     let used = [&sensors, &sigma];
-    draw.sound = used.iter().all(|part| part.iter().all(|x| x.is_finite()));
+    draw.sound = used.iter().all(|part| all_finite(part));
     draw.taken(layout.check(&sensors, &sigma));
     draw.sound = sound;
     let target = draw.numbers(d);
@@ -953,7 +955,7 @@ fn levels<T: Number>(draw: &mut Draw<T>) {
 
 #[cfg(feature = "alloc")]
 mod sized {
-    use super::{Draw, Number, layout};
+    use super::{Draw, Number, all_finite, layout};
     use gramian::linear::analysis::Analysis;
     use gramian::linear::piecewise::Piecewise;
     use gramian::linear::window::{self, Window};
@@ -971,7 +973,7 @@ mod sized {
         let rtol = rtol(draw);
         let sound = draw.sound;
         if let Some((values, vectors)) = {
-            draw.sound = rows.iter().all(|x| x.is_finite());
+            draw.sound = all_finite(&rows);
             draw.taken(observability::singular_values(&rows, n))
         } {
             draw.finite(&values);
@@ -1004,11 +1006,11 @@ mod sized {
             assert!(rank <= n);
             draw.bounds(&std);
         }
-        if let Some((rank, std)) = found.knowing(&combination, T::zero()).ok() {
+        if let Ok((rank, std)) = found.knowing(&combination, T::zero()) {
             assert!(rank <= n);
             draw.bounds(&std);
         }
-        draw.sound = combination.iter().all(|x| x.is_finite());
+        draw.sound = all_finite(&combination);
         if let Some(std) = draw.taken(found.combination_std(&combination)) {
             draw.bounds(&[std]);
         }
@@ -1094,7 +1096,7 @@ mod sized {
                 finite(draw, &many);
             }
         }
-        draw.sound = a.iter().all(|x| x.is_finite());
+        draw.sound = all_finite(&a);
         let duration = draw.x();
         if let Some(e) = draw.taken(window::transition(&a, n, duration)) {
             draw.finite(&e);
@@ -1120,10 +1122,10 @@ mod sized {
         if draw.taken(made).is_some() {
             draw.finite(&reports);
         }
-        draw.sound = sensors.iter().all(|x| x.is_finite());
+        draw.sound = all_finite(&sensors);
         if draw.below(2) == 0 {
             reports = draw.numbers(looks * m * d);
-        } else if !reports.iter().all(|x| x.is_finite()) {
+        } else if !all_finite(&reports) {
             return;
         }
         let sigma: Vec<T> = (0..m * d).map(|_| draw.positive()).collect();

@@ -1,6 +1,8 @@
 //! The same geometries in f32 and in f64, and how far the answers are apart.
 //! Shared by the program that prints them and by the test that bounds them.
 
+#![allow(clippy::unwrap_used)]
+
 use std::f64::consts::PI;
 
 use gramian::bearings::{Answer, Monitor, bearing, position, push_rows};
@@ -183,7 +185,7 @@ impl Track {
         let (before, after) = (time.min(leg), (time - leg).max(0.0));
         let (sin, cos) = self.turn.to_radians().sin_cos();
         let observer = [5.0 * after * sin, 5.0 * (before + after * cos)];
-        let target = position(&[0.0, self.range, 3.0, -1.0], time);
+        let target = position(&[0.0, self.range, 3.0, -1.0], time).unwrap();
         Sample {
             time,
             observer,
@@ -202,8 +204,8 @@ impl Track {
             } else {
                 0.0
             };
-            let angle = bearing(at.observer, at.target) + self.axes + noise;
-            let angle = wrap_angle(angle).unwrap_or(f64::NAN);
+            let angle = bearing(at.observer, at.target).unwrap() + self.axes + noise;
+            let angle = wrap_angle(angle).unwrap();
             let range = (at.target[0] - at.observer[0]).hypot(at.target[1] - at.observer[1]);
             // With ranges the bounds are Fisher's; the test does without.
             let range = (!noisy).then_some(T::of(range));
@@ -357,7 +359,7 @@ impl Dipole {
         let pass = Pass::of(&self.state.map(T::of));
         for k in 0..self.count {
             let time = T::of(self.step * f64::from(k));
-            let place = pass.seen_from(&[T::zero(); 3], time);
+            let place = pass.seen_from(&[T::zero(); 3], time).unwrap();
             let pushed = sums.push(time, &place, &pass.moment, T::of(1e18));
             assert!(pushed.is_ok(), "{}: {pushed:?}", self.name);
         }
@@ -441,10 +443,10 @@ impl Radars {
     fn run<T: Real>(&self) -> (Spectrum<T, 4>, T) {
         let sigma = [T::of(50.0), T::of(0.1_f64.to_radians())];
         let zero = T::zero();
-        let mut running = Running::new([zero, zero], [T::of(60e3), zero], sigma, sigma);
+        let mut running = Running::new([zero, zero], [T::of(60e3), zero], sigma, sigma).unwrap();
         for k in 0..self.looks {
             let [x, y] = self.start;
-            let at = position(&[x, y, self.velocity[0], self.velocity[1]], f64::from(k));
+            let at = position(&[x, y, self.velocity[0], self.velocity[1]], f64::from(k)).unwrap();
             let pushed = running.push(at.map(T::of));
             assert!(pushed.is_ok(), "{}: {pushed:?}", self.name);
         }
