@@ -55,6 +55,10 @@ pub(crate) fn covariance<T: Real>(
 /// Standard deviations at the Cramer-Rao bound of a fixed-size problem; infinite
 /// for what is not determined, or exceeds the numbers of this type.
 ///
+/// # Source
+/// The Cramer-Rao bound; none is finite for what a singular information does not
+/// determine: Stoica & Marzetta 2001, IEEE Trans. Signal Processing 49.
+///
 /// ```
 /// use gramian::{bound, spectrum::Spectrum, square_root::SquareRootInformation};
 /// let mut root = SquareRootInformation::<f64, 2>::new();

@@ -3,6 +3,19 @@
 //! Half the digits of the rows are lost in the sum. Take ranks, bounds and
 //! determinants from [`SquareRootInformation`](crate::square_root::SquareRootInformation); keep this
 //! for what needs the matrix itself.
+//!
+//! ```
+//! use gramian::information::Information;
+//! use gramian::rows::RowSink;
+//!
+//! let mut information = Information::<f64, 2>::new();
+//! information.push(&[1.0, 0.0])?;
+//! information.push(&[1.0, 1.0])?;
+//! // What is left on the second state when nothing is known of the first.
+//! let left = information.marginalize_others(&[1])?;
+//! assert!((left.matrix()[(0, 0)] - 0.5).abs() < 1e-15);
+//! # Ok::<(), Box<dyn core::error::Error>>(())
+//! ```
 
 use nalgebra::SMatrix;
 
@@ -10,6 +23,9 @@ use crate::rows::RowSink;
 use crate::scalar::{NumberError, Real, check_finite};
 
 /// J = sum of row^T row.
+///
+/// # Source
+/// Xu et al. 2009, eq. (10), for any rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Information<T: Real, const N: usize> {
     matrix: SMatrix<T, N, N>,
@@ -89,6 +105,10 @@ impl<T: Real, const N: usize> Information<T, N> {
     /// not determined even with these known. (Eliminate on the rows then:
     /// `observability::marginal_rows`.) [`Error::Number`] where a
     /// product on the way exceeds the numbers of this type.
+    ///
+    /// # Source
+    /// The Schur complement, by symmetric elimination with pivots: Golub & Van Loan,
+    /// section 4.2.
     pub fn marginalize_others<const M: usize>(
         &self,
         keep: &[usize; M],

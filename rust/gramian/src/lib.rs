@@ -23,9 +23,36 @@
 //! assert!(bound::crlb_std(&spectrum)[0].is_infinite());
 //! ```
 //!
+//! While measurements arrive, [`bearings::Monitor`] and its like keep the triangular
+//! factor and nothing else:
+//!
+//! ```
+//! use gramian::bearings::Monitor;
+//!
+//! let mut monitor = Monitor::<f32>::new();
+//! for i in 0..40 {
+//!     // The observer goes north and turns east after 20 bearings.
+//!     let (t, late) = (20.0 * i as f32, 20.0 * (i - 20).max(0) as f32);
+//!     let bearing = (3.0 * t - 5.0 * late).atan2(10_000.0 - t - 5.0 * (t - late));
+//!     monitor.push(t, bearing, 0.009, None)?;
+//! }
+//! assert_eq!(monitor.answer().rank, 4);
+//! assert!(monitor.answer().p_value < 0.001);
+//! # Ok::<(), gramian::bearings::Error>(())
+//! ```
+//!
 //! # Conventions
-//! SI units and radians. x is east, y is north, bearings and azimuths are
-//! clockwise from north. Matrices in slices are row-major.
+//! Units are SI: metres, seconds, radians, tesla, ampere square metres. x is east, y is
+//! north, z is up; bearings and azimuths are clockwise from north. Matrices in slices
+//! are row-major. A bound that does not exist is `inf`. Nothing panics: what is wrong
+//! comes back as an error that names the entry, its value and what was expected.
+//!
+//! Every function without `std` takes `f32` and `f64`. In `f32` count times from near the
+//! first one and positions from a local origin, subtracted before the conversion: rounded
+//! positions bend a straight track, and an unobservable one then looks observable. The
+//! monitor keeps ranks and, to 1 %, bounds on tracks with turns down to one degree, over
+//! millions of bearings. `docs/embedded.md` of the repository has the measured errors,
+//! and flash, stack and instructions on a microcontroller.
 //!
 //! # Map
 //! | module | what is in it |
@@ -39,16 +66,22 @@
 //! | [`dipole`] | field, Jacobians, running information of a magnetic dipole's pass |
 //! | [`registration`] | biases of sensors that see the same targets, the running degree |
 //! | [`linear`] | at which derivative a state of a linear system is seen |
-//! | `observability` (`alloc`), `batch` (`std`), `dense` | run-time sizes; many trials; large matrices |
+//! | [`chi_square`], [`scalar`] | how likely a sum of squares is; the number types |
+//! | [`observability`] (`alloc`) | the whole answer for a size known at run time |
+//! | [`batch`] (`std`), [`dense`] | many trials by vectors and threads; large matrices |
 //!
 //! # Features
 //! | feature | gives | costs |
 //! |---|---|---|
-//! | `std` (default) | elementary functions of the platform, `batch` over many trials | the standard library |
-//! | `libm` | elementary functions without `std` | a pure Rust libm |
-//! | `alloc` | problems whose size is known at run time | an allocator |
-//! | `parallel` | several threads in `batch` | rayon |
-//! | `dense` | factorisations of large matrices | faer |
+//! | `libm` | elementary functions without `std` | 9 crates, 18 s |
+//! | `alloc` | problems whose size is known at run time: [`observability`], [`linear::analysis`], [`registration::estimate`] | an allocator, 1 s |
+//! | `std` (default) | elementary functions of the platform, [`batch`] over many trials, [`dipole::localize`] | the standard library, 27 crates, 95 s |
+//! | `parallel` | several threads in [`batch`] | 6 crates more (rayon), 7 s |
+//! | `dense` | factorisations of large matrices | DENSE |
+//!
+//! The seconds are of one core, for the crate and all it depends on, from nothing, in a
+//! release build by rustc 1.95. Without `std` the monitor takes 17 kB of flash, 220 bytes
+//! of memory and 1.4 kB of stack on a Cortex-M4F; the heading laws or the dipole 4 kB.
 //!
 //! One of `std` and `libm` must be on.
 
@@ -77,6 +110,11 @@ pub mod rows;
 pub mod scalar;
 pub mod spectrum;
 pub mod square_root;
+
+/// The examples of the readme run as tests.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+pub mod readme {}
 
 #[cfg(feature = "std")]
 pub mod batch;

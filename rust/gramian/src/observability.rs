@@ -13,6 +13,11 @@ use crate::spectrum;
 use crate::square_root::{eliminate, triangularize};
 
 /// Rank, spectrum, null space and bounds of rows (K, n).
+///
+/// # Source
+/// As [`Spectrum`](crate::spectrum::Spectrum), the bound as
+/// [`crlb_std`](crate::bound::crlb_std), by Householder reflections (Golub & Van Loan,
+/// section 5.2).
 #[derive(Clone, Debug)]
 pub struct Observability<T> {
     n: usize,

@@ -294,6 +294,9 @@ pub fn semidefinite_root<T: Real>(covariance: &[T], n: usize, out: &mut [T]) -> 
 /// A state of fixed size and what is known of it: the recursion without
 /// allocation, in information form.
 ///
+/// # Source
+/// Tichavsky, Muravchik & Nehorai 1998; Xu et al. 2009, eqs. (4) and (5).
+///
 /// ```
 /// use gramian::posterior::Posterior;
 /// // A position and a velocity; only the position is measured, to 1 m.

@@ -2,6 +2,32 @@
 //!
 //! A row is one whitened line of a measurement Jacobian, (d h / d x) / sigma.
 //! Models push rows; accumulators receive them.
+//!
+//! ```
+//! use gramian::rows::RowSink;
+//! use gramian::scalar::NumberError;
+//! use gramian::square_root::SquareRootInformation;
+//!
+//! /// Ranges to beacons, to 1 m: a model of one's own is a function that pushes rows.
+//! fn ranges(
+//!     at: [f64; 2],
+//!     beacons: &[[f64; 2]],
+//!     sink: &mut impl RowSink<f64, 2>,
+//! ) -> Result<(), NumberError> {
+//!     for beacon in beacons {
+//!         let offset = [at[0] - beacon[0], at[1] - beacon[1]];
+//!         let range = offset[0].hypot(offset[1]);
+//!         sink.push(&offset.map(|x| x / range))?;
+//!     }
+//!     Ok(())
+//! }
+//!
+//! let mut root = SquareRootInformation::new();
+//! ranges([50.0, 0.0], &[[0.0, 0.0], [100.0, 0.0]], &mut root)?;
+//! // On the line between the beacons nothing tells north.
+//! assert_eq!(root.crlb_std()[1], f64::INFINITY);
+//! # Ok::<(), NumberError>(())
+//! ```
 
 use crate::scalar::NumberError;
 

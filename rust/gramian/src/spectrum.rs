@@ -174,6 +174,10 @@ pub(crate) fn check_rtol<T: Real>(rtol: T) -> Result<(), NumberError> {
 
 /// Rank, singular values and null space of a [`SquareRootInformation`] of fixed size.
 ///
+/// # Source
+/// Columns of unit length: van der Sluis 1969, Numerische Mathematik 14. Singular values
+/// by one-sided Jacobi rotations: Demmel & Veselic 1992.
+///
 /// ```
 /// use gramian::{spectrum::Spectrum, square_root::SquareRootInformation};
 /// let mut root = SquareRootInformation::<f64, 2>::new();

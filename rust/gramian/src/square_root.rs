@@ -24,6 +24,10 @@ use crate::spectrum::Spectrum;
 /// Bierman 1977, Factorization Methods for Discrete Sequential Estimation,
 /// chapter 4; Givens rotations, Golub & Van Loan, Matrix Computations, 5.1.
 ///
+/// # Source
+/// Square-root information filtering: Bierman 1977, Factorization Methods for Discrete
+/// Sequential Estimation, chapter V.
+///
 /// ```
 /// use gramian::square_root::SquareRootInformation;
 /// // A position and a velocity. At time t the position is measured: [1, t].

@@ -183,6 +183,9 @@ pub fn discriminant_sum<T: Real>(
 /// # Errors
 /// As [`check_track`], with four bearings at least; [`Error::Number`] also where the
 /// sum exceeds the numbers of this type.
+///
+/// # Source
+/// Li & Sheng 2009, Lemma 1: det G is the square of the product of the diagonal.
 pub fn discriminant_sum_qr<T: Real>(
     times: &[T],
     bearings: &[T],
@@ -236,6 +239,9 @@ pub fn fixed_target_sum<T: Real>(
 /// # Errors
 /// As [`check_track`], with two bearings at least; [`Error::Number`] also where the
 /// sum exceeds the numbers of this type.
+///
+/// # Source
+/// Xu et al. 2009, eq. (14), as the determinant of two columns.
 pub fn fixed_target_sum_qr<T: Real>(
     times: &[T],
     bearings: &[T],

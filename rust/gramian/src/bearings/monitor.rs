@@ -44,6 +44,10 @@ use crate::square_root::SquareRootInformation;
 /// In `f32`, count times from near the first bearing: a time of 1e6 s is only
 /// known to 0.06 s.
 ///
+/// # Source
+/// Rows and determinant: Li & Sheng 2009, eq. (2) and Lemma 1. The statistic is ours, its
+/// degrees of freedom are by Satterthwaite 1946.
+///
 /// ```
 /// use gramian::bearings::Monitor;
 /// let mut monitor = Monitor::<f32>::new();

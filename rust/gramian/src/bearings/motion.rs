@@ -21,6 +21,9 @@ fn power<T: Real>(time: T, k: usize) -> T {
 /// [`Error::Length`] for a state that is not made of D numbers for each order,
 /// [`Error::Number`].
 ///
+/// # Source
+/// Taylor's theorem; order 1 is the motion of Li & Sheng 2009.
+///
 /// ```
 /// use gramian::bearings::motion;
 /// // At rest at first, with 2 m/s^2 to the east.
@@ -58,6 +61,9 @@ fn check_orders<const D: usize>(array: &'static str, given: usize) -> Result<(),
 ///
 /// # Errors
 /// As [`row`](super::row), and [`Error::Length`] for an odd number of states.
+///
+/// # Source
+/// Li & Sheng 2009, eq. (2), with the powers of time that the order adds.
 pub fn motion_row<T: Real>(time: T, offset: [T; 2], sigma: T, out: &mut [T]) -> Result<(), Error> {
     check_orders::<2>("out", out.len())?;
     let row = super::row(T::zero(), offset[0], offset[1], sigma)?;
@@ -73,6 +79,9 @@ pub fn motion_row<T: Real>(time: T, offset: [T; 2], sigma: T, out: &mut [T]) -> 
 /// [`Error::Overhead`] where the target is straight above or below, so that no
 /// azimuth exists; [`Error::Length`] for rows that do not have three numbers for
 /// each order; otherwise as [`row`](super::row).
+///
+/// # Source
+/// Derivatives of azimuth and elevation, ours; in the plane they are [`motion_row`].
 pub fn azimuth_elevation_rows<T: Real>(
     time: T,
     offset: [T; 3],

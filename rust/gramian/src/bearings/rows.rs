@@ -17,6 +17,10 @@ use crate::scalar::{Real, check_finite, finite};
 /// standard deviation that is not positive and finite; [`Error::Number`] for what
 /// is not finite, or a row that exceeds the numbers of this type.
 ///
+/// # Source
+/// Xu et al. 2009, eq. (9); over the range and without sigma, the pseudo-linear row of
+/// Li & Sheng 2009, eq. (2).
+///
 /// ```
 /// let row = gramian::bearings::row(10.0, 0.0, 1000.0, 0.01).unwrap();
 /// // A target due north: moving east turns the bearing by 1 / range.
@@ -51,6 +55,9 @@ pub fn row<T: Real>(time: T, east: T, north: T, sigma: T) -> Result<[T; 4], Erro
 /// # Errors
 /// [`Error::Length`] for arrays that do not match; otherwise as [`row`], with
 /// the index.
+///
+/// # Source
+/// As [`row`]; the information of these rows is Xu et al. 2009, eq. (10).
 pub fn push_rows<T: Real>(
     times: &[T],
     observer: &[[T; 2]],

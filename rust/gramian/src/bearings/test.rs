@@ -38,6 +38,9 @@ pub struct Test<T> {
 /// [`check_track`]; [`Error::Number`] also where the instants or the statistic
 /// exceed what this type can tell apart.
 ///
+/// # Source
+/// Ours. The family fitted is where all discriminants vanish, Li & Sheng 2009, Theorem 1.
+///
 /// ```
 /// let times = [0.0_f64, 20.0, 40.0, 60.0, 80.0, 100.0];
 /// // On a straight line, with 0.1 degree of "noise" of alternating sign.

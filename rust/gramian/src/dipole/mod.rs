@@ -202,6 +202,9 @@ impl<T: Real> Pass<T> {
     ///
     /// # Errors
     /// [`Error::Number`].
+    ///
+    /// # Source
+    /// Dai et al. 2020, eq. (28), which holds for `u` > 0 only: below, the field changes sign.
     pub fn scaled(&self, u: T) -> Result<Self, Error> {
         check_finite("u", &[u])?;
         check_finite("pass", &self.state())?;
@@ -215,6 +218,9 @@ impl<T: Real> Pass<T> {
 
     /// The mirror image (-r0, -v, m), whose field at the origin is the same. Signs
     /// change, nothing is computed.
+    ///
+    /// # Source
+    /// Ours: an ambiguity that no Fisher matrix shows, beside that of Dai et al. 2020, eq. (28).
     #[must_use]
     pub fn mirrored(&self) -> Self {
         Self {
@@ -251,6 +257,9 @@ impl<T: Copy> Sensing<T> {
 /// [`Error::OnSensor`] with the sample; [`Error::Length`] where `out` does not
 /// have a place for each number; [`Error::Number`] for what is not finite, or a
 /// distance or field that exceeds the numbers of this type.
+///
+/// # Source
+/// Dai et al. 2020, eq. (2), along a straight pass.
 pub fn measure<T: Real>(
     times: &[T],
     pass: &Pass<T>,

@@ -1,5 +1,14 @@
 //! Levels of one system whose size is known at run time, with everything that
 //! can be read from its staircase form.
+//!
+//! ```
+//! use gramian::linear::analysis::Analysis;
+//! // A position, its rate, and a state that nothing couples; the position is measured.
+//! let a = [0.0_f64, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+//! let found = Analysis::new(&a, &[1.0, 0.0, 0.0], 3, None).unwrap();
+//! assert_eq!(found.rank(), 2);
+//! assert_eq!(found.state_levels(), [Some(0), Some(1), None]);
+//! ```
 
 use alloc::vec;
 use alloc::vec::Vec;
@@ -11,6 +20,9 @@ use crate::scalar::{NumberError, Real, check_finite};
 use crate::spectrum::check_rtol;
 
 /// Ranks, levels, kernel and determined combinations of a system.
+///
+/// # Source
+/// As [`levels`](super::levels): the staircase form of Rosenbrock and Van Dooren.
 #[derive(Clone, Debug)]
 pub struct Analysis<T> {
     n: usize,

@@ -3,6 +3,14 @@
 //! # Source
 //! Goshen-Meskin & Bar-Itzhack 1992, Observability analysis of piece-wise
 //! constant systems, IEEE Trans. Aerospace and Electronic Systems 28.
+//!
+//! ```
+//! use gramian::linear::piecewise::Piecewise;
+//! // A constant seen through another coefficient in each of two segments of 10 s.
+//! let (a, c) = ([0.0_f64; 8], [1.0, 0.0, 1.0, 1.0]);
+//! let found = Piecewise::new(&a, &c, &[10.0, 10.0], 2, None).unwrap();
+//! assert_eq!((found.alone, found.total), (vec![1, 1], vec![1, 2]));
+//! ```
 
 use alloc::vec;
 use alloc::vec::Vec;

@@ -9,6 +9,30 @@
 //! # Source
 //! Information as in Xu et al. 2009, eqs. (9) and (10). The criteria are Kiefer's
 //! family: D (log det), A (trace of the bound), E (smallest eigenvalue).
+//!
+//! ```
+//! use gramian::maneuver::plan::{Criterion, Legs, Target, value};
+//! use gramian::square_root::SquareRootInformation;
+//! let target = Target {
+//!     state: [0.0, 5000.0, 0.0, 0.0],
+//!     sigma: 0.01,
+//!     prior: &SquareRootInformation::<f64, 2>::new(),
+//!     scale: [1.0, 1.0],
+//! };
+//! let along = |heading: f64| {
+//!     let legs = Legs {
+//!         start: [0.0, 0.0],
+//!         dt: 20.0,
+//!         headings: &[heading],
+//!         lengths: &[100.0],
+//!         counts: &[20],
+//!     };
+//!     value(&legs, &target, &Criterion::Trace).unwrap()
+//! };
+//! // Across the line of sight, not along it, where the range is never told.
+//! assert!(along(1.5) < along(0.5));
+//! assert_eq!(along(0.0), f64::INFINITY);
+//! ```
 
 use crate::bearings;
 use crate::scalar::{NumberError, Real, all_finite, check_finite, check_positive};
@@ -16,6 +40,10 @@ use crate::spectrum::{Spectrum, decompose};
 use crate::square_root::SquareRootInformation;
 
 /// What is to be made large or small.
+///
+/// # Source
+/// Kiefer 1974, Annals of Statistics 2, the family of criteria; the information is Xu et
+/// al. 2009, eqs. (9) and (10).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Criterion<T, const N: usize> {
     /// The logarithm of the determinant of the information: large is good.

@@ -152,6 +152,9 @@ pub(crate) fn forbidden<T: Real>(at: [T; 2], length: T, circle: &Circle<T>) -> (
 /// [`NumberError`] for what is not finite, limits or a length below zero, and circles
 /// whose distance exceeds the numbers of this type.
 ///
+/// # Source
+/// Tangents to circles, ours.
+///
 /// ```
 /// use gramian::maneuver::steer::{Limits, steer};
 /// let limits = Limits {

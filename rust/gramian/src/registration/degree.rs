@@ -11,6 +11,10 @@ use crate::square_root::SquareRootInformation;
 /// alone: 0 while some combination of biases is free, 1 where the looks' planes
 /// are spread evenly.
 ///
+/// # Source
+/// The projectors are those of the model of Zhu, Tang & He 2013, whitened; their mean's
+/// determinant as a degree is ours.
+///
 /// ```
 /// use gramian::registration::degree::Running;
 /// let sigma = [50.0, 1.7e-3];

@@ -18,6 +18,35 @@
 //! target abeam a sensor: an error of the biases turns the track out of the
 //! singular line, and so seems to be seen). The verdict always comes from the
 //! likeliest positions, whichever estimator gives the biases.
+//!
+//! ```
+//! use gramian::registration::Layout;
+//! use gramian::registration::estimate::{Estimator, Method, Question, Status};
+//! let sensors = [0.0, 0.0, 60e3, 0.0];
+//! // The second radar measures 100 m too much; a target crosses over them.
+//! let mut reports = Vec::new();
+//! for k in 0..50 {
+//!     let (x, y) = (-20e3 + 2e3 * f64::from(k), 30e3);
+//!     reports.extend([x.hypot(y), x.atan2(y)]);
+//!     let x = x - 60e3;
+//!     reports.extend([x.hypot(y) + 100.0, x.atan2(y)]);
+//! }
+//! let question = Question {
+//!     layout: Layout::PAIR,
+//!     sensors: &sensors,
+//!     sigma: &[50.0, 1.7e-3, 50.0, 1.7e-3],
+//!     prior: None,
+//!     method: Method::MaximumLikelihood,
+//!     iterations: 20,
+//!     tolerance: 1e-6,
+//!     noise_share: 0.5,
+//!     bend: 0.05,
+//! };
+//! let mut estimator = Estimator::new(Layout::PAIR, 50).unwrap();
+//! let answer = estimator.run(&question, &reports).unwrap();
+//! assert_eq!(answer.status, Status::Determined);
+//! assert!((estimator.biases()[2] - 100.0).abs() < 0.01);
+//! ```
 
 use alloc::vec;
 use alloc::vec::Vec;
@@ -29,6 +58,9 @@ use crate::spectrum::{decompose, default_rtol, rank, unit_columns};
 use crate::square_root::{reflect, triangularize};
 
 /// Which estimator.
+///
+/// # Source
+/// Least squares: Zhu, Tang & He 2013. The weighted one and the likelihood are ours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Method {
     /// Unweighted, in metres.

@@ -8,6 +8,10 @@ use crate::square_root::reflect;
 
 /// What one sensor measures of a target, and how that depends on the target's
 /// position and on the sensor's biases.
+///
+/// # Source
+/// Zhu, Tang & He 2013, the measurement model (among their eq. 1 to 12), with the further
+/// biases of [`Layout`]; ours.
 #[derive(Clone, Copy, Debug)]
 pub struct Linear<T> {
     /// Range, azimuth, elevation as they come out with these biases.

@@ -16,6 +16,10 @@ use crate::scalar::{NumberError, Real, check_finite, finite_one, hypot};
 
 /// What one look of two sensors says: a plane of the four whitened biases.
 ///
+/// # Source
+/// Zhu, Tang & He 2013, the track-independent model of two sensors (their eq. 1 to 12).
+/// That each look is a projector of rank 2 is ours.
+///
 /// ```
 /// use gramian::registration::pair::Plane;
 /// let look = Plane::new([20e3, 30e3], [-40e3, 30e3], &[50.0, 1.7e-3], &[50.0, 1.7e-3]).unwrap();
@@ -130,6 +134,9 @@ impl<T: Real> Plane<T> {
     ///
     /// # Errors
     /// [`Error::Number`] where it exceeds the numbers of this type.
+    ///
+    /// # Source
+    /// Zhu, Tang & He 2013: the determinant of two looks' rows, the paper's degree.
     pub fn determinant(&self, other: &Self) -> Result<T, Error> {
         Ok(finite_one("determinant", self.product(other))?)
     }
@@ -144,6 +151,9 @@ impl<T: Real> Plane<T> {
 
     /// The product of the sines of the angles between the two planes, in [0, 1]:
     /// how far the second look has turned from the first.
+    ///
+    /// # Source
+    /// Ours: the paper's determinant over sqrt(det R) of both looks, free of units.
     pub fn pair_degree(&self, other: &Self) -> T {
         let degree = (self.product(other) / self.size / other.size).abs();
         if degree.is_finite() {

@@ -5,6 +5,21 @@
 //! turns of it at random, and improves the best by separable least squares (see
 //! `separable`). It does not ask whether the answer is unique: that is a
 //! question to the rows at the answer.
+//!
+//! ```
+//! use gramian::dipole::localize::{Knowledge, Options, localize};
+//! use gramian::dipole::{Pass, Sensing, measure};
+//! let pass = Pass::of(&[-10.0, -10.0, 5.0, 1.0, 1.0, 0.0, 10.0, 20.0, 10.0]);
+//! let times: Vec<f64> = (0..21).map(f64::from).collect();
+//! let mut field = vec![0.0; 63];
+//! measure(&times, &pass, &[[0.0; 3]], &Sensing::Vector, &mut field).unwrap();
+//! // One sensor cannot tell the size; a known height does.
+//! let mut known = Knowledge::default();
+//! known.exact[2] = Some(5.0);
+//! let options = Options { sigma: Some(1e-9), ..Options::default() };
+//! let found = localize(&times, &field, &[[0.0; 3]], &known, &options).unwrap();
+//! assert!((found.best.state[0] + 10.0).abs() < 1e-6);
+//! ```
 
 mod columns;
 mod data;
