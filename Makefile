@@ -17,6 +17,7 @@ test: lint rust-test no-std-check python-test
 lint: $(VENV)/.installed
 	cargo fmt --all -- --check
 	cargo clippy --workspace --all-targets --all-features --quiet -- -D warnings
+	$(MAKE) --no-print-directory docs
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
@@ -68,7 +69,7 @@ package:
 	cargo package -p gramian -p gramian-capi --allow-dirty
 
 docs:
-	cargo doc -p gramian --no-deps --features parallel,dense
+	RUSTDOCFLAGS='-D warnings' cargo doc --quiet -p gramian -p gramian-capi --no-deps --features gramian/parallel,gramian/dense
 
 clean:
 	rm -rf target $(VENV) out

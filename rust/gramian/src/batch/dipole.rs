@@ -454,11 +454,11 @@ pub fn dipole_localized_size(samples: usize, sensors: usize) -> usize {
     23 + 3 * sensors * (1 + 2 * samples)
 }
 
-/// Locates dipoles in fields (trials, K, S, 3); see [`localize`]. Where there is
+/// Locates dipoles in fields (trials, K, S, 3); see [`localize()`]. Where there is
 /// no mirror image its state and cost are infinite.
 ///
 /// # Errors
-/// As [`localize`], with the trial.
+/// As [`localize()`], with the trial.
 pub fn dipole_localize(
     times: Items<'_>,
     field: Items<'_>,
@@ -531,7 +531,7 @@ pub struct Simulated<'a> {
 /// nearer to the truth is given.
 ///
 /// # Errors
-/// A dipole on a sensor (as trial 0), otherwise as [`localize`] with the trial.
+/// A dipole on a sensor (as trial 0), otherwise as [`localize()`] with the trial.
 pub fn dipole_localize_trials(
     simulated: &Simulated<'_>,
     knowledge: &Knowledge,

@@ -287,7 +287,7 @@ fn rows_times<S: pulp::Simd, const R: usize>(
 /// What a window is made of.
 #[derive(Clone, Copy, Debug)]
 pub enum Span {
-    /// Samples of x[k+1] = A x[k].
+    /// Samples of `x[k+1] = A x[k]`.
     Samples(usize),
     /// A duration of x' = A x.
     Duration(f64),

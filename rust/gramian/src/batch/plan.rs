@@ -185,7 +185,7 @@ pub struct Course<'a> {
 pub enum Wish<'a> {
     /// These headings (paths, steps), turned aside where a limit wants it.
     Headings(Items<'a>),
-    /// Guesses (paths, 3): offset, side and step of turning back of an [`Arc`].
+    /// Guesses (paths, 3): offset, side and step of turning back of an arc.
     Arcs(Items<'a>, [f64; 4]),
     /// A law with the true bearing and range of (x0, y0, vx, vy).
     Law(Law, Side, [f64; 4]),

@@ -1,4 +1,4 @@
-//! Linear systems x' = A x, y = C x (or x[k+1] = A x[k]): which combinations of
+//! Linear systems x' = A x, y = C x (or `x[k+1] = A x[k]`): which combinations of
 //! the states the output and its derivatives determine, and how well a window
 //! of outputs does.
 //!

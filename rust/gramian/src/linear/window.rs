@@ -63,7 +63,7 @@ impl<T: Real> Window<T> {
     }
 
     /// One sample and the step after it: outputs `c` (whitened, p x n),
-    /// x[k+1] = `phi` x[k] with noise covariance `q` if given.
+    /// `x[k+1] = phi x[k]` with noise covariance `q` if given.
     ///
     /// # Errors
     /// [`Error::Length`] for matrices that do not fit n >= 1 states;
