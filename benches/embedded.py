@@ -179,7 +179,7 @@ def report(part: str, image: Image, functions: list[str]) -> bool:
         print(f"  {length:6,} {image.name(address)}")
     print(f"  stack: {image.stack(chain)} bytes ({', '.join(steps)})")
     print(f"  largest frame: {image.frames[largest]} bytes, {image.name(largest)}")
-    print(f"  ways to a panic: {', '.join(sorted(callers)) or 'none'}")
+    print(f"  index checks kept in: {', '.join(sorted(callers)) or 'none'}")
     return image.loaded() <= FLASH and image.stack(chain) <= STACK
 
 
