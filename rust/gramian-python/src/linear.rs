@@ -304,12 +304,17 @@ impl LinearAnalysis {
     }
 
     fn null_space<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        columns(py, &self.inner.null_space(), self.n)
+        let basis = self
+            .inner
+            .null_space()
+            .map_err(|error| errors::input_at("", error))?;
+        columns(py, &basis, self.n)
     }
 
     fn combinations<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyArray2<f64>>>> {
         self.inner
             .combinations()
+            .map_err(|error| errors::input_at("", error))?
             .iter()
             .map(|level| columns(py, level, self.n))
             .collect()

@@ -1043,10 +1043,10 @@ mod sized {
         draw.finite(found.row_space());
         draw.finite(found.kernel());
         draw.finite(&[found.found().weakest, found.found().rejected, found.rtol()]);
-        for vector in found.null_space() {
+        for vector in found.null_space().into_iter().flatten() {
             draw.finite(&vector);
         }
-        for vector in found.combinations().into_iter().flatten() {
+        for vector in found.combinations().into_iter().flatten().flatten() {
             draw.finite(&vector);
         }
         draw.again();

@@ -16,7 +16,7 @@ use alloc::vec::Vec;
 use super::Error;
 use super::scaling::{self, Systems, Work, dot};
 use super::staircase::{self, Found, Staircase};
-use crate::scalar::{NumberError, Real, check_finite};
+use crate::scalar::{NumberError, Real, all_finite, check_finite};
 use crate::spectrum::check_rtol;
 
 /// Ranks, levels, kernel and determined combinations of a system.
@@ -223,21 +223,31 @@ impl<T: Real> Analysis<T> {
 
     /// Basis of the combinations that no derivative determines, in physical
     /// units: each has a state with coefficient 1 that the others do not have.
-    pub fn null_space(&self) -> Vec<Vec<T>> {
-        reduced_null_space(self.kernel(), &self.scale, self.found.touch(self.rtol)).0
+    ///
+    /// # Errors
+    /// [`Error::Number`] where the units of two states differ by more than the
+    /// numbers of this type.
+    pub fn null_space(&self) -> Result<Vec<Vec<T>>, Error> {
+        let touch = self.found.touch(self.rtol);
+        let basis = reduced_null_space(self.kernel(), &self.scale, touch).0;
+        check_vectors(&basis)?;
+        Ok(basis)
     }
 
     /// What `O_k` determines beyond `O_{k-1}`, for each k up to the last that adds
     /// something: combinations of the physical states, each with a state of
     /// coefficient 1 that none of the others, here or before, contains.
-    pub fn combinations(&self) -> Vec<Vec<Vec<T>>> {
+    ///
+    /// # Errors
+    /// As [`null_space`](Self::null_space).
+    pub fn combinations(&self) -> Result<Vec<Vec<Vec<T>>>, Error> {
         let n = self.n;
         let touch = self.found.touch(self.rtol);
         // The states that parametrise the kernel do not serve as leaders.
         let (_, free) = reduced_null_space(self.kernel(), &self.scale, touch);
         let mut leaders: Vec<usize> = Vec::new();
         let mut reduced: Vec<Vec<T>> = Vec::new();
-        let mut levels = Vec::new();
+        let mut levels: Vec<Vec<Vec<T>>> = Vec::new();
         let mut first = 0;
         for &rank in &self.ranks {
             if rank == first {
@@ -278,8 +288,20 @@ impl<T: Real> Analysis<T> {
             );
             first = rank;
         }
-        levels
+        for level in &levels {
+            check_vectors(level)?;
+        }
+        Ok(levels)
     }
+}
+
+fn check_vectors<T: Real>(vectors: &[Vec<T>]) -> Result<(), NumberError> {
+    if vectors.iter().all(|vector| all_finite(vector)) {
+        return Ok(());
+    }
+    Err(NumberError::Overflow {
+        result: "combination in physical units",
+    })
 }
 
 /// Centers and balances the systems in place; returns the states'
