@@ -202,3 +202,20 @@ def test_a_batch_of_no_trials_has_an_empty_answer():
 def test_more_that_is_named(call, message):
     with pytest.raises(gm.InputError, match=message):
         call()
+
+
+def test_results_beyond_double_precision_are_refused():
+    times, bearings = np.arange(6) * 1e80, np.array([0, 0.1, 0.3, 0.4, 0.2, 0.6])
+    both = np.stack([times * 1e-80, times])
+    b = gm.bearings
+    for call in (
+        lambda: b.discriminant(both[:, :4] * 1e80, bearings[:4]),
+        lambda: b.discriminant_sum(both, bearings),
+        lambda: b.gram(both, bearings),
+        lambda: b.gram_det(both, bearings),
+    ):
+        with pytest.raises(gm.InputError, match="out of the range of .* choose other units"):
+            call()
+    with pytest.raises(gm.InputError, match="1: the sum of squares"):
+        b.discriminant_sum(both, bearings)
+    assert b.discriminant_sum(both[0], bearings) > 0

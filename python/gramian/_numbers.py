@@ -62,13 +62,14 @@ def number(value: Any, name: str) -> float:
     return float(array.reshape(()))
 
 
-def representable(std: Array) -> Array:
+def representable(std: Array, rows: ArrayLike) -> Array:
     """Return bounds that double precision can hold; refuse rows whose squares it cannot.
 
     Raises
     ------
     InputError
-        For a bound of 0 or one that only units far from the sizes of the states give.
+        For a bound of 0, one that only units far from the sizes of the states give, or
+        none because all entries for a state are too small.
     """
     known = std[np.isfinite(std)]
     if known.size and not (known.min() > 1e-150 and known.max() < 1e150):
@@ -76,6 +77,14 @@ def representable(std: Array) -> Array:
             "rows are too small or too large for their squares to be held (a bound would be "
             f"{known.min():.3g} to {known.max():.3g}): choose other units"
         )
+    if known.size < std.size:
+        largest = np.abs(np.asarray(rows, dtype=float)).max(axis=-2, initial=0.0)
+        vanishing = (largest > 0) & (largest < 1e-150)
+        if vanishing.any():
+            raise InputError(
+                "rows are too small for their squares to be held (the largest entry of a column "
+                f"is {largest[vanishing].max():.3g}): choose other units"
+            )
     return std
 
 

@@ -276,7 +276,7 @@ def analyze(
     data_std = analysis.crlb_std()
     if problem.priors:
         data_std = _core.Analysis(_at_least_one(problem.rows), tolerance).crlb_std()
-    crlb_std = representable(analysis.crlb_std())
+    crlb_std = representable(analysis.crlb_std(), problem.all_rows)
     unit_values = analysis.singular_values()
     n, rank = problem.n, analysis.rank
     if rank < n:

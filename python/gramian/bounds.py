@@ -104,14 +104,15 @@ def crlb_std(
     """
     if isinstance(rows_or_problem, Problem):
         problem = _with_prior(rows_or_problem, prior)
-        return representable(_core.crlb_std(_at_least_one(problem.all_rows), problem.rtol))
+        known = _at_least_one(problem.all_rows)
+        return representable(_core.crlb_std(known, problem.rtol), known)
     rows: ArrayLike = rows_or_problem
     if prior is not None:
         rows = reals(rows, "rows")
         extra = _prior_rows(prior, rows.shape[-1])
         extra = np.broadcast_to(extra, (*rows.shape[:-2], *extra.shape))
         rows = np.concatenate([rows, extra], axis=-2)
-    return representable(_core.crlb_std(rows, None))
+    return representable(_core.crlb_std(rows, None), rows)
 
 
 def crlb(
@@ -151,7 +152,7 @@ def crlb(
         if prior is not None:
             rows = np.vstack([rows, _prior_rows(prior, problem.n)])
     analysis = _core.Analysis(_at_least_one(rows), problem.rtol)
-    representable(analysis.crlb_std())
+    representable(analysis.crlb_std(), rows)
     covariance = analysis.crlb()
     if covariance is None:
         combinations = describe_null_space(analysis.null_space(), problem.names)

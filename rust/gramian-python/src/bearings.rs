@@ -208,6 +208,7 @@ fn bearing_discriminant_sum<'py>(
                 .map_err(|(trial, error)| at(range.start + trial, error))
             })?;
         }
+        errors::refuse_overflow(batch, 1, write, "the sum of squares")?;
     }
     Ok(out)
 }
@@ -282,12 +283,17 @@ fn bearing_gram<'py>(
                 Path::Best,
                 out,
             );
-            finite &= out.chunks_exact(GRAM_SIZE).all(|o| o[0].is_finite());
+            // The determinant leaves double precision before the matrix does.
+            finite &= out
+                .chunks_exact(GRAM_SIZE)
+                .all(|o| o[0].is_finite() && o[GRAM_SIZE - 1].is_finite());
             Ok(())
         })?;
     }
     if !finite {
         bearings.check_finite()?;
+        let read = out.readonly();
+        errors::refuse_overflow(&batch, GRAM_SIZE, read.as_slice()?, "the Gram matrix")?;
     }
     Ok(out)
 }

@@ -1,6 +1,8 @@
 //! Errors of the crate to Python exceptions, in one place.
 
-use pyo3::PyErr;
+use pyo3::{PyErr, PyResult};
+
+use crate::convert::Batch;
 
 pyo3::import_exception!(gramian.exceptions, InputError);
 pyo3::import_exception!(gramian.exceptions, UnobservableError);
@@ -8,4 +10,15 @@ pyo3::import_exception!(gramian.exceptions, UnobservableError);
 /// An error about what was given in one trial; `place` comes from `Batch::place`.
 pub fn input_at(place: &str, error: impl core::error::Error) -> PyErr {
     InputError::new_err(format!("{place}{error}"))
+}
+
+/// Refuses results, `size` numbers a trial, that left double precision.
+pub fn refuse_overflow(batch: &Batch, size: usize, out: &[f64], result: &str) -> PyResult<()> {
+    match out.iter().position(|x| !x.is_finite()) {
+        None => Ok(()),
+        Some(index) => Err(InputError::new_err(format!(
+            "{}{result}: out of the range of double precision; choose other units of time",
+            batch.place(index / size)
+        ))),
+    }
 }

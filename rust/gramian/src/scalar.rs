@@ -104,7 +104,7 @@ impl core::fmt::Display for NumberError {
             } => write!(f, "{name} = {given}: must be {allowed}"),
             Self::Overflow { result } => write!(
                 f,
-                "{result}: too large for this number type; other units may help, or f64"
+                "{result}: out of the range of this number type; choose other units (or f64 for f32)"
             ),
         }
     }
