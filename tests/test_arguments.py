@@ -216,6 +216,6 @@ def test_results_beyond_double_precision_are_refused():
     ):
         with pytest.raises(gm.InputError, match="out of the range of .* choose other units"):
             call()
-    with pytest.raises(gm.InputError, match="1: the sum of squares"):
+    with pytest.raises(gm.InputError, match=r"\[1\]: the sum of squares"):
         b.discriminant_sum(both, bearings)
     assert b.discriminant_sum(both[0], bearings) > 0
