@@ -7,7 +7,7 @@ use super::{Items, Stream, Threads};
 use crate::dipole::localize::{self, Knowledge, Located, Options, localize};
 use crate::dipole::{Error, MU0_OVER_4PI, Pass, Sensing, field, jacobian, measure, push_rows};
 use crate::rows::RowSink;
-use crate::scalar::{NumberError, check_finite};
+use crate::scalar::NumberError;
 
 /// The passes of a batch and how they are measured.
 #[derive(Clone, Copy, Debug)]
@@ -138,7 +138,6 @@ struct Writer<'a>(core::slice::IterMut<'a, [f64; 9]>);
 
 impl RowSink<f64, 9> for Writer<'_> {
     fn push(&mut self, row: &[f64; 9]) -> Result<(), NumberError> {
-        check_finite("row", row)?;
         if let Some(place) = self.0.next() {
             *place = *row;
         }

@@ -5,7 +5,7 @@ use pulp::Simd;
 use super::simd::{Path, lane_sums};
 use super::{Items, Threads};
 use crate::bearings;
-use crate::maneuver::{Error, row};
+use crate::maneuver::{Error, unchecked_row};
 use crate::square_root::SquareRootInformation;
 
 /// Samples that are taken apart into vectors at once.
@@ -80,7 +80,7 @@ impl Sighting<'_> {
     fn check(&self) -> Result<(), Error> {
         for i in 0..self.positions.len() {
             let (_, east, north, sigma) = self.sample(i);
-            row(east, north, sigma).map_err(|error| error.at(i))?;
+            unchecked_row(east, north, sigma).map_err(|error| error.at(i))?;
         }
         Ok(())
     }
@@ -223,7 +223,7 @@ fn root_det(sighting: Sighting<'_>) -> Result<f64, Error> {
     let mut root = SquareRootInformation::<f64, 2>::new();
     for i in 0..sighting.positions.len() {
         let (_, east, north, sigma) = sighting.sample(i);
-        root.absorb(&row(east, north, sigma).map_err(|error| error.at(i))?);
+        root.absorb(&unchecked_row(east, north, sigma).map_err(|error| error.at(i))?);
     }
     Ok(root.determinant())
 }
@@ -232,8 +232,8 @@ fn root_det_moving(sighting: Sighting<'_>) -> Result<f64, Error> {
     let mut root = SquareRootInformation::<f64, 4>::new();
     for i in 0..sighting.positions.len() {
         let (time, east, north, sigma) = sighting.sample(i);
-        let row =
-            bearings::row(time, east, north, sigma).map_err(|_| Error::OnTarget { index: i })?;
+        let row = bearings::unchecked_row(time, east, north, sigma)
+            .map_err(|_| Error::OnTarget { index: i })?;
         root.absorb(&row);
     }
     Ok(root.determinant())
@@ -243,7 +243,7 @@ fn pairs_det(sighting: Sighting<'_>) -> Result<f64, Error> {
     let mut sum = 0.0;
     for i in 0..sighting.positions.len() {
         let (_, east, north, sigma) = sighting.sample(i);
-        let [a, b] = row(east, north, sigma).map_err(|error| error.at(i))?;
+        let [a, b] = unchecked_row(east, north, sigma).map_err(|error| error.at(i))?;
         for j in 0..i {
             let (_, east, north, sigma) = sighting.sample(j);
             let weight = 1.0 / ((east * east + north * north) * sigma);
@@ -279,7 +279,7 @@ mod tests {
             let mut plain = vec![0.0; n * n];
             for i in 0..positions.len() / 2 {
                 let (time, east, north, sigma) = sightings.at(0).sample(i);
-                let [a, b] = row(east, north, sigma).unwrap_or([f64::NAN; 2]);
+                let [a, b] = unchecked_row(east, north, sigma).unwrap_or([f64::NAN; 2]);
                 let row = [a, b, time * a, time * b];
                 for j in 0..n {
                     for k in 0..n {

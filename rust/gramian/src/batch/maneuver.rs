@@ -2,7 +2,7 @@
 
 use super::{Items, Threads};
 use crate::bearings;
-use crate::maneuver::{AtStandoff, Error, Law, Side, Steering, heading, row};
+use crate::maneuver::{AtStandoff, Error, Law, Side, Steering, heading, unchecked_row};
 use crate::scalar::hypot;
 use crate::square_root::SquareRootInformation;
 
@@ -108,7 +108,7 @@ fn one_path(paths: &Paths<'_>, trial: usize, n: usize, out: &mut [f64]) -> Resul
         bearings[k] = bearings::sight(position, target);
         ranges[k] = hypot(east, north);
         if k < flown {
-            root.absorb(&row(east, north, sigma).map_err(|error| error.at(k))?);
+            root.absorb(&unchecked_row(east, north, sigma).map_err(|error| error.at(k))?);
         }
         let r = root.factor();
         let xy = r[0][0] * r[0][1];
@@ -118,7 +118,7 @@ fn one_path(paths: &Paths<'_>, trial: usize, n: usize, out: &mut [f64]) -> Resul
         if k + 1 < n {
             let leg = if k < flown {
                 steering
-                    .leg(position, target)
+                    .unchecked_leg(position, target)
                     .map_err(|error| error.at(k))?
             } else {
                 None

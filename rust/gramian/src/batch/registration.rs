@@ -46,7 +46,7 @@ impl<'a> Scene<'a> {
 
     fn check(&self, trial: usize) -> Result<(), (usize, Error)> {
         self.layout
-            .check(self.sensors.get(trial), self.sigma.get(trial))
+            .check_finite_sensors(self.sensors.get(trial), self.sigma.get(trial))
             .map_err(|error| (trial, error))
     }
 

@@ -25,10 +25,10 @@ pub use monitor::{Answer, Monitor};
 #[cfg(feature = "std")]
 pub(crate) use motion::moved_along;
 pub use motion::{azimuth_elevation_rows, motion, motion_row};
-pub(crate) use rows::moved;
 #[cfg(any(feature = "std", test))]
 pub(crate) use rows::sight;
 pub use rows::{bearing, position, push_rows, row};
+pub(crate) use rows::{moved, unchecked_row};
 
 #[cfg(feature = "std")]
 pub(crate) use test::{Clock, Residuals, SMALLEST, Sums, check_sigma, fit};

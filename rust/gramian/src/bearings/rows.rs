@@ -32,19 +32,37 @@ pub fn row<T: Real>(time: T, east: T, north: T, sigma: T) -> Result<[T; 4], Erro
     for (name, value) in [("time", time), ("east", east), ("north", north)] {
         check_finite(name, &[value])?;
     }
+    if sigma == T::INFINITY {
+        return Err(wrong_sigma(sigma));
+    }
+    Ok(finite("row", unchecked_row(time, east, north, sigma)?)?)
+}
+
+/// [`row`] of finite numbers, not checked on the way out.
+#[inline]
+pub(crate) fn unchecked_row<T: Real>(
+    time: T,
+    east: T,
+    north: T,
+    sigma: T,
+) -> Result<[T; 4], Error> {
     let range = crate::scalar::hypot(east, north);
     if !(range > T::zero()) {
         return Err(Error::OnTarget { index: 0 });
     }
-    if !(sigma > T::zero() && sigma.is_finite()) {
-        return Err(Error::Sigma {
-            index: 0,
-            given: sigma.double(),
-        });
+    if !(sigma > T::zero()) {
+        return Err(wrong_sigma(sigma));
     }
     let weight = T::one() / (range * sigma);
     let (x, y) = (north / range * weight, -(east / range) * weight);
-    Ok(finite("row", [x, y, time * x, time * y])?)
+    Ok([x, y, time * x, time * y])
+}
+
+fn wrong_sigma<T: Real>(sigma: T) -> Error {
+    Error::Sigma {
+        index: 0,
+        given: sigma.double(),
+    }
 }
 
 /// Pushes the rows of a whole track into `sink`.

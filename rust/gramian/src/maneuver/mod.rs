@@ -192,6 +192,21 @@ impl<T: Real> Steering<T> {
         check_finite("position", &position)?;
         check_finite("target", &target)?;
         check_standoff(self.standoff)?;
+        let Some(leg) = self.unchecked_leg(position, target)? else {
+            return Ok(None);
+        };
+        finite("direction", leg.direction)?;
+        finite("end", leg.end)?;
+        Ok(Some(leg))
+    }
+
+    /// [`leg`](Self::leg) between finite places, not checked on the way out.
+    #[inline]
+    pub(crate) fn unchecked_leg(
+        &self,
+        position: [T; 2],
+        target: [T; 2],
+    ) -> Result<Option<Leg<T>>, Error> {
         let (east, north) = (target[0] - position[0], target[1] - position[1]);
         let range = hypot(east, north);
         if !(range > T::zero()) {
@@ -222,10 +237,7 @@ impl<T: Real> Steering<T> {
             position[0] + self.step * direction[0],
             position[1] + self.step * direction[1],
         ];
-        Ok(Some(Leg {
-            direction: finite("direction", direction)?,
-            end: finite("end", end)?,
-        }))
+        Ok(Some(Leg { direction, end }))
     }
 }
 
@@ -251,6 +263,12 @@ fn turn_to<T: Real>(range: T, step: T, to: T) -> (T, T) {
 pub fn row<T: Real>(east: T, north: T, sigma: T) -> Result<[T; 2], Error> {
     check_finite("east", &[east])?;
     check_finite("north", &[north])?;
+    Ok(finite("row", unchecked_row(east, north, sigma)?)?)
+}
+
+/// [`row`] of finite numbers, not checked on the way out.
+#[inline]
+pub(crate) fn unchecked_row<T: Real>(east: T, north: T, sigma: T) -> Result<[T; 2], Error> {
     let range = hypot(east, north);
     if !(range > T::zero()) {
         return Err(Error::OnTarget { index: 0 });
@@ -262,8 +280,7 @@ pub fn row<T: Real>(east: T, north: T, sigma: T) -> Result<[T; 2], Error> {
         });
     }
     let weight = T::one() / (range * sigma);
-    let row = [north / range * weight, -(east / range) * weight];
-    Ok(finite("row", row)?)
+    Ok([north / range * weight, -(east / range) * weight])
 }
 
 /// One choice among several headings.

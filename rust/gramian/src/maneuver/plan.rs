@@ -211,7 +211,7 @@ fn number<T: Real>(value: T) -> Result<T, Error> {
     }
 }
 
-/// Checks all but sigma, which each row does.
+/// Checks all that the samples have in common.
 fn check<T: Real, const N: usize>(
     legs: &Legs<'_, T>,
     target: &Target<'_, T, N>,
@@ -225,6 +225,11 @@ fn check<T: Real, const N: usize>(
     }
     legs.check()?;
     check_finite("state", &target.state)?;
+    if target.sigma == T::INFINITY {
+        return Err(Error::Sigma {
+            given: target.sigma.double(),
+        });
+    }
     for scale in target.scale {
         check_positive("scale", scale)?;
     }
@@ -278,6 +283,7 @@ fn time_of<T: Real>(sample: usize, dt: T) -> T {
 }
 
 /// The row of one sample in scaled states.
+#[inline]
 fn row<T: Real, const N: usize>(
     at: [T; 2],
     sample: usize,
@@ -287,7 +293,7 @@ fn row<T: Real, const N: usize>(
     let time = time_of(sample, dt);
     let [x, y] = bearings::moved(&target.state, time);
     let row =
-        bearings::row(time, x - at[0], y - at[1], target.sigma).map_err(|error| {
+        bearings::unchecked_row(time, x - at[0], y - at[1], target.sigma).map_err(|error| {
             match error.at(sample) {
                 bearings::Error::Sigma { given, .. } => Error::Sigma { given },
                 bearings::Error::Number(error) => Error::Number(error),

@@ -113,6 +113,16 @@ impl Layout {
     /// # Errors
     /// The first thing that is wrong.
     pub fn check<T: Real>(&self, sensors: &[T], sigma: &[T]) -> Result<(), Error> {
+        self.check_finite_sensors(sensors, sigma)?;
+        Ok(check_finite("sensors", sensors)?)
+    }
+
+    /// [`check`](Self::check) of sensors at finite places.
+    pub(crate) fn check_finite_sensors<T: Real>(
+        &self,
+        sensors: &[T],
+        sigma: &[T],
+    ) -> Result<(), Error> {
         let d = self.size();
         if self.sensors < 2 {
             return Err(Error::Sensors {
@@ -122,7 +132,6 @@ impl Layout {
         for (name, given) in [("sensors", sensors.len()), ("sigma", sigma.len())] {
             check_length(name, given, self.sensors.saturating_mul(d))?;
         }
-        check_finite("sensors", sensors)?;
         for second in 0..self.sensors {
             for first in 0..second {
                 if sensors[first * d..(first + 1) * d] == sensors[second * d..(second + 1) * d] {
