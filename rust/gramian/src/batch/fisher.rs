@@ -190,7 +190,7 @@ pub enum Determinant {
 /// The determinant of the information of each trial.
 ///
 /// # Errors
-/// As [`row`], with the trial and the sample.
+/// As [`row`](crate::maneuver::row), with the trial and the sample.
 ///
 /// # Source
 /// Xu et al. 2009, eq. (14), for [`Determinant::Pairs`].

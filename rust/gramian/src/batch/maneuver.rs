@@ -64,7 +64,7 @@ pub const fn path_size(samples: usize) -> usize {
 /// path that stops keeps its last position and measures no more.
 ///
 /// # Errors
-/// As [`Steering::leg`] and [`row`], with the trial and the sample.
+/// As [`Steering::leg`] and [`row`](crate::maneuver::row), with the trial and the sample.
 pub fn trajectories(
     paths: Paths<'_>,
     samples: usize,
