@@ -357,13 +357,15 @@ fn of_dipole(error: dipole::Error) -> GramianStatus {
         dipole::Error::OnSensor { .. } => GramianStatus::Range,
         dipole::Error::Sigma { .. } => GramianStatus::Sigma,
         dipole::Error::Number(error) => of_number(error),
-        dipole::Error::Length { .. } => GramianStatus::NotFinite,
     }
 }
 
 fn of_number(error: NumberError) -> GramianStatus {
     match error {
         NumberError::Overflow { .. } => GramianStatus::Overflow,
-        NumberError::NotFinite { .. } | NumberError::OutOfRange { .. } => GramianStatus::NotFinite,
+        // The arrays of this interface have one length: the last never comes.
+        NumberError::NotFinite { .. }
+        | NumberError::OutOfRange { .. }
+        | NumberError::Length { .. } => GramianStatus::NotFinite,
     }
 }

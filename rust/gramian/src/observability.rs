@@ -8,7 +8,7 @@ use alloc::vec;
 use alloc::vec::Vec;
 
 use crate::bound;
-use crate::scalar::{NumberError, Real, all_finite, check_finite};
+use crate::scalar::{NumberError, Real, all_finite, check_finite, check_length};
 use crate::spectrum;
 use crate::square_root::{eliminate, triangularize};
 
@@ -35,10 +35,10 @@ impl<T: Real> Observability<T> {
     /// [`default_rtol`](spectrum::default_rtol).
     ///
     /// # Errors
-    /// [`Error::Length`] for rows that are not of length `n` >= 1, [`Error::Number`]
+    /// [`NumberError::Length`] for rows that are not of length `n` >= 1, [`NumberError`]
     /// for what is not finite, a tolerance that is not in [0, 1), or information that
     /// exceeds the numbers of this type.
-    pub fn new(rows: &[T], n: usize, rtol: Option<T>) -> Result<Self, Error> {
+    pub fn new(rows: &[T], n: usize, rtol: Option<T>) -> Result<Self, NumberError> {
         check_rows(rows, n)?;
         if let Some(rtol) = rtol {
             spectrum::check_rtol(rtol)?;
@@ -51,8 +51,7 @@ impl<T: Real> Observability<T> {
         }
         Err(NumberError::Overflow {
             result: "information",
-        }
-        .into())
+        })
     }
 
     fn reduced(rows: &[T], n: usize, rtol: Option<T>) -> Self {
@@ -131,15 +130,15 @@ impl<T: Real> Observability<T> {
     /// prior deviations as scale, how much more the data know than the prior.
     ///
     /// # Errors
-    /// [`Error::Length`], [`Error::Number`].
-    pub fn singular_values_scaled(&self, scale: &[T]) -> Result<Vec<T>, Error> {
+    /// [`NumberError::Length`], [`NumberError`].
+    pub fn singular_values_scaled(&self, scale: &[T]) -> Result<Vec<T>, NumberError> {
         let n = self.n;
         check_length("scale", scale.len(), n)?;
         check_finite("scale", scale)?;
         let mut values = vec![T::zero(); n];
         let (mut vectors, mut work) = (vec![T::zero(); n * n], vec![T::zero(); n * n]);
         spectrum::decompose(&self.factor, n, scale, &mut values, &mut vectors, &mut work);
-        Ok(finite("singular values", values)?)
+        finite("singular values", values)
     }
 
     /// Basis of the unobservable combinations in physical units, one after the
@@ -147,9 +146,9 @@ impl<T: Real> Observability<T> {
     /// the others do not contain. Rounding noise is set to zero.
     ///
     /// # Errors
-    /// [`Error::Number`] where the units of two states differ by more than the
+    /// [`NumberError`] where the units of two states differ by more than the
     /// numbers of this type.
-    pub fn null_space(&self) -> Result<Vec<Vec<T>>, Error> {
+    pub fn null_space(&self) -> Result<Vec<Vec<T>>, NumberError> {
         let n = self.n;
         let mut basis: Vec<Vec<T>> = (self.rank..n)
             .map(|k| self.vectors[k * n..(k + 1) * n].to_vec())
@@ -210,7 +209,7 @@ impl<T: Real> Observability<T> {
         }
         basis
             .into_iter()
-            .map(|vector| Ok(finite("null space", vector)?))
+            .map(|vector| finite("null space", vector))
             .collect()
     }
 
@@ -218,8 +217,8 @@ impl<T: Real> Observability<T> {
     /// determined: how far each state moves along it at one standard deviation.
     ///
     /// # Errors
-    /// [`Error::Number`] where that exceeds the numbers of this type.
-    pub fn weakest_direction(&self) -> Result<Vec<T>, Error> {
+    /// [`NumberError`] where that exceeds the numbers of this type.
+    pub fn weakest_direction(&self) -> Result<Vec<T>, NumberError> {
         let n = self.n;
         let Some(k) = self.rank.checked_sub(1) else {
             return Ok(vec![T::zero(); n]);
@@ -227,7 +226,7 @@ impl<T: Real> Observability<T> {
         let direction = (0..n)
             .map(|i| self.scale[i] * self.vectors[k * n + i] / self.singular_values[k])
             .collect();
-        Ok(finite("weakest direction", direction)?)
+        finite("weakest direction", direction)
     }
 
     /// Standard deviation of each state at the bound, infinite where an
@@ -274,8 +273,8 @@ impl<T: Real> Observability<T> {
     /// there is none.
     ///
     /// # Errors
-    /// [`Error::Length`], [`Error::Number`].
-    pub fn combination_std(&self, combination: &[T]) -> Result<T, Error> {
+    /// [`NumberError::Length`], [`NumberError`].
+    pub fn combination_std(&self, combination: &[T]) -> Result<T, NumberError> {
         check_length("combination", combination.len(), self.n)?;
         check_finite("combination", combination)?;
         let std = self.deviation(combination);
@@ -285,8 +284,7 @@ impl<T: Real> Observability<T> {
         }
         Err(NumberError::Overflow {
             result: "combination",
-        }
-        .into())
+        })
     }
 
     fn deviation(&self, combination: &[T]) -> T {
@@ -326,9 +324,9 @@ impl<T: Real> Observability<T> {
     /// `sigma` 0, exactly. Gives rank (of n) and standard deviations then.
     ///
     /// # Errors
-    /// [`Error::Length`]; [`Error::Number`] for what is not finite, a deviation below
+    /// [`NumberError::Length`]; [`NumberError`] for what is not finite, a deviation below
     /// zero, or information that exceeds the numbers of this type.
-    pub fn knowing(&self, combination: &[T], sigma: T) -> Result<(usize, Vec<T>), Error> {
+    pub fn knowing(&self, combination: &[T], sigma: T) -> Result<(usize, Vec<T>), NumberError> {
         let n = self.n;
         check_length("combination", combination.len(), n)?;
         check_finite("combination", combination)?;
@@ -337,8 +335,7 @@ impl<T: Real> Observability<T> {
                 name: "sigma",
                 given: sigma.double(),
                 allowed: ">= 0 and finite",
-            }
-            .into());
+            });
         }
         if combination.iter().all(|&c| c == T::zero()) {
             return Ok((self.rank, self.crlb_std()));
@@ -389,7 +386,7 @@ impl<T: Real> Observability<T> {
 /// let (values, _) = gramian::observability::singular_values(&[3.0, 0.0, 0.0, 4.0], 2).unwrap();
 /// assert_eq!(values, [4.0, 3.0]);
 /// ```
-pub fn singular_values<T: Real>(rows: &[T], n: usize) -> Result<(Vec<T>, Vec<T>), Error> {
+pub fn singular_values<T: Real>(rows: &[T], n: usize) -> Result<(Vec<T>, Vec<T>), NumberError> {
     let factor = Observability::new(rows, n, None)?.factor;
     let (mut values, mut vectors) = (vec![T::zero(); n], vec![T::zero(); n * n]);
     let (ones, mut work) = (vec![T::one(); n], vec![T::zero(); n * n]);
@@ -402,7 +399,7 @@ pub fn singular_values<T: Real>(rows: &[T], n: usize) -> Result<(Vec<T>, Vec<T>)
 /// that are not determined at all take no information with them.
 ///
 /// # Errors
-/// As [`Observability::new`]; [`Error::Length`] where no state would be left.
+/// As [`Observability::new`]; [`NumberError::Length`] where no state would be left.
 ///
 /// ```
 /// // Two rows on (x, y): without x one is left, on y alone.
@@ -414,7 +411,7 @@ pub fn marginal_rows<T: Real>(
     n: usize,
     eliminated: usize,
     rtol: Option<T>,
-) -> Result<Vec<Vec<T>>, Error> {
+) -> Result<Vec<Vec<T>>, NumberError> {
     check_rows(rows, n)?;
     if eliminated > n {
         check_length("eliminated", eliminated, n)?;
@@ -425,7 +422,7 @@ pub fn marginal_rows<T: Real>(
     let rank = eliminate(&mut a, n, eliminated, rtol, &mut work);
     a.chunks_exact(n)
         .skip(rank)
-        .map(|row| Ok(finite("rows", row[eliminated..].to_vec())?))
+        .map(|row| finite("rows", row[eliminated..].to_vec()))
         .collect()
 }
 
@@ -437,61 +434,12 @@ fn finite<T: Real>(result: &'static str, values: Vec<T>) -> Result<Vec<T>, Numbe
     }
 }
 
-fn check_length(array: &'static str, given: usize, wanted: usize) -> Result<(), Error> {
-    if given == wanted {
-        Ok(())
-    } else {
-        Err(Error::Length {
-            array,
-            given,
-            wanted,
-        })
-    }
-}
-
-fn check_rows<T: Real>(rows: &[T], n: usize) -> Result<(), Error> {
+fn check_rows<T: Real>(rows: &[T], n: usize) -> Result<(), NumberError> {
     let length = n.max(1);
     check_length("states", n, length)?;
     check_length("rows", rows.len(), rows.len().next_multiple_of(length))?;
-    Ok(check_finite("rows", rows)?)
+    check_finite("rows", rows)
 }
-
-/// What can be wrong with the input of this module.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Error {
-    /// An array whose length does not fit.
-    Length {
-        /// Its name.
-        array: &'static str,
-        /// Its length.
-        given: usize,
-        /// A length that fits.
-        wanted: usize,
-    },
-    /// A number that is not finite, or too large to go on with.
-    Number(NumberError),
-}
-
-impl From<NumberError> for Error {
-    fn from(error: NumberError) -> Self {
-        Self::Number(error)
-    }
-}
-
-impl core::fmt::Display for Error {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Length {
-                array,
-                given,
-                wanted,
-            } => write!(f, "{array} has {given} entries: must have {wanted}"),
-            Self::Number(error) => error.fmt(f),
-        }
-    }
-}
-
-impl core::error::Error for Error {}
 
 /// The symmetric orthogonal matrix that takes `c` to the first axis.
 fn reflection_to_first_axis<T: Real>(c: &[T]) -> Vec<T> {

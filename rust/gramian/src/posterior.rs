@@ -23,7 +23,7 @@
 
 use crate::bound::crlb_std;
 use crate::lane::Lane;
-use crate::scalar::{NumberError, Real, check_finite};
+use crate::scalar::{NumberError, Real, check_finite, check_length};
 use crate::spectrum::Spectrum;
 use crate::square_root::SquareRootInformation;
 
@@ -238,17 +238,10 @@ pub(crate) fn variances_of_information<L: Lane>(
 ///
 /// # Errors
 /// [`Error::Asymmetric`] and [`Error::Indefinite`], with the place; [`Error::Number`]
-/// for an entry that is not finite; [`Error::Length`] for slices that are not n x n.
+/// for an entry that is not finite; [`NumberError::Length`] for slices that are not n x n.
 pub fn semidefinite_root<T: Real>(covariance: &[T], n: usize, out: &mut [T]) -> Result<(), Error> {
     for (array, given) in [("covariance", covariance.len()), ("out", out.len())] {
-        let wanted = n.saturating_mul(n);
-        if given != wanted {
-            return Err(Error::Length {
-                array,
-                given,
-                wanted,
-            });
-        }
+        check_length(array, given, n.saturating_mul(n))?;
     }
     check_finite("covariance", covariance)?;
     let slack = T::EPSILON * T::of(16.0 * n as f64);
@@ -381,15 +374,6 @@ impl<T: Real, const N: usize> Posterior<T, N> {
 pub enum Error {
     /// A number that is not finite.
     Number(NumberError),
-    /// An array that is not n x n.
-    Length {
-        /// Its name.
-        array: &'static str,
-        /// Its length.
-        given: usize,
-        /// The length it must have.
-        wanted: usize,
-    },
     /// Two entries that should be equal are not.
     Asymmetric {
         /// Row of the one above the diagonal.
@@ -414,11 +398,6 @@ impl core::fmt::Display for Error {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::Number(error) => error.fmt(f),
-            Self::Length {
-                array,
-                given,
-                wanted,
-            } => write!(f, "{array} has {given} entries: must have {wanted}"),
             Self::Asymmetric { row, column } => write!(
                 f,
                 "entries [{row}, {column}] and [{column}, {row}] differ: a covariance is symmetric"

@@ -48,7 +48,7 @@ impl Real for f64 {
     }
 }
 
-/// What can be wrong with a number, whatever it stands for.
+/// What can be wrong with numbers, whatever they stand for.
 ///
 /// The errors of all modules hold one of these where a number is at fault. Numbers
 /// are checked on the way in, and results on the way out: what would overflow is
@@ -72,6 +72,15 @@ pub enum NumberError {
         given: f64,
         /// The values allowed, in words.
         allowed: &'static str,
+    },
+    /// An array whose length does not fit.
+    Length {
+        /// Its name.
+        array: &'static str,
+        /// Its length.
+        given: usize,
+        /// A length that fits.
+        wanted: usize,
     },
     /// A result that exceeds the numbers of this type, though all inputs are finite.
     Overflow {
@@ -102,6 +111,11 @@ impl core::fmt::Display for NumberError {
                 given,
                 allowed,
             } => write!(f, "{name} = {given}: must be {allowed}"),
+            Self::Length {
+                array,
+                given,
+                wanted,
+            } => write!(f, "{array} has {given} entries: must have {wanted}"),
             Self::Overflow { result } => write!(
                 f,
                 "{result}: out of the range of this number type; choose other units (or f64 for f32)"
@@ -111,6 +125,23 @@ impl core::fmt::Display for NumberError {
 }
 
 impl core::error::Error for NumberError {}
+
+/// Refuses an array of another length.
+#[inline]
+pub(crate) fn check_length(
+    array: &'static str,
+    given: usize,
+    wanted: usize,
+) -> Result<(), NumberError> {
+    if given == wanted {
+        return Ok(());
+    }
+    Err(NumberError::Length {
+        array,
+        given,
+        wanted,
+    })
+}
 
 /// Refuses the first entry that is not finite.
 #[inline]

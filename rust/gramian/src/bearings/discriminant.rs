@@ -16,8 +16,8 @@
 //! Li & Sheng 2009. The printed (7) lost the factors T and T^2 in three blocks,
 //! the printed (8) has index slips; Lemma 1 and (10)-(15) stand.
 
-use super::{Error, check_length};
-use crate::scalar::{Real, check_finite, finite_one};
+use super::Error;
+use crate::scalar::{Real, check_finite, check_length, finite_one};
 use crate::square_root::SquareRootInformation;
 
 /// The form in which a discriminant is computed; all give the same number.
@@ -90,7 +90,7 @@ pub fn discriminant<T: Real>(times: &[T; 4], bearings: &[T; 4], form: Form) -> R
 /// at least `least`, times increasing, weights not negative, all finite.
 ///
 /// # Errors
-/// [`Error::Length`], [`Error::TooFew`], [`Error::Times`], [`Error::Weight`],
+/// [`NumberError::Length`](crate::scalar::NumberError::Length), [`Error::TooFew`], [`Error::Times`], [`Error::Weight`],
 /// [`Error::Number`].
 pub fn check_track<T: Real>(
     times: &[T],

@@ -36,18 +36,6 @@ pub use test::{Test, observability_test};
 
 use crate::scalar::NumberError;
 
-fn check_length(array: &'static str, given: usize, wanted: usize) -> Result<(), Error> {
-    if given == wanted {
-        Ok(())
-    } else {
-        Err(Error::Length {
-            array,
-            given,
-            wanted,
-        })
-    }
-}
-
 /// What can be wrong with the input of this module.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Error {
@@ -67,15 +55,6 @@ pub enum Error {
         index: usize,
         /// The value given.
         given: f64,
-    },
-    /// An array whose length does not match the times.
-    Length {
-        /// Its name.
-        array: &'static str,
-        /// Its length.
-        given: usize,
-        /// The number of times.
-        wanted: usize,
     },
     /// A sine in the denominator of the cotangent form is zero.
     Cotangent {
@@ -134,7 +113,7 @@ impl Error {
             | Self::Times { index, .. }
             | Self::Weight { index, .. } => *index = sample,
             Self::Number(error) => *error = error.at(sample),
-            Self::Length { .. } | Self::Cotangent { .. } | Self::TooFew { .. } => {}
+            Self::Cotangent { .. } | Self::TooFew { .. } => {}
         }
         self
     }
@@ -162,11 +141,6 @@ impl core::fmt::Display for Error {
             Self::Sigma { index, given } => {
                 write!(f, "sigma[{index}] = {given} rad: must be > 0 and finite")
             }
-            Self::Length {
-                array,
-                given,
-                wanted,
-            } => write!(f, "{array} has {given} entries: must have {wanted}"),
             Self::Distance { index, given } => {
                 write!(f, "distance[{index}] = {given} m: must be > 0 and finite")
             }

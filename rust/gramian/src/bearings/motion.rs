@@ -7,7 +7,7 @@
 //! and as many numbers more as there are.
 
 use super::Error;
-use crate::scalar::{NumberError, Real, all_finite, check_finite, finite, hypot};
+use crate::scalar::{NumberError, Real, all_finite, check_finite, check_length, finite, hypot};
 
 /// T^k / k!, what the k-th derivative adds to the place after `time`.
 fn power<T: Real>(time: T, k: usize) -> T {
@@ -18,7 +18,7 @@ fn power<T: Real>(time: T, k: usize) -> T {
 /// each order.
 ///
 /// # Errors
-/// [`Error::Length`] for a state that is not made of D numbers for each order,
+/// [`NumberError::Length`] for a state that is not made of D numbers for each order,
 /// [`Error::Number`].
 ///
 /// # Source
@@ -53,14 +53,14 @@ pub(crate) fn moved_along<T: Real, const D: usize>(state: &[T], time: T) -> [T; 
 /// Refuses a number of states that is not D for each order.
 fn check_orders<const D: usize>(array: &'static str, given: usize) -> Result<(), Error> {
     let wanted = given.next_multiple_of(const { if D == 0 { 1 } else { D } });
-    super::check_length(array, given, wanted)
+    Ok(check_length(array, given, wanted)?)
 }
 
 /// The whitened row of a bearing by the states of a target of any order, two for
 /// each, into `out`: [`row`](super::row) is order 1.
 ///
 /// # Errors
-/// As [`row`](super::row), and [`Error::Length`] for an odd number of states.
+/// As [`row`](super::row), and [`NumberError::Length`] for an odd number of states.
 ///
 /// # Source
 /// Li & Sheng 2009, eq. (2), with the powers of time that the order adds.
@@ -77,7 +77,7 @@ pub fn motion_row<T: Real>(time: T, offset: [T; 2], sigma: T, out: &mut [T]) -> 
 ///
 /// # Errors
 /// [`Error::Overhead`] where the target is straight above or below, so that no
-/// azimuth exists; [`Error::Length`] for rows that do not have three numbers for
+/// azimuth exists; [`NumberError::Length`] for rows that do not have three numbers for
 /// each order; otherwise as [`row`](super::row).
 ///
 /// # Source

@@ -1,8 +1,8 @@
 //! The rows of one target at constant velocity, and where it is.
 
-use super::{Error, check_length};
+use super::Error;
 use crate::rows::RowSink;
-use crate::scalar::{Real, check_finite, finite};
+use crate::scalar::{Real, check_finite, check_length, finite};
 
 /// One whitened row: the derivative of a bearing by (x0, y0, vx, vy), over sigma.
 ///
@@ -71,7 +71,7 @@ fn wrong_sigma<T: Real>(sigma: T) -> Error {
 /// deviation for all or one each. Time is counted from `times[0]`.
 ///
 /// # Errors
-/// [`Error::Length`] for arrays that do not match; otherwise as [`row`], with
+/// [`NumberError::Length`](crate::scalar::NumberError::Length) for arrays that do not match; otherwise as [`row`], with
 /// the index.
 ///
 /// # Source

@@ -7,9 +7,9 @@
 //! residuals is then chi-square with m - 3 degrees of freedom; a larger one
 //! rejects "unobservable". Neither range nor the target's state is needed.
 
-use super::{Error, check_length, check_track};
+use super::{Error, check_track};
 use crate::chi_square;
-use crate::scalar::{Real, finite, finite_one};
+use crate::scalar::{Real, check_length, finite, finite_one};
 
 /// The answer of [`observability_test`].
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -24,7 +24,7 @@ pub mod localize;
 pub use accumulator::Accumulator;
 
 use crate::rows::RowSink;
-use crate::scalar::{NumberError, Real, all_finite, check_finite, finite};
+use crate::scalar::{NumberError, Real, all_finite, check_finite, check_length, finite};
 
 /// The magnetic constant over 4 pi, in H/m: 1e-7 to nine digits (CODATA 2018
 /// gives 1.00000000055e-7).
@@ -254,7 +254,7 @@ impl<T: Copy> Sensing<T> {
 /// in each sensor after sensor. Time is counted from `times[0]`.
 ///
 /// # Errors
-/// [`Error::OnSensor`] with the sample; [`Error::Length`] where `out` does not
+/// [`Error::OnSensor`] with the sample; [`NumberError::Length`] where `out` does not
 /// have a place for each number; [`Error::Number`] for what is not finite, or a
 /// distance or field that exceeds the numbers of this type.
 ///
@@ -309,7 +309,7 @@ fn check_pass<T: Real>(
 /// `sigma` is one standard deviation in tesla for all samples, or one for each.
 ///
 /// # Errors
-/// [`Error::OnSensor`], [`Error::Sigma`], [`Error::Length`]; [`Error::Number`] for
+/// [`Error::OnSensor`], [`Error::Sigma`], [`NumberError::Length`]; [`Error::Number`] for
 /// what is not finite, or rows that exceed the numbers of this type.
 ///
 /// # Source
@@ -415,18 +415,6 @@ fn product<T: Real>(matrix: &[[T; 3]; 3], vector: &[T; 3]) -> [T; 3] {
     [0, 1, 2].map(|i| dot(&matrix[i], vector))
 }
 
-fn check_length(array: &'static str, given: usize, wanted: usize) -> Result<(), Error> {
-    if given == wanted {
-        Ok(())
-    } else {
-        Err(Error::Length {
-            array,
-            given,
-            wanted,
-        })
-    }
-}
-
 /// What can be wrong with the input of this module.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Error {
@@ -442,15 +430,6 @@ pub enum Error {
         /// The value given.
         given: f64,
     },
-    /// An array of the wrong length.
-    Length {
-        /// Its name.
-        array: &'static str,
-        /// Its length.
-        given: usize,
-        /// The length it must have.
-        wanted: usize,
-    },
     /// A number that is not finite, or too large to go on with.
     Number(NumberError),
 }
@@ -462,7 +441,6 @@ impl Error {
         match &mut self {
             Self::OnSensor { index } | Self::Sigma { index, .. } => *index = sample,
             Self::Number(error) => *error = error.at(sample),
-            Self::Length { .. } => {}
         }
         self
     }
@@ -486,11 +464,6 @@ impl core::fmt::Display for Error {
             Self::Sigma { index, given } => {
                 write!(f, "sigma[{index}] = {given} T: must be > 0 and finite")
             }
-            Self::Length {
-                array,
-                given,
-                wanted,
-            } => write!(f, "{array} has {given} entries: must have {wanted}"),
         }
     }
 }

@@ -16,7 +16,7 @@ use alloc::vec::Vec;
 use super::Error;
 use super::scaling::{self, Systems, Work, dot};
 use super::staircase::{self, Found, Staircase};
-use crate::scalar::{NumberError, Real, all_finite, check_finite};
+use crate::scalar::{NumberError, Real, all_finite, check_finite, check_length};
 use crate::spectrum::check_rtol;
 
 /// Ranks, levels, kernel and determined combinations of a system.
@@ -41,17 +41,17 @@ impl<T: Real> Analysis<T> {
     /// [`default_rtol`](super::default_rtol).
     ///
     /// # Errors
-    /// [`Error::Length`] where A is not n x n with n >= 1 or C not p x n,
+    /// [`NumberError::Length`] where A is not n x n with n >= 1 or C not p x n,
     /// [`Error::Number`] for what is not finite, a tolerance that is not in [0, 1), or
     /// a balanced system whose squares exceed the numbers of this type.
     pub fn new(a: &[T], c: &[T], n: usize, rtol: Option<T>) -> Result<Self, Error> {
         let p = c.len().checked_div(n).unwrap_or(0);
         let mut forms = Self::of_segments(a, c, n, p, 1, rtol)?;
-        forms.pop().ok_or(Error::Length {
+        forms.pop().ok_or(Error::Number(NumberError::Length {
             array: "A",
             given: a.len(),
             wanted: n * n,
-        })
+        }))
     }
 
     /// The same for several systems A (segments, n, n), C (segments, p, n), all
@@ -64,10 +64,10 @@ impl<T: Real> Analysis<T> {
         segments: usize,
         rtol: Option<T>,
     ) -> Result<Vec<Self>, Error> {
-        Error::check_length("states", n, n.max(1))?;
-        Error::check_length("A", a.len(), segments.saturating_mul(n.saturating_mul(n)))?;
-        Error::check_length("outputs", p, p.max(1))?;
-        Error::check_length("C", c.len(), segments.saturating_mul(p.saturating_mul(n)))?;
+        check_length("states", n, n.max(1))?;
+        check_length("A", a.len(), segments.saturating_mul(n.saturating_mul(n)))?;
+        check_length("outputs", p, p.max(1))?;
+        check_length("C", c.len(), segments.saturating_mul(p.saturating_mul(n)))?;
         check_finite("A", a)?;
         check_finite("C", c)?;
         if let Some(rtol) = rtol {
@@ -164,11 +164,11 @@ impl<T: Real> Analysis<T> {
     /// that `O_k` leaves open, for k = 0..n.
     ///
     /// # Errors
-    /// [`Error::Length`]; [`Error::Number`] for what is not finite, a combination
+    /// [`NumberError::Length`]; [`Error::Number`] for what is not finite, a combination
     /// that is zero, or so large or small in balanced states that it is no number.
     pub fn residuals(&self, combination: &[T]) -> Result<Vec<T>, Error> {
         let n = self.n;
-        Error::check_length("combination", combination.len(), n)?;
+        check_length("combination", combination.len(), n)?;
         check_finite("combination", combination)?;
         let mut scaled: Vec<T> = combination
             .iter()

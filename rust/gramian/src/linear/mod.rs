@@ -29,34 +29,10 @@ pub use staircase::{Found, default_rtol};
 #[cfg(feature = "alloc")]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Error {
-    /// An array whose length does not fit.
-    Length {
-        /// Its name.
-        array: &'static str,
-        /// Its length.
-        given: usize,
-        /// A length that fits.
-        wanted: usize,
-    },
     /// A number that is not finite, or too large to go on with.
     Number(NumberError),
     /// A window too long for the numbers.
     Window(window::Overflow),
-}
-
-#[cfg(feature = "alloc")]
-impl Error {
-    fn check_length(array: &'static str, given: usize, wanted: usize) -> Result<(), Self> {
-        if given == wanted {
-            Ok(())
-        } else {
-            Err(Self::Length {
-                array,
-                given,
-                wanted,
-            })
-        }
-    }
 }
 
 #[cfg(feature = "alloc")]
@@ -77,11 +53,6 @@ impl From<window::Overflow> for Error {
 impl core::fmt::Display for Error {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
-            Self::Length {
-                array,
-                given,
-                wanted,
-            } => write!(f, "{array} has {given} entries: must have {wanted}"),
             Self::Number(error) => error.fmt(f),
             Self::Window(error) => error.fmt(f),
         }

@@ -19,7 +19,7 @@ use super::Error;
 use super::analysis::{Analysis, reduced_null_space};
 use super::scaling::dot;
 use super::window::{Overflow, exponential};
-use crate::scalar::{NumberError, Real, all_finite, check_finite};
+use crate::scalar::{NumberError, Real, all_finite, check_finite, check_length};
 use crate::spectrum;
 use crate::square_root::rotate_in;
 
@@ -54,7 +54,7 @@ impl<T: Real> Piecewise<T> {
         rtol: Option<T>,
     ) -> Result<Self, Error> {
         let segments = durations.len();
-        Error::check_length("durations", segments, segments.max(1))?;
+        check_length("durations", segments, segments.max(1))?;
         check_finite("durations", durations)?;
         let p = c.len().checked_div(n.saturating_mul(segments)).unwrap_or(0);
         let forms = Analysis::of_segments(a, c, n, p, segments, rtol)?;

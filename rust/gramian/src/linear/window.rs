@@ -20,7 +20,7 @@ use alloc::vec::Vec;
 use super::Error;
 use super::analysis::balance;
 use super::scaling::add;
-use crate::scalar::{Real, all_finite, check_finite, check_positive};
+use crate::scalar::{Real, all_finite, check_finite, check_length, check_positive};
 
 /// A window of a system of n states, matrices n x n row-major.
 #[derive(Clone, Debug)]
@@ -66,7 +66,7 @@ impl<T: Real> Window<T> {
     /// `x[k+1] = phi x[k]` with noise covariance `q` if given.
     ///
     /// # Errors
-    /// [`Error::Length`] for matrices that do not fit n >= 1 states;
+    /// [`NumberError::Length`](crate::scalar::NumberError::Length) for matrices that do not fit n >= 1 states;
     /// [`Error::Number`]; [`Error::Window`] where the Gramian exceeds the numbers.
     pub fn sample(phi: &[T], c: &[T], q: Option<&[T]>, n: usize) -> Result<Self, Error> {
         check_system("transition", phi, c, q, n)?;
@@ -86,7 +86,7 @@ impl<T: Real> Window<T> {
     /// process noise density `q` if given, over `duration`.
     ///
     /// # Errors
-    /// [`Error::Length`] for matrices that do not fit n >= 1 states; [`Error::Number`]
+    /// [`NumberError::Length`](crate::scalar::NumberError::Length) for matrices that do not fit n >= 1 states; [`Error::Number`]
     /// for what is not finite, or a duration that is not positive; [`Error::Window`].
     pub fn continuous(
         a: &[T],
@@ -176,9 +176,9 @@ impl<T: Real> Window<T> {
     /// This window and `next` after it, as one.
     ///
     /// # Errors
-    /// [`Error::Length`] for a window of other states, [`Error::Window`].
+    /// [`NumberError::Length`](crate::scalar::NumberError::Length) for a window of other states, [`Error::Window`].
     pub fn then(&self, next: &Self) -> Result<Self, Error> {
-        Error::check_length("next", next.n, self.n)?;
+        check_length("next", next.n, self.n)?;
         self.joined(next)?.whole()
     }
 
@@ -279,13 +279,13 @@ fn check_system<T: Real>(
     n: usize,
 ) -> Result<(), Error> {
     let square = n.saturating_mul(n);
-    Error::check_length("states", n, n.max(1))?;
-    Error::check_length(name, a.len(), square)?;
-    Error::check_length("C", c.len(), c.len().next_multiple_of(n.max(1)))?;
+    check_length("states", n, n.max(1))?;
+    check_length(name, a.len(), square)?;
+    check_length("C", c.len(), c.len().next_multiple_of(n.max(1)))?;
     check_finite(name, a)?;
     check_finite("C", c)?;
     if let Some(q) = q {
-        Error::check_length("Q", q.len(), square)?;
+        check_length("Q", q.len(), square)?;
         check_finite("Q", q)?;
     }
     Ok(())
@@ -294,7 +294,7 @@ fn check_system<T: Real>(
 /// e^(A duration), n x n.
 ///
 /// # Errors
-/// [`Error::Length`], [`Error::Number`], [`Error::Window`].
+/// [`NumberError::Length`](crate::scalar::NumberError::Length), [`Error::Number`], [`Error::Window`].
 ///
 /// ```
 /// let e = gramian::linear::window::transition(&[0.0, 1.0, 0.0, 0.0], 2, 3.0).unwrap();

@@ -35,7 +35,7 @@
 //! ```
 
 use crate::bearings;
-use crate::scalar::{NumberError, Real, all_finite, check_finite, check_positive};
+use crate::scalar::{NumberError, Real, all_finite, check_finite, check_length, check_positive};
 use crate::spectrum::{Spectrum, decompose};
 use crate::square_root::SquareRootInformation;
 
@@ -101,7 +101,7 @@ pub struct Target<'a, T, const N: usize> {
 /// The work grows with the number of steps.
 ///
 /// # Errors
-/// [`Error::OnTarget`] where a sample is on the target, [`Error::Length`] where the
+/// [`Error::OnTarget`] where a sample is on the target, [`NumberError::Length`] where the
 /// arrays do not match, [`Error::Sigma`], and [`Error::Number`] for what is not
 /// finite, a scale or sharpness that is not positive, and a value that exceeds the
 /// numbers of this type.
@@ -126,14 +126,7 @@ pub fn along<T: Real, const N: usize>(
     out: &mut [T],
 ) -> Result<(), Error> {
     check(legs, target, criterion)?;
-    let wanted = legs.steps().saturating_add(1);
-    if out.len() != wanted {
-        return Err(Error::Length {
-            array: "out",
-            given: out.len(),
-            wanted,
-        });
-    }
+    check_length("out", out.len(), legs.steps().saturating_add(1))?;
     accumulate(legs, target, |sample, root| {
         out[sample] = differentiate(root, &target.scale, criterion).0;
     })?;
@@ -163,13 +156,7 @@ pub fn gradient<T: Real, const N: usize>(
         ("by_heading", by_heading.len()),
         ("by_length", by_length.len()),
     ] {
-        if given != legs.headings.len() {
-            return Err(Error::Length {
-                array,
-                given,
-                wanted: legs.headings.len(),
-            });
-        }
+        check_length(array, given, legs.headings.len())?;
     }
     let (root, end) = accumulate(legs, target, |_, _| {})?;
     let (value, by_information) = differentiate(&root, &target.scale, criterion);
@@ -257,18 +244,11 @@ impl<T: Real> Legs<'_, T> {
     }
 
     fn check(&self) -> Result<(), Error> {
-        let wanted = self.headings.len();
         for (array, given) in [
             ("lengths", self.lengths.len()),
             ("counts", self.counts.len()),
         ] {
-            if given != wanted {
-                return Err(Error::Length {
-                    array,
-                    given,
-                    wanted,
-                });
-            }
+            check_length(array, given, self.headings.len())?;
         }
         check_finite("start", &self.start)?;
         check_finite("dt", &[self.dt])?;
@@ -489,15 +469,6 @@ pub enum Error {
         /// The value given.
         given: f64,
     },
-    /// Arrays that do not match.
-    Length {
-        /// The name of one.
-        array: &'static str,
-        /// Its length.
-        given: usize,
-        /// The length it must have.
-        wanted: usize,
-    },
     /// A number that is not finite, or too large to go on with.
     Number(NumberError),
 }
@@ -519,11 +490,6 @@ impl core::fmt::Display for Error {
             Self::Sigma { given } => {
                 write!(f, "sigma = {given} rad: must be > 0 and finite")
             }
-            Self::Length {
-                array,
-                given,
-                wanted,
-            } => write!(f, "{array} has {given} entries: must have {wanted}"),
         }
     }
 }

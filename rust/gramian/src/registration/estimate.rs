@@ -52,8 +52,8 @@ use alloc::vec;
 use alloc::vec::Vec;
 
 use super::look::{reduce, unchecked_linearise, unchecked_place, width};
-use super::{Error, Layout, MOST, check_length};
-use crate::scalar::{NumberError, Real, all_finite, check_finite, check_positive};
+use super::{Error, Layout, MOST};
+use crate::scalar::{NumberError, Real, all_finite, check_finite, check_length, check_positive};
 use crate::spectrum::{decompose, default_rtol, rank, unit_columns};
 use crate::square_root::{reflect, triangularize};
 
@@ -292,7 +292,7 @@ impl<T: Real> Estimator<T> {
     /// Estimates the biases from `reports`: for each look N d numbers.
     ///
     /// # Errors
-    /// As [`Layout::check`]; [`Error::Length`] for reports or a prior that do not fit;
+    /// As [`Layout::check`]; [`NumberError::Length`] for reports or a prior that do not fit;
     /// [`Error::OnSensor`] and [`Error::Overhead`] where an estimated position is;
     /// [`Error::Number`] for what is not finite, a prior or limit that is not
     /// positive, and an estimate that exceeds the numbers of this type.
@@ -987,7 +987,7 @@ fn inverse<T: Real>(m: &[[T; 3]; 3], d: usize) -> [[T; 3]; 3] {
 /// for each.
 ///
 /// # Errors
-/// [`Error::OnSensor`], [`Error::Overhead`], [`Error::Length`]; [`Error::Number`] for
+/// [`Error::OnSensor`], [`Error::Overhead`], [`NumberError::Length`]; [`Error::Number`] for
 /// what is not finite, or reports that exceed the numbers of this type.
 pub fn report<T: Real>(
     layout: &Layout,

@@ -2,8 +2,8 @@
 
 #[cfg(any(feature = "alloc", test))]
 use super::pair;
-use super::{Dimension, Error, Layout, MOST, check_length};
-use crate::scalar::{NumberError, Real, all_finite, check_finite, hypot, wrapped};
+use super::{Dimension, Error, Layout, MOST};
+use crate::scalar::{NumberError, Real, all_finite, check_finite, check_length, hypot, wrapped};
 use crate::square_root::reflect;
 
 /// What one sensor measures of a target, and how that depends on the target's
@@ -27,7 +27,7 @@ pub struct Linear<T> {
 ///
 /// # Errors
 /// [`Error::OnSensor`] and [`Error::Overhead`], with look and sensor 0;
-/// [`Error::Length`], [`Error::Sigma`]; [`Error::Number`] for what is not finite, or
+/// [`NumberError::Length`], [`Error::Sigma`]; [`Error::Number`] for what is not finite, or
 /// derivatives that exceed the numbers of this type.
 pub fn linearise<T: Real>(
     layout: &Layout,
@@ -182,7 +182,7 @@ fn about_north<T: Real>(v: [T; 3], [sin, cos]: [T; 2]) -> [T; 3] {
 /// numbers each for `sensor`, `report` and `out`.
 ///
 /// # Errors
-/// [`Error::Length`]; [`Error::Number`] for what is not finite, or a place that
+/// [`NumberError::Length`]; [`Error::Number`] for what is not finite, or a place that
 /// exceeds the numbers of this type (a gain of -1).
 pub fn place<T: Real>(
     layout: &Layout,
@@ -361,7 +361,7 @@ pub const fn scratch(layout: &Layout) -> usize {
 ///
 /// # Errors
 /// As [`Layout::check`]; [`Error::OnSensor`] and [`Error::Overhead`], with look 0;
-/// [`Error::Length`]; [`Error::Number`] for what is not finite, or rows that exceed
+/// [`NumberError::Length`]; [`Error::Number`] for what is not finite, or rows that exceed
 /// the numbers of this type.
 ///
 /// ```

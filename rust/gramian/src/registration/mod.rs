@@ -25,7 +25,7 @@ pub mod estimate;
 pub mod look;
 pub mod pair;
 
-use crate::scalar::{NumberError, Real, check_finite};
+use crate::scalar::{NumberError, Real, check_finite, check_length};
 
 /// The most biases that one sensor can have.
 pub const MOST: usize = 10;
@@ -152,18 +152,6 @@ impl Layout {
     }
 }
 
-fn check_length(array: &'static str, given: usize, wanted: usize) -> Result<(), Error> {
-    if given == wanted {
-        Ok(())
-    } else {
-        Err(Error::Length {
-            array,
-            given,
-            wanted,
-        })
-    }
-}
-
 /// What can be wrong with the input of this module.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Error {
@@ -201,15 +189,6 @@ pub enum Error {
         look: usize,
         /// Which sensor.
         sensor: usize,
-    },
-    /// An array whose length does not fit.
-    Length {
-        /// Its name.
-        array: &'static str,
-        /// Its length.
-        given: usize,
-        /// The length that fits.
-        wanted: usize,
     },
     /// A number that is not finite, or too large to go on with.
     Number(NumberError),
@@ -270,11 +249,6 @@ impl core::fmt::Display for Error {
                 "the target of look {look} is straight above or below sensors[{sensor}]: \
                  an azimuth needs a horizontal distance > 0"
             ),
-            Self::Length {
-                array,
-                given,
-                wanted,
-            } => write!(f, "{array} has {given} numbers: must have {wanted}"),
         }
     }
 }

@@ -38,6 +38,7 @@ use separable::{Fitter, Point, Record};
 use starts::Shape;
 
 use crate::batch::Stream;
+use crate::scalar::{NumberError, check_length};
 
 /// What is done about a constant field in the record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -135,12 +136,8 @@ pub fn localize(
 ) -> Result<Located, Error> {
     knowledge.check().map_err(Error::Contradiction)?;
     let channels = 3 * sensors.len();
-    if times.is_empty() || field.len() != times.len() * channels {
-        return Err(Error::Length {
-            given: field.len(),
-            wanted: times.len() * channels,
-        });
-    }
+    check_length("times", times.len(), times.len().max(1))?;
+    check_length("field", field.len(), times.len() * channels)?;
     let mut data = Data::new(times, field, channels, options);
     let thin = data.thinned();
     let shapes = data.shapes(sensors, options);
@@ -389,24 +386,23 @@ fn mirrored(
 pub enum Error {
     /// Knowledge that contradicts itself.
     Contradiction(Contradiction),
-    /// A field of the wrong length.
-    Length {
-        /// Its length.
-        given: usize,
-        /// The length it must have.
-        wanted: usize,
-    },
+    /// Times or a field of the wrong length.
+    Number(NumberError),
     /// A field in which there is nothing to locate.
     NoField,
+}
+
+impl From<NumberError> for Error {
+    fn from(error: NumberError) -> Self {
+        Self::Number(error)
+    }
 }
 
 impl core::fmt::Display for Error {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::Contradiction(error) => error.fmt(f),
-            Self::Length { given, wanted } => {
-                write!(f, "field has {given} numbers: must have {wanted}")
-            }
+            Self::Number(error) => error.fmt(f),
             Self::NoField => {
                 write!(f, "the field is constant: there is no pass in it to locate")
             }
@@ -492,10 +488,11 @@ mod tests {
         assert!(text.contains("speed = 1 m/s contradicts"), "{text}");
         let knowledge = known(&[(SPEED, 1.0)]);
         assert_eq!(run(&[0.0; 63], &knowledge), Err(Error::NoField));
-        let length = Error::Length {
+        let length = Error::Number(NumberError::Length {
+            array: "field",
             given: 3,
             wanted: 63,
-        };
+        });
         assert_eq!(run(&field[..3], &knowledge), Err(length));
     }
 }
