@@ -960,7 +960,8 @@ mod sized {
     use gramian::linear::piecewise::Piecewise;
     use gramian::linear::window::{self, Window};
     use gramian::observability::{self, Observability};
-    use gramian::registration::estimate::{Estimator, Method, Question, report};
+    use gramian::registration::estimate::{Estimator, Method, Question};
+    use gramian::registration::report;
 
     fn rtol<T: Number>(draw: &mut Draw<T>) -> Option<T> {
         (draw.below(2) == 0).then(|| draw.positive())

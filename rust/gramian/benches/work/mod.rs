@@ -13,7 +13,7 @@ use gramian::dipole::localize::{Knowledge, Options};
 use gramian::maneuver::plan::Criterion;
 use gramian::maneuver::{AtStandoff, Law};
 use gramian::posterior::Form;
-use gramian::registration::{Layout, estimate};
+use gramian::registration::{Layout, estimate, report};
 use gramian::square_root::SquareRootInformation;
 
 /// A kernel, ready to be called.
@@ -459,7 +459,7 @@ fn registration_estimate() -> Work {
         .collect();
     let mut reports = vec![0.0; 800];
     let biases_true = [300.0, 0.0087, -200.0, -0.007];
-    let done = estimate::report(
+    let done = report(
         &Layout::PAIR,
         &SENSORS,
         &biases_true,

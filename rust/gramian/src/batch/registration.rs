@@ -6,9 +6,9 @@ use core::convert::Infallible;
 
 use super::simd::{Path, lane_sums};
 use super::{Items, Stream, Threads};
-use crate::registration::estimate::{Answer, Estimator, Question, Status, unchecked_report};
+use crate::registration::estimate::{Answer, Estimator, Question, Status};
 use crate::registration::pair::Plane;
-use crate::registration::{Error, Layout, look};
+use crate::registration::{Error, Layout, look, unchecked_report};
 use crate::square_root::{rotate_in, triangularize};
 
 /// Sensors, noise and targets of a batch.
