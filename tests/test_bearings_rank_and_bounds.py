@@ -65,6 +65,35 @@ def test_straight_observer_far_from_the_origin_of_its_coordinates():
     assert gm.analyze(moved).status == "unobservable"
 
 
+@pytest.mark.parametrize("along", [0.0, np.pi / 2, np.pi, 1e-3, 1e-8, np.pi / 2 + 1e-12])
+@pytest.mark.parametrize("origin", [0.0, 1e3, 1e6])
+def test_target_dead_ahead_along_an_axis_stays_unobservable(along, origin):
+    """Columns of nothing but rounding must not count when they are scaled to unit length."""
+    ahead = np.array([np.sin(along), np.cos(along)])
+    velocity = np.array([0.1, 0.03]) + 5 * ahead
+    times = 1000.3 + np.arange(0.0, 600.0, 15.0)
+    observer = origin * np.array([0.3, 0.7]) + times[:, None] * velocity
+    target = np.array([*(observer[0] + 1e4 * ahead), *(velocity + 2 * ahead)])
+    answer = gm.analyze(gm.bearings.problem(times, observer, target, SIGMA))
+    assert answer.rank == 2
+    far = np.abs(ahead) > 1e-5  # across the line of sight everything is known
+    assert np.isinf(answer.crlb_std.reshape(2, 2)[:, far]).all()
+    closing = observer[0] + (times - times[0])[:, None] * 5 * ahead
+    assert gm.analyze(gm.maneuver.problem(closing, target[:2], SIGMA)).rank == 1
+
+
+def test_bearing_that_never_changes_is_unobservable_whatever_its_weights():
+    """Sigmas of unequal size over 10 000 bearings far from the origin."""
+    rng = np.random.default_rng(4)
+    times = np.sort(rng.uniform(0.0, 1.0, 10_000))
+    velocity = np.array([0.3, 2.0])
+    observer = np.array([1300.0, -700.0]) + times[:, None] * velocity
+    offset = np.array([3e-4, 0.03])
+    target = np.array([*(observer[0] + offset), *(velocity + 1.5 * offset)])
+    sigma = 0.01 * np.exp(rng.normal(size=times.size))
+    assert gm.analyze(gm.bearings.problem(times, observer, target, sigma)).rank == 2
+
+
 def test_small_turns_keep_full_rank():
     """The bound grows as the turn shrinks: it is never cut off by a coarse tolerance."""
     params = reference("bearings")["B1"]["params"]

@@ -43,6 +43,19 @@ def test_each_family_has_nullity_one_and_the_stated_null_vector(name, side, turn
     assert (check.track.name, check.side) == (name, side)
 
 
+@pytest.mark.parametrize(("name", "side"), FAMILIES)
+@pytest.mark.parametrize("size", [1e-4, 1.0, 8.0])
+@pytest.mark.parametrize("sigma", [(1000.0, 1e-5), (0.1, 0.1), ((700.0, 2e-5), (0.3, 0.08))])
+def test_families_stay_singular_at_any_size_place_and_noise(name, side, size, sigma):
+    """Whitening by unequal deviations, and coordinates of 1000 km, enlarge rounding."""
+    turn = 1.1
+    rotation = size * np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    for origin in ([0.0, 0.0], [4.1e5, 5.6e6]):
+        sensors = {k: rotation @ v + origin for k, v in SENSORS.items()}
+        track = FAMILIES[name, side] @ rotation.T + origin
+        assert gm.analyze(reg.problem(track, sensors, sigma)).rank == 3
+
+
 def test_the_union_of_any_two_families_is_observable():
     keys = list(FAMILIES)
     for i, one in enumerate(keys):

@@ -9,7 +9,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian.exceptions import InputError
 
-__all__ = ["SEED_MOST", "finite", "number", "reals", "representable", "whole"]
+__all__ = [
+    "SEED_MOST",
+    "above_rounding",
+    "finite",
+    "number",
+    "reals",
+    "representable",
+    "rounding_of_columns",
+    "whole",
+]
 
 Array = NDArray[np.float64]
 
@@ -60,6 +69,58 @@ def number(value: Any, name: str) -> float:
     if array.size != 1:
         raise InputError(f"{name} has shape {array.shape}: must be one number")
     return float(array.reshape(()))
+
+
+def rounding_of_columns(rows: Array, accuracy: Array, width: int) -> Array:
+    """Return how much of the length of each column is rounding.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (K, n)
+        Rows of a model.
+    accuracy : ndarray, shape (K,)
+        Rounding of the entries of each row, relative to the length of the vector they
+        are part of.
+    width : int
+        So many columns after one another hold the coordinates of one vector; an entry
+        of exactly 0 is taken for one that is not part of it.
+    """
+    count, n = rows.shape
+    split = rows.reshape(count, -1, width)
+    # Divided by the largest, or squares of small numbers would be lost.
+    top = float(np.abs(rows).max(initial=0.0)) or 1.0
+    lengths = accuracy[:, None] * np.linalg.norm(split / top, axis=2)
+    noise: Array = np.sqrt(((split != 0) * lengths[:, :, None] ** 2).sum(axis=0)).reshape(n)
+    return top * noise
+
+
+def above_rounding(rows: Array, noise: Array) -> tuple[Array, float | None]:
+    """Return rows without columns that are rounding alone, and the accuracy of the others.
+
+    Ranks are decided on columns of unit length. A target dead ahead along an axis has
+    columns that are all rounding, or nearly so: made as long as the others they would
+    count as information.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (K, n)
+        Rows of a model.
+    noise : ndarray, shape (n,)
+        How much of the length of each column is rounding.
+
+    Returns
+    -------
+    rows : ndarray, shape (K, n)
+    rtol : float or None
+        Relative accuracy of the scaled columns; None where it is that of plain rows.
+    """
+    top = float(np.abs(rows).max(initial=0.0)) or 1.0
+    sizes = top * np.linalg.norm(rows / top, axis=0)
+    # With less than two digits left, a column says nothing.
+    held = sizes > 100 * noise
+    rtol = float(np.linalg.norm(noise[held] / sizes[held]))
+    default = 32 * np.finfo(float).eps * np.sqrt(max(rows.shape))
+    return np.where(held, rows, 0.0), rtol if rtol > default else None
 
 
 def representable(std: Array, rows: ArrayLike) -> Array:

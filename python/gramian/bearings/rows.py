@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._numbers import SEED_MOST, reals, whole
+from gramian._numbers import SEED_MOST, above_rounding, reals, rounding_of_columns, whole
 from gramian.exceptions import InputError
 from gramian.problem import Problem
 
@@ -120,6 +120,10 @@ def rows(
     with T the time from the first one: Li & Sheng 2009, eq. (3), weighted as
     Xu et al. 2009, eq. (9). Order N has n = 2 (N + 1) states and is determined
     by n bearings at least: with fewer the rank is short, which `analyze` says.
+
+    Positions far from the origin (map coordinates of millions of metres) carry
+    their rounding into the rows, which an array cannot tell: for ranks and bounds
+    of such give `analyze` and `crlb_std` the `problem`, which knows it.
 
     Examples
     --------
@@ -322,12 +326,16 @@ def problem(
     ranges = np.linalg.norm(offsets, axis=1)
     # Offsets between large coordinates carry the rounding of those coordinates,
     # and those at times counted from long ago the rounding of the times.
-    size = max(np.abs(positions).max(), np.abs(path).max())
+    size = np.abs(positions) + np.abs(path)
+    if is_state:
+        size += np.abs(place[:dimensions])
+    size = size.max(axis=1)
     if (span := float(np.ptp(t))) > 0:
         change = np.linalg.norm(offsets - offsets[0], axis=1).max()
         size += change / span * np.abs(t).max()
-    rounding = 8 * np.finfo(float).eps * size / ranges.min()
-    default = 32 * np.finfo(float).eps * np.sqrt(max(len(values), len(names)))
+    accuracy = 8 * np.finfo(float).eps * size / ranges
+    noise = rounding_of_columns(values, np.repeat(accuracy, dimensions - 1), dimensions)
+    values, rtol = above_rounding(values, noise)
     combinations = {"range": offsets[0] / ranges[0]}
     level = float(np.hypot(*offsets[0][:2]))
     east, north = offsets[0][:2] / level
@@ -353,7 +361,7 @@ def problem(
         values,
         names,
         units=units,
-        rtol=float(rounding) if rounding > default else None,
+        rtol=rtol,
         combinations=wide,
     )
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._numbers import reals
+from gramian._numbers import above_rounding, reals, rounding_of_columns
 from gramian.exceptions import InputError
 from gramian.problem import Problem
 
@@ -136,14 +136,14 @@ def problem(positions: ArrayLike, target: ArrayLike, sigma: ArrayLike) -> Proble
     noise = np.broadcast_to(reals(sigma, "sigma"), ranges.shape)
     rows = np.stack([north, -east], axis=1) / (ranges * noise)[:, None]
     # Offsets between large coordinates carry the rounding of those coordinates.
-    size = max(np.abs(places).max(), np.abs(at).max())
-    rounding = 8 * np.finfo(float).eps * size / ranges.min()
-    default = 32 * np.finfo(float).eps * np.sqrt(max(ranges.size, 2))
+    size = (np.abs(places) + np.abs(at)).max(axis=1)
+    noise = rounding_of_columns(rows, 8 * np.finfo(float).eps * size / ranges, 2)
+    rows, rtol = above_rounding(rows, noise)
     return Problem(
         rows,
         ("x", "y"),
         units=("m", "m"),
-        rtol=float(rounding) if rounding > default else None,
+        rtol=rtol,
         combinations={
             "range": np.array([east[-1], north[-1]]),
             "bearing": np.array([north[-1], -east[-1]]) / ranges[-1],

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._numbers import finite, reals
+from gramian._numbers import above_rounding, finite, reals
 from gramian.exceptions import InputError
 from gramian.problem import Problem
 
@@ -285,18 +285,25 @@ def problem(
             if not chosen:
                 known.index(key)
             scales[chosen] = value
-    # Offsets between large coordinates carry the rounding of those coordinates.
-    offsets = places[:, None, :] - known.places
-    size = max(np.abs(places).max(), np.abs(known.places).max())
-    nearest = np.linalg.norm(offsets, axis=-1).min()
-    rounding = 8 * np.finfo(float).eps * size / nearest
-    default = 32 * np.finfo(float).eps * np.sqrt(max(len(values), known.n))
+    # Offsets between large coordinates carry the rounding of those coordinates, which
+    # whitening enlarges where a sensor's range and azimuth differ in accuracy: what the
+    # rows change by when the targets move by many roundings tells how much.
+    size = float(max(np.abs(places).max(), np.abs(known.places).max()))
+    many = 256.0
+    step = many * 8 * np.finfo(float).eps * size
+    squares = np.zeros(known.n)
+    for axis in np.eye(known.d):
+        moved = _core.registration_rows(
+            places + step * axis, known.places, known.sigma, about, known.flags
+        )
+        squares += np.linalg.norm(moved - values, axis=0) ** 2
+    values, rtol = above_rounding(values, np.sqrt(squares) / many)
     return Problem(
         values,
         known.names,
         units=known.units,
         scale=scales,
-        rtol=float(min(rounding, 1e-3)) if rounding > default else None,
+        rtol=rtol,
     )
 
 
