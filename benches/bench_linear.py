@@ -84,6 +84,18 @@ def by_c(data: Any) -> Callable[[], Any]:
     return work
 
 
+def levels_by_c(data: Any) -> Callable[[], Any]:
+    kernel = c_function("linear.c", "levels")
+    a, c = data
+
+    def work() -> Any:
+        rank, level = np.empty(len(a)), np.empty(a.shape[:2])
+        kernel(a, c, len(a), a.shape[1], OUTPUTS, a.shape[1] * 2.0**-52, rank, level)
+        return rank
+
+    return work
+
+
 def by_control(data: Any, *, rank: bool) -> Callable[[], Any]:
     from control import obsv
 
@@ -198,6 +210,7 @@ def levels_contest(count: int) -> Contest:
         [
             Contestant(OURS, ours),
             Contestant("gramian, all threads", ours, threads=ALL),
+            Contestant("C, orthogonal directions", levels_by_c),
             Contestant(
                 "numpy, batched: Q and its SVD",
                 lambda data: lambda: np.linalg.matrix_rank(stacked(*(x[:PART] for x in data))),
@@ -249,6 +262,17 @@ def gramian_contest(count: int, samples: int = 100, series: str = "") -> Contest
 
         return work
 
+    def doubled_by_c(data: Any) -> Callable[[], Any]:
+        kernel = c_function("linear.c", "gramians", *FAST)
+        a, c = data
+
+        def work() -> Any:
+            out = np.empty_like(a)
+            kernel(a, c, len(a), a.shape[1], OUTPUTS, samples + 1, out)
+            return out
+
+        return work
+
     def case(spread: float) -> Case:
         data = discrete(1, spread)
 
@@ -274,6 +298,7 @@ def gramian_contest(count: int, samples: int = 100, series: str = "") -> Contest
         [
             Contestant(OURS, ours),
             Contestant("gramian, all threads", ours, threads=ALL),
+            Contestant("C, windows doubled, eight systems at once", doubled_by_c),
             Contestant("numpy, a sum over the samples", summed),
         ],
         limit=Limit(

@@ -5,12 +5,13 @@ The error of a path is how far its determinant stays below the best known.
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import exact
 import numpy as np
-from harness import OURS, Case, Contest, Contestant, main
+from harness import FAST, OURS, Case, Contest, Contestant, c_function, main
 from limits import Limit
 
 import gramian as gm
@@ -130,6 +131,12 @@ def gradient_contest(samples: int) -> Contest:
             headings, lambda found: float(np.abs(found - wanted()).max() / np.abs(wanted()).max())
         )
 
+    def by_c(headings: Any) -> Callable[[], Any]:
+        kernel = c_function("plan.c", "minus_log_det", *FAST, result=ctypes.c_double)
+        gradient, space = np.empty(samples - 1), np.empty(4 * samples)
+        call = kernel.bound(gradient, headings, samples - 1, TARGET, STEP, SIGMA, space)
+        return lambda: call()[0]
+
     curved = np.linspace(0.2, 2.0, samples - 1)
     straight = 0.3 + 1e-6 * np.sin(np.arange(samples - 1.0))
     return Contest(
@@ -139,6 +146,7 @@ def gradient_contest(samples: int) -> Contest:
         curved,
         [
             Contestant(OURS, ours),
+            Contestant("C, sums and their derivatives", by_c),
             Contestant("numpy", lambda headings: lambda: log_det(headings)[1]),
         ],
         limit=Limit(

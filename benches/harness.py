@@ -13,6 +13,7 @@ import ctypes
 import gc
 import math
 import os
+import shutil
 import statistics
 import subprocess
 import tempfile
@@ -30,6 +31,9 @@ if TYPE_CHECKING:
 HERE = Path(__file__).parent
 OURS = "gramian"
 ALL = os.cpu_count() or 1
+#: Of the series that show the growth of time: fixed costs no longer show in the last.
+TRIALS = (10, 100, 1000, 10_000, 100_000)
+SAMPLES = (10, 100, 1000, 10_000)
 
 #: Set before numpy and its peers are imported, so that "one thread" is one.
 ONE_THREAD = {
@@ -110,7 +114,7 @@ class Footprint:
             try:
                 row.memory = self.measure(name)
             except Exception as error:  # listed, as in a contest
-                row.message = f"{type(error).__name__}: {error}".splitlines()[0]
+                row.message = told(error)
             rows.append(row)
         return rows
 
@@ -141,6 +145,11 @@ class Row:
     note: str = ""
 
 
+def told(error: Exception) -> str:
+    """Return an error in one line."""
+    return f"{type(error).__name__}: {error}".splitlines()[0]
+
+
 @dataclass
 class _Ready:
     contestant: Contestant
@@ -156,6 +165,11 @@ class _Ready:
             self.work()
         spent = time.perf_counter() - start
         self.times.append(spent / self.calls / self.units)
+
+
+def sizes(of: Sequence[int], *, quick: bool) -> list[int]:
+    """Return the sizes of a series, three of them in a quick run."""
+    return [size for size in of if not quick or 100 <= size <= 10_000]
 
 
 def run(
@@ -181,7 +195,7 @@ def run(
                 work()
                 once = time.perf_counter() - start
             except Exception as error:  # a peer that fails is a result too
-                messages[contestant.name] = f"{type(error).__name__}: {error}".splitlines()[0]
+                messages[contestant.name] = told(error)
                 continue
             calls = max(1, min(1000, int(seconds / max(once, 1e-7))))
             ready.append(_Ready(contestant, work, calls, contestant.part or contest.work))
@@ -235,14 +249,14 @@ def _rows(
 
 
 def against(rows: Iterable[Row], limits: Rates) -> None:
-    """Set each row's fraction of the limit, at these rates."""
+    """Set each row's fraction of the limit, at these rates if there are any."""
     from limits import Limit
 
     for row in rows:
-        if row.operations and row.minimum:
+        if limits and row.operations and row.minimum:
             rates = limits["one" if row.threads == 1 else "all"]
             least, kind = Limit(row.operations, row.count).best(rates)
-            row.fraction, row.limit = least / row.minimum, f"{kind}: {row.count}"
+            row.fraction, row.limit = least / row.minimum, f"{kind}; {row.count}"
 
 
 def _error(contestant: Contestant, case: Case) -> float:
@@ -286,12 +300,14 @@ def _table(name: str, rows: Sequence[Row]) -> str:
             size = "-" if row.memory is None else f"{row.memory / 2**20:.1f}"
             text += f"| {row.contestant} | {size} | {row.message} |\n"
         return text
+    if all(row.message for row in rows):
+        return f"\n### {name}\n\n" + "".join(f"{row.contestant}: {row.message}\n" for row in rows)
     cases = list(dict.fromkeys(case for row in rows for case in row.errors))
     limited = any(row.fraction for row in rows)
     threads = any(row.threads != 1 for row in rows)
     heads = ["contestant", *["threads"] * threads, "median", "minimum", "x ours"]
     heads += [f"error, {case}" for case in cases] + ["of the limit"] * limited
-    text = f"\n### {name}\n\nTime for one {first.unit}. {' '.join(about)}\n"
+    text = f"\n### {name}\n\n{' '.join([f'Time for one {first.unit}.', *about])}\n"
     if first.limit:
         text += f"Limit: {first.limit}.\n"
     text += f"\n| {' | '.join(heads)} |\n|{'---|' * len(heads)}\n"
@@ -318,6 +334,8 @@ def _digits(error: float | None) -> str:
 @cache
 def c_library(source: str, *flags: str) -> ctypes.CDLL:
     """Compile benches/c/<source> with gcc -O3 -march=native and load it."""
+    if shutil.which("gcc") is None:
+        raise RuntimeError("gcc is not installed")
     compiler = ["gcc", "-O3", "-march=native", "-fPIC", *flags, "-c", str(HERE / "c" / source)]
     with tempfile.TemporaryDirectory() as place:
         # Linked without the flags: with -ffast-math the library would set the
@@ -336,15 +354,31 @@ def c_library(source: str, *flags: str) -> ctypes.CDLL:
 FAST = ("-ffast-math", "-fopenmp-simd")
 
 
-def c_function(source: str, name: str, *flags: str, result: Any = None) -> Callable[..., Any]:
-    """Return a C function that takes numpy arrays, integers as long, and floats."""
+@dataclass(frozen=True)
+class CFunction:
+    """A C function that takes numpy arrays, integers as long, and floats."""
+
+    function: Any
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self.function(*map(_argument, arguments))
+
+    def bound(self, *arguments: Any) -> Callable[[], Any]:
+        """Return the call with its arguments made ready, for work of microseconds."""
+        made = [_argument(value) for value in arguments]
+
+        def call() -> Any:
+            self.function(*made)
+            return arguments  # which keeps the arrays
+
+        return call
+
+
+def c_function(source: str, name: str, *flags: str, result: Any = None) -> CFunction:
+    """Return a function of benches/c/<source>."""
     function = getattr(c_library(source, *flags), name)
     function.restype = result
-
-    def call(*arguments: Any) -> Any:
-        return function(*map(_argument, arguments))
-
-    return call
+    return CFunction(function)
 
 
 def _argument(value: Any) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -27,8 +28,12 @@ Rates = dict[str, dict[str, float]]
 
 
 def measure(seconds: float = 0.1) -> Rates:
-    """Return the best rates seen in `seconds` each."""
-    library = c_library("limits.c", "-fno-math-errno")
+    """Return the best rates seen in `seconds` each; none without a compiler."""
+    try:
+        library = c_library("limits.c", "-fno-math-errno")
+    except (OSError, RuntimeError) as error:
+        print(f"The machine's limits are not measured: {error}", file=sys.stderr)
+        return {}
     works = {kind: _work(library, kind) for kind in KINDS}
     one = {kind: _best(work, seconds, 1) for kind, work in works.items()}
     threads = os.cpu_count() or 1
@@ -39,6 +44,8 @@ def measure(seconds: float = 0.1) -> Rates:
 
 def larger(first: Rates, second: Rates) -> Rates:
     """Return the better of two measurements, kind by kind."""
+    if not (first and second):
+        return first or second
     return {
         threads: {kind: max(rate, second[threads][kind]) for kind, rate in rates.items()}
         for threads, rates in first.items()
