@@ -10,7 +10,7 @@ from typing import Any
 
 import exact
 import numpy as np
-from harness import ALL, FAST, OURS, Case, Contest, Contestant, c_function, main
+from harness import ALL, FAST, OURS, Case, Contest, Contestant, c_function, grown, main
 from limits import Limit
 
 import gramian as gm
@@ -295,8 +295,8 @@ def gram_contest(trials: int, m: int, *, peers: bool = True, series: str = "") -
             "a sine, a cosine and six sums for each bearing",
         ),
         cases=gram_cases(),
-        size=float(trials if "trials" in series else m),
-        series=series,
+        size=float(trials if series == "trials" else m),
+        series=series and f"bearings Gram against {series}",
         target="0.12 us a trial on a machine of 60 G multiply-adds a second, "
         "45 x numpy einsum, 5 x numba, 1.4 x C"
         if peers
@@ -418,7 +418,19 @@ def fisher_cases() -> dict[str, Case]:
     return cases
 
 
-def fisher_contest(trials: int, m: int, *, peers: bool) -> Contest:
+def fisher_by_c(data: Any) -> Callable[[], Any]:
+    kernel = c_function("bearings.c", "track_fisher", *FAST)
+    times, path, states = data
+
+    def work() -> Any:
+        matrix, det = np.empty((len(states), 4, 4)), np.empty(len(states))
+        kernel(times, path, states, SIGMA, len(states), len(times), matrix, det)
+        return matrix, det
+
+    return work
+
+
+def fisher_contest(trials: int, m: int, *, peers: bool, series: str = "") -> Contest:
     """The matrix and its determinant, as everybody takes it; ours has a better one too."""
     sight = gm.maneuver
 
@@ -442,21 +454,26 @@ def fisher_contest(trials: int, m: int, *, peers: bool) -> Contest:
 
     contestants = [
         Contestant(OURS, ours),
-        Contestant("gramian, all threads", ours, threads=ALL),
-        Contestant(
-            "gramian, the determinant from a factor of the rows",
-            rooted,
-            limit=Limit(
-                {"fma": 40.0 * m + 20.0 * m, "divide": 14.0 * m, "root": 4.0 * m},
-                "the matrix, and each row rotated into a triangle",
-            ),
-        ),
+        Contestant("C, nine sums", fisher_by_c),
         Contestant("numpy", lambda data: lambda: sighted(*data)),
-        Contestant("Stone Soup, Jacobian at each sample", stone_soup, part=2.0),
-        Contestant("pybounds, sliding windows (JAX)", pybounds_windows, part=200.0),
     ]
     if peers:
-        contestants.append(Contestant("pybounds, one call", pybounds_once, part=1.0))
+        contestants[1:1] = [
+            Contestant("gramian, all threads", ours, threads=ALL),
+            Contestant(
+                "gramian, the determinant from a factor of the rows",
+                rooted,
+                limit=Limit(
+                    {"fma": 40.0 * m + 20.0 * m, "divide": 14.0 * m, "root": 4.0 * m},
+                    "the matrix, and each row rotated into a triangle",
+                ),
+            ),
+        ]
+        contestants += [
+            Contestant("Stone Soup, Jacobian at each sample", stone_soup, part=2.0),
+            Contestant("pybounds, sliding windows (JAX)", pybounds_windows, part=200.0),
+            Contestant("pybounds, one call", pybounds_once, part=1.0),
+        ]
     return Contest(
         f"bearings Fisher information and det of moving targets, {trials} x {m}",
         "trial",
@@ -468,6 +485,8 @@ def fisher_contest(trials: int, m: int, *, peers: bool) -> Contest:
             "17 multiply-adds and a division for each bearing",
         ),
         cases=fisher_cases(),
+        size=float(trials if series == "trials" else m),
+        series=series and f"bearings Fisher against {series}",
         note="The error is that of the determinant.",
     )
 
@@ -572,11 +591,9 @@ def contests(quick: bool) -> Iterator[Contest]:
     for m in (32, 128, 256) if quick else (32, 64, 128, 256, 400, 512):
         yield sum_contest(m)
     yield gram_contest(10_000, 100)
-    for trials in (100, 10_000) if quick else (10, 100, 1000, 10_000, 100_000):
-        yield gram_contest(trials, 50, peers=False, series="bearings Gram against trials")
-    for m in (10, 1000) if quick else (10, 30, 100, 300, 1000):
-        yield gram_contest(1000, m, peers=False, series="bearings Gram against samples")
-    yield fisher_contest(2000, 100, peers=not quick)
+    yield fisher_contest(2000, 100, peers=True)
+    yield from grown(gram_contest, quick=quick)
+    yield from grown(fisher_contest, quick=quick)
     yield test_contest(5_000, 60)
 
 

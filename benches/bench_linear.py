@@ -8,7 +8,7 @@ from typing import Any
 
 import exact
 import numpy as np
-from harness import ALL, FAST, OURS, Case, Contest, Contestant, c_function, main
+from harness import ALL, FAST, OURS, Case, Contest, Contestant, c_function, main, sizes
 from limits import Limit
 
 import gramian as gm
@@ -184,8 +184,8 @@ def matrix_contest(count: int, states: int = STATES, *, peers: bool, series: str
             "fetched and written, each input read",
         ),
         cases=matrix_cases(),
-        size=float(count if "trials" in series else states),
-        series=series,
+        size=float(states if series == "states" else count),
+        series=series and f"observability matrix against {series}",
         target="3 times numpy's batch" if peers else "",
         note="Error over the largest entry of the column; ill: units of states 12 decades apart.",
     )
@@ -238,8 +238,8 @@ def windows(samples: int) -> int:
     return samples.bit_length() - 1 + samples.bit_count() - 1
 
 
-def gramian_contest(count: int, samples: int = 100, series: str = "") -> Contest:
-    """Observability Gramians of a window, a plain sum as peer."""
+def gramian_contest(count: int, samples: int, *, peers: bool) -> Contest:
+    """Observability Gramians of a window: two samples joined to one, or summed up."""
     dt = 0.01
     window = dt * samples
 
@@ -297,7 +297,7 @@ def gramian_contest(count: int, samples: int = 100, series: str = "") -> Contest
         discrete(count, 0.0),
         [
             Contestant(OURS, ours),
-            Contestant("gramian, all threads", ours, threads=ALL),
+            *[Contestant("gramian, all threads", ours, threads=ALL)] * peers,
             Contestant("C, windows doubled, eight systems at once", doubled_by_c),
             Contestant("numpy, a sum over the samples", summed),
         ],
@@ -306,7 +306,7 @@ def gramian_contest(count: int, samples: int = 100, series: str = "") -> Contest
             f"{steps} windows joined to longer ones, 3 products of (6, 6) each",
         ),
         size=float(samples),
-        series=series,
+        series="" if peers else "observability Gramian against samples",
         cases={"well": case(0.0), "ill": case(12.0)},
         note="Error of an entry over the roots of its diagonal entries.",
     )
@@ -317,15 +317,13 @@ def contests(quick: bool) -> Iterator[Contest]:
     count = 1000 if quick else 10_000
     yield levels_contest(count)
     yield matrix_contest(count, peers=True)
-    yield gramian_contest(1000)
-    for samples in (10, 1000) if quick else (10, 30, 100, 300, 1000):
-        yield gramian_contest(100, samples, "observability Gramian against samples")
-    for trials in (10, 1000) if quick else (10, 100, 1000, 10_000):
-        yield matrix_contest(
-            trials, 6, peers=False, series="observability matrix against systems (trials)"
-        )
-    for states in (4, 16) if quick else (4, 8, 16, 32):
-        yield matrix_contest(100, states, peers=False, series="observability matrix against states")
+    yield gramian_contest(1000, 100, peers=True)
+    for samples in sizes("samples", quick=quick):
+        yield gramian_contest(100, samples, peers=False)
+    for trials in sizes("trials", quick=quick):
+        yield matrix_contest(trials, 6, peers=False, series="systems (trials)")
+    for states in (4, 8, 16) if quick else (4, 8, 16, 32, 64):
+        yield matrix_contest(100, states, peers=False, series="states")
 
 
 if __name__ == "__main__":

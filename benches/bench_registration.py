@@ -8,7 +8,7 @@ from typing import Any
 
 import exact
 import numpy as np
-from harness import ALL, FAST, OURS, Case, Contest, Contestant, c_function, main
+from harness import ALL, FAST, OURS, Case, Contest, Contestant, c_function, grown, main
 from limits import Limit
 
 from gramian import registration as reg
@@ -212,8 +212,8 @@ def fisher_contest(tracks: int, looks: int, *, peers: bool, series: str = "") ->
             "48 multiplications and multiply-adds, a division and two roots a look",
         ),
         cases=cases(),
-        size=float(tracks if "trials" in series else looks),
-        series=series,
+        size=float(tracks if series == "trials" else looks),
+        series=series and f"registration Fisher against {series}",
         target="20 times numpy" if peers else "",
         note="Error of an entry over the roots of its diagonal entries.",
     )
@@ -314,10 +314,7 @@ def contests(quick: bool) -> Iterator[Contest]:
     """Yield the contests of this part."""
     yield fisher_contest(1, 481, peers=True)
     yield fisher_contest(100 if quick else 1000, 481, peers=True)
-    for tracks in (10, 1000) if quick else (10, 100, 1000, 10_000):
-        yield fisher_contest(tracks, 50, peers=False, series="registration Fisher against trials")
-    for looks in (20, 1000) if quick else (10, 30, 100, 300, 1000):
-        yield fisher_contest(100, looks, peers=False, series="registration Fisher against samples")
+    yield from grown(fisher_contest, quick=quick)
     yield likelihood_contest(peers=not quick)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import exact
 import numpy as np
-from harness import ALL, FAST, OURS, Case, Contest, Contestant, c_function, main
+from harness import ALL, FAST, OURS, Case, Contest, Contestant, c_function, grown, main
 from limits import Limit
 
 import gramian as gm
@@ -97,8 +97,8 @@ def gram_contest(trials: int, samples: int, *, peers: bool, series: str = "") ->
             "32 bytes of each row read, the result fetched and written; 10 products a row",
         ),
         cases=gram_cases(),
-        size=float(trials if "trials" in series else samples),
-        series=series,
+        size=float(trials if series == "trials" else samples),
+        series=series and f"Gram of rows against {series}",
         note="Error of an entry over the roots of its diagonal entries; ill: units of states 12 "
         "decades apart.",
     )
@@ -201,10 +201,7 @@ def import_contest() -> Contest:
 def contests(quick: bool) -> Iterator[Contest]:
     """All contests of this part."""
     yield gram_contest(10_000, 100, peers=True)
-    for trials in (100, 10_000) if quick else (10, 100, 1000, 10_000, 100_000):
-        yield gram_contest(trials, 50, peers=False, series="gram of rows against trials")
-    for samples in (10, 1000) if quick else (10, 30, 100, 300, 1000):
-        yield gram_contest(1000, samples, peers=False, series="gram of rows against samples")
+    yield from grown(gram_contest, quick=quick)
     yield bound_contest(2000)
     yield conversion_contest()
     yield import_contest()

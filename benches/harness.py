@@ -32,8 +32,7 @@ HERE = Path(__file__).parent
 OURS = "gramian"
 ALL = os.cpu_count() or 1
 #: Of the series that show the growth of time: fixed costs no longer show in the last.
-TRIALS = (10, 100, 1000, 10_000, 100_000)
-SAMPLES = (10, 100, 1000, 10_000)
+SIZES = {"trials": (10, 100, 1000, 10_000, 100_000), "samples": (10, 100, 1000, 10_000)}
 
 #: Set before numpy and its peers are imported, so that "one thread" is one.
 ONE_THREAD = {
@@ -167,9 +166,17 @@ class _Ready:
         self.times.append(spent / self.calls / self.units)
 
 
-def sizes(of: Sequence[int], *, quick: bool) -> list[int]:
+def sizes(of: str, *, quick: bool) -> list[int]:
     """Return the sizes of a series, three of them in a quick run."""
-    return [size for size in of if not quick or 100 <= size <= 10_000]
+    return [size for size in SIZES[of] if not quick or 100 <= size <= 10_000]
+
+
+def grown(contest: Callable[..., Contest], *, quick: bool) -> Iterator[Contest]:
+    """Yield a contest against trials, of 50 samples, and against samples, in 100 trials."""
+    for trials in sizes("trials", quick=quick):
+        yield contest(trials, 50, peers=False, series="trials")
+    for samples in sizes("samples", quick=quick):
+        yield contest(100, samples, peers=False, series="samples")
 
 
 def run(
@@ -256,7 +263,7 @@ def against(rows: Iterable[Row], limits: Rates) -> None:
         if limits and row.operations and row.minimum:
             rates = limits["one" if row.threads == 1 else "all"]
             least, kind = Limit(row.operations, row.count).best(rates)
-            row.fraction, row.limit = least / row.minimum, f"{kind}; {row.count}"
+            row.fraction, row.limit = least / row.minimum, f"{kind}: {row.count}"
 
 
 def _error(contestant: Contestant, case: Case) -> float:
@@ -309,7 +316,7 @@ def _table(name: str, rows: Sequence[Row]) -> str:
     heads += [f"error, {case}" for case in cases] + ["of the limit"] * limited
     text = f"\n### {name}\n\n{' '.join([f'Time for one {first.unit}.', *about])}\n"
     if first.limit:
-        text += f"Limit: {first.limit}.\n"
+        text += f"Bound by {first.limit}.\n"
     text += f"\n| {' | '.join(heads)} |\n|{'---|' * len(heads)}\n"
     for row in rows:
         cells = [row.contestant] + [str(row.threads)] * threads

@@ -92,9 +92,10 @@ static double det4(double a[4][4]) {
 }
 
 /* Six sums of cos 2b and sin 2b beside those of the times. Sine and cosine in two
- * loops: in one, gcc merges them into a scalar call. m <= 1024. */
+ * loops: in one, gcc merges them into a scalar call. */
 void gram_det(const double *t, const double *b, long trials, long m, double *gram, double *det) {
-  double c[1024], s[1024], x[1024], t0 = 0, t1 = 0, t2 = 0;
+  double *restrict c = malloc(3 * sizeof(double) * (size_t)m), *restrict s = c + m;
+  double *restrict x = s + m, t0 = 0, t1 = 0, t2 = 0;
   for (long i = 0; i < m; i++) {
     x[i] = t[i] - t[0];
     t0 += 1;
@@ -123,6 +124,38 @@ void gram_det(const double *t, const double *b, long trials, long m, double *gra
                       {k[1][0], k[1][1], k[2][0], k[2][1]},
                       {k[1][1], k[1][2], k[2][1], k[2][2]}};
     memcpy(gram + 16 * n, a, sizeof a);
+    det[n] = det4(a);
+  }
+  free(c);
+}
+
+/* Fisher information on (x0, y0, vx, vy) of each target from bearings along a path, and
+ * its determinant: nine sums. */
+void track_fisher(const double *t, const double *path, const double *states, double sigma,
+                  long trials, long m, double *fisher, double *det) {
+  for (long n = 0; n < trials; n++) {
+    const double *x = states + 4 * n;
+    double k[3][3] = {{0}};
+#pragma omp simd reduction(+ : k)
+    for (long i = 0; i < m; i++) {
+      const double u = t[i] - t[0];
+      const double dx = x[0] + u * x[2] - path[2 * i], dy = x[1] + u * x[3] - path[2 * i + 1];
+      const double w = 1 / ((dx * dx + dy * dy) * sigma), a = dy * w, b = -dx * w;
+      const double v[3] = {a * a, a * b, b * b};
+      for (int j = 0; j < 3; j++) {
+        k[0][j] += v[j];
+        k[1][j] += u * v[j];
+        k[2][j] += u * u * v[j];
+      }
+    }
+    double a[4][4];
+    for (int i = 0; i < 2; i++)
+      for (int j = 0; j < 2; j++) {
+        a[i][j] = k[0][i + j];
+        a[i][2 + j] = a[2 + j][i] = k[1][i + j];
+        a[2 + i][2 + j] = k[2][i + j];
+      }
+    memcpy(fisher + 16 * n, a, sizeof a);
     det[n] = det4(a);
   }
 }
