@@ -14,13 +14,6 @@ pub fn singular_values(a: &[f64], columns: usize) -> Result<Vec<f64>, NoConverge
 }
 
 /// An iteration that did not end.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the singular value iteration did not converge: is every entry finite?")]
 pub struct NoConvergence;
-
-impl core::fmt::Display for NoConvergence {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str("the singular value iteration did not converge: is every entry finite?")
-    }
-}
-
-impl core::error::Error for NoConvergence {}

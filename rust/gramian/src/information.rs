@@ -193,9 +193,10 @@ fn check_indices<const M: usize, const N: usize>(keep: &[usize; M]) -> Result<()
 }
 
 /// What can be wrong with a request to an [`Information`].
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
     /// No such state, or a state named twice.
+    #[error("state index {index}: must be below {states} and named once")]
     Index {
         /// The index given.
         index: usize,
@@ -203,6 +204,7 @@ pub enum Error {
         states: usize,
     },
     /// A standard deviation that is not positive and finite.
+    #[error("sigma of state {index} = {given}: must be > 0 and finite")]
     Sigma {
         /// The state it was given for.
         index: usize,
@@ -210,38 +212,14 @@ pub enum Error {
         given: f64,
     },
     /// A state to be eliminated that is not determined.
+    #[error(
+        "state {index} cannot be eliminated: it is not determined even when the others are known"
+    )]
     Singular {
         /// That state.
         index: usize,
     },
     /// A number that is not finite, or too large to go on with.
-    Number(NumberError),
+    #[error(transparent)]
+    Number(#[from] NumberError),
 }
-
-impl From<NumberError> for Error {
-    fn from(error: NumberError) -> Self {
-        Self::Number(error)
-    }
-}
-
-impl core::fmt::Display for Error {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Index { index, states } => write!(
-                f,
-                "state index {index}: must be below {states} and named once"
-            ),
-            Self::Sigma { index, given } => write!(
-                f,
-                "sigma of state {index} = {given}: must be > 0 and finite"
-            ),
-            Self::Number(error) => error.fmt(f),
-            Self::Singular { index } => write!(
-                f,
-                "state {index} cannot be eliminated: it is not determined even when the others are known"
-            ),
-        }
-    }
-}
-
-impl core::error::Error for Error {}

@@ -370,11 +370,13 @@ impl<T: Real, const N: usize> Posterior<T, N> {
 }
 
 /// What can be wrong with a covariance.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
     /// A number that is not finite.
-    Number(NumberError),
+    #[error(transparent)]
+    Number(#[from] NumberError),
     /// Two entries that should be equal are not.
+    #[error("entries [{row}, {column}] and [{column}, {row}] differ: a covariance is symmetric")]
     Asymmetric {
         /// Row of the one above the diagonal.
         row: usize,
@@ -382,32 +384,11 @@ pub enum Error {
         column: usize,
     },
     /// A variance, given those before it, that is below zero.
+    #[error(
+        "not positive semidefinite: state {index} has a variance below zero, given those before it"
+    )]
     Indefinite {
         /// Of which state.
         index: usize,
     },
 }
-
-impl From<NumberError> for Error {
-    fn from(error: NumberError) -> Self {
-        Self::Number(error)
-    }
-}
-
-impl core::fmt::Display for Error {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Number(error) => error.fmt(f),
-            Self::Asymmetric { row, column } => write!(
-                f,
-                "entries [{row}, {column}] and [{column}, {row}] differ: a covariance is symmetric"
-            ),
-            Self::Indefinite { index } => write!(
-                f,
-                "not positive semidefinite: state {index} has a variance below zero, given those before it"
-            ),
-        }
-    }
-}
-
-impl core::error::Error for Error {}

@@ -53,9 +53,10 @@ impl Real for f64 {
 /// The errors of all modules hold one of these where a number is at fault. Numbers
 /// are checked on the way in, and results on the way out: what would overflow is
 /// an error too, unless the documentation says that `inf` is the answer.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NumberError {
     /// An input that is not finite.
+    #[error("{name}[{index}] = {given}: must be finite")]
     NotFinite {
         /// The name of the input.
         name: &'static str,
@@ -65,6 +66,7 @@ pub enum NumberError {
         given: f64,
     },
     /// An input outside its range.
+    #[error("{name} = {given}: must be {allowed}")]
     OutOfRange {
         /// The name of the input.
         name: &'static str,
@@ -74,6 +76,7 @@ pub enum NumberError {
         allowed: &'static str,
     },
     /// An array whose length does not fit.
+    #[error("{array} has {given} entries: must have {wanted}")]
     Length {
         /// Its name.
         array: &'static str,
@@ -83,6 +86,7 @@ pub enum NumberError {
         wanted: usize,
     },
     /// A result that exceeds the numbers of this type, though all inputs are finite.
+    #[error("{result}: out of the range of this number type; choose other units (or f64 for f32)")]
     Overflow {
         /// The name of the result.
         result: &'static str,
@@ -99,32 +103,6 @@ impl NumberError {
         self
     }
 }
-
-impl core::fmt::Display for NumberError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::NotFinite { name, index, given } => {
-                write!(f, "{name}[{index}] = {given}: must be finite")
-            }
-            Self::OutOfRange {
-                name,
-                given,
-                allowed,
-            } => write!(f, "{name} = {given}: must be {allowed}"),
-            Self::Length {
-                array,
-                given,
-                wanted,
-            } => write!(f, "{array} has {given} entries: must have {wanted}"),
-            Self::Overflow { result } => write!(
-                f,
-                "{result}: out of the range of this number type; choose other units (or f64 for f32)"
-            ),
-        }
-    }
-}
-
-impl core::error::Error for NumberError {}
 
 /// Refuses an array of another length.
 #[inline]

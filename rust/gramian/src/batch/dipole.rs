@@ -588,24 +588,15 @@ pub fn dipole_localize_trials(
 }
 
 /// What can be wrong in [`dipole_localize_trials`].
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum TrialError {
     /// The pass that was to be simulated.
+    #[error(transparent)]
     Pass(Error),
     /// The search.
+    #[error(transparent)]
     Localize(localize::Error),
 }
-
-impl core::fmt::Display for TrialError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Pass(error) => error.fmt(f),
-            Self::Localize(error) => error.fmt(f),
-        }
-    }
-}
-
-impl core::error::Error for TrialError {}
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used, clippy::cast_possible_truncation)]

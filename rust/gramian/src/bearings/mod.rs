@@ -37,19 +37,25 @@ pub use test::{Test, observability_test};
 use crate::scalar::NumberError;
 
 /// What can be wrong with the input of this module.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
     /// The observer is on the target: no bearing exists.
+    #[error("observer[{index}] is at the target's position: a bearing needs a range > 0")]
     OnTarget {
         /// Which sample.
         index: usize,
     },
     /// The target is straight above or below: no azimuth exists.
+    #[error(
+        "observer[{index}] is straight below or above the target: an azimuth needs a horizontal \
+         range > 0"
+    )]
     Overhead {
         /// Which sample.
         index: usize,
     },
     /// A standard deviation that is not positive.
+    #[error("sigma[{index}] = {given} rad: must be > 0 and finite")]
     Sigma {
         /// Which sample.
         index: usize,
@@ -57,11 +63,16 @@ pub enum Error {
         given: f64,
     },
     /// A sine in the denominator of the cotangent form is zero.
+    #[error(
+        "bearings[{other}] is on the line of bearings[0]: the cotangent form (13) needs their \
+         sine nonzero; take the form (15)"
+    )]
     Cotangent {
         /// The bearing that points along the first one's line.
         other: usize,
     },
     /// Fewer bearings than the question needs.
+    #[error("{given} bearings: at least {wanted} are needed")]
     TooFew {
         /// How many there are.
         given: usize,
@@ -69,6 +80,7 @@ pub enum Error {
         wanted: usize,
     },
     /// A weight that is negative.
+    #[error("weights[{index}] = {given}: must be >= 0 and finite")]
     Weight {
         /// Which sample.
         index: usize,
@@ -76,6 +88,7 @@ pub enum Error {
         given: f64,
     },
     /// A distance that is not positive.
+    #[error("distance[{index}] = {given} m: must be > 0 and finite")]
     Distance {
         /// Which sample.
         index: usize,
@@ -83,11 +96,13 @@ pub enum Error {
         given: f64,
     },
     /// A distance that only some bearings have.
+    #[error("distance[{index}]: all bearings must come with a distance, or none")]
     Mixed {
         /// The first bearing that is not like those before.
         index: usize,
     },
     /// Times that do not increase.
+    #[error("times[{index}] = {given} s: must be later than the one before, {before} s")]
     Times {
         /// The first time that is not later than the one before.
         index: usize,
@@ -97,7 +112,8 @@ pub enum Error {
         before: f64,
     },
     /// A number that is not finite, or too large to go on with.
-    Number(NumberError),
+    #[error(transparent)]
+    Number(#[from] NumberError),
 }
 
 impl Error {
@@ -118,57 +134,3 @@ impl Error {
         self
     }
 }
-
-impl From<NumberError> for Error {
-    fn from(error: NumberError) -> Self {
-        Self::Number(error)
-    }
-}
-
-impl core::fmt::Display for Error {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Number(error) => error.fmt(f),
-            Self::OnTarget { index } => write!(
-                f,
-                "observer[{index}] is at the target's position: a bearing needs a range > 0"
-            ),
-            Self::Overhead { index } => write!(
-                f,
-                "observer[{index}] is straight below or above the target: \
-                 an azimuth needs a horizontal range > 0"
-            ),
-            Self::Sigma { index, given } => {
-                write!(f, "sigma[{index}] = {given} rad: must be > 0 and finite")
-            }
-            Self::Distance { index, given } => {
-                write!(f, "distance[{index}] = {given} m: must be > 0 and finite")
-            }
-            Self::Mixed { index } => write!(
-                f,
-                "distance[{index}]: all bearings must come with a distance, or none"
-            ),
-            Self::Cotangent { other } => write!(
-                f,
-                "bearings[{other}] is on the line of bearings[0]: the cotangent form (13) needs \
-                 their sine nonzero; take the form (15)"
-            ),
-            Self::TooFew { given, wanted } => {
-                write!(f, "{given} bearings: at least {wanted} are needed")
-            }
-            Self::Weight { index, given } => {
-                write!(f, "weights[{index}] = {given}: must be >= 0 and finite")
-            }
-            Self::Times {
-                index,
-                given,
-                before,
-            } => write!(
-                f,
-                "times[{index}] = {given} s: must be later than the one before, {before} s"
-            ),
-        }
-    }
-}
-
-impl core::error::Error for Error {}

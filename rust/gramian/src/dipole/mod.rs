@@ -416,14 +416,19 @@ fn product<T: Real>(matrix: &[[T; 3]; 3], vector: &[T; 3]) -> [T; 3] {
 }
 
 /// What can be wrong with the input of this module.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
     /// The dipole is on the sensor: no field exists.
+    #[error(
+        "sample {index}: the dipole is on the sensor, where its field is infinite; the distance \
+         must be > 0"
+    )]
     OnSensor {
         /// Which sample.
         index: usize,
     },
     /// A standard deviation that is not positive and finite.
+    #[error("sigma[{index}] = {given} T: must be > 0 and finite")]
     Sigma {
         /// Which sample.
         index: usize,
@@ -431,7 +436,8 @@ pub enum Error {
         given: f64,
     },
     /// A number that is not finite, or too large to go on with.
-    Number(NumberError),
+    #[error(transparent)]
+    Number(#[from] NumberError),
 }
 
 impl Error {
@@ -445,30 +451,6 @@ impl Error {
         self
     }
 }
-
-impl From<NumberError> for Error {
-    fn from(error: NumberError) -> Self {
-        Self::Number(error)
-    }
-}
-
-impl core::fmt::Display for Error {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Number(error) => error.fmt(f),
-            Self::OnSensor { index } => write!(
-                f,
-                "sample {index}: the dipole is on the sensor, where its field is infinite; \
-                 the distance must be > 0"
-            ),
-            Self::Sigma { index, given } => {
-                write!(f, "sigma[{index}] = {given} T: must be > 0 and finite")
-            }
-        }
-    }
-}
-
-impl core::error::Error for Error {}
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]

@@ -27,40 +27,15 @@ pub use staircase::{Found, default_rtol};
 
 /// What can be wrong with the input of the parts for run-time sizes.
 #[cfg(feature = "alloc")]
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
     /// A number that is not finite, or too large to go on with.
-    Number(NumberError),
+    #[error(transparent)]
+    Number(#[from] NumberError),
     /// A window too long for the numbers.
-    Window(window::Overflow),
+    #[error(transparent)]
+    Window(#[from] window::Overflow),
 }
-
-#[cfg(feature = "alloc")]
-impl From<NumberError> for Error {
-    fn from(error: NumberError) -> Self {
-        Self::Number(error)
-    }
-}
-
-#[cfg(feature = "alloc")]
-impl From<window::Overflow> for Error {
-    fn from(error: window::Overflow) -> Self {
-        Self::Window(error)
-    }
-}
-
-#[cfg(feature = "alloc")]
-impl core::fmt::Display for Error {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Number(error) => error.fmt(f),
-            Self::Window(error) => error.fmt(f),
-        }
-    }
-}
-
-#[cfg(feature = "alloc")]
-impl core::error::Error for Error {}
 
 /// Ranks of `O_0`, `O_1`, .. of a system of fixed size, and the level of each state.
 #[derive(Clone, Copy, Debug, PartialEq)]

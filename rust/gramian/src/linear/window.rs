@@ -32,18 +32,11 @@ pub struct Window<T> {
 }
 
 /// The window is too long: its transition or Gramian exceeds the numbers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "the Gramian is not a finite number: the window is too long for a system that grows this fast"
+)]
 pub struct Overflow;
-
-impl core::fmt::Display for Overflow {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str(
-            "the Gramian is not a finite number: the window is too long for a system that grows this fast",
-        )
-    }
-}
-
-impl core::error::Error for Overflow {}
 
 impl<T: Real> Window<T> {
     /// The transition from the beginning to the end.

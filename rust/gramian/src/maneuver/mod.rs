@@ -394,24 +394,28 @@ fn check<T: Real>(range: T, step: T) -> Result<(), Error> {
 }
 
 /// What can be wrong with the input of this module.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
     /// The observer is on the target: no bearing exists.
+    #[error("position {index} is the target's: a bearing needs a range > 0")]
     OnTarget {
         /// Which sample.
         index: usize,
     },
     /// A range that is not positive and finite.
+    #[error("range = {given} m: must be > 0 and finite")]
     Range {
         /// The value given.
         given: f64,
     },
     /// A step that is not positive and finite.
+    #[error("step = {given} m: must be > 0 and finite")]
     Step {
         /// The value given.
         given: f64,
     },
     /// A standard deviation that is not positive and finite.
+    #[error("sigma[{index}] = {given} rad: must be > 0 and finite")]
     Sigma {
         /// Which sample.
         index: usize,
@@ -419,6 +423,11 @@ pub enum Error {
         given: f64,
     },
     /// A step longer than the law can use at this range.
+    #[error(
+        "sample {index}: the step, {step} m, is longer than {}, {range} m, where law {law} has no \
+         heading; a stand-off range of a step or more keeps clear of that",
+        longest(*.law)
+    )]
     TooLong {
         /// Which sample.
         index: usize,
@@ -430,6 +439,7 @@ pub enum Error {
         law: Law,
     },
     /// A position inside the stand-off range.
+    #[error("position {index} is at range {range} m, inside the stand-off range {standoff} m")]
     Inside {
         /// Which sample.
         index: usize,
@@ -439,7 +449,8 @@ pub enum Error {
         standoff: f64,
     },
     /// A number that is not finite, or too large to go on with.
-    Number(NumberError),
+    #[error(transparent)]
+    Number(#[from] NumberError),
 }
 
 impl Error {
@@ -458,6 +469,13 @@ impl Error {
     }
 }
 
+fn longest(law: Law) -> &'static str {
+    match law {
+        Law::BearingRate => "twice the range",
+        _ => "the range",
+    }
+}
+
 impl core::fmt::Display for Law {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(match self {
@@ -468,53 +486,3 @@ impl core::fmt::Display for Law {
         })
     }
 }
-
-impl From<NumberError> for Error {
-    fn from(error: NumberError) -> Self {
-        Self::Number(error)
-    }
-}
-
-impl core::fmt::Display for Error {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Number(error) => error.fmt(f),
-            Self::OnTarget { index } => write!(
-                f,
-                "position {index} is the target's: a bearing needs a range > 0"
-            ),
-            Self::Range { given } => write!(f, "range = {given} m: must be > 0 and finite"),
-            Self::Step { given } => write!(f, "step = {given} m: must be > 0 and finite"),
-            Self::Sigma { index, given } => {
-                write!(f, "sigma[{index}] = {given} rad: must be > 0 and finite")
-            }
-            Self::TooLong {
-                index,
-                step,
-                range,
-                law,
-            } => {
-                let most = if *law == Law::BearingRate {
-                    "twice the range"
-                } else {
-                    "the range"
-                };
-                write!(
-                    f,
-                    "sample {index}: the step, {step} m, is longer than {most}, {range} m, where law {law} \
-                     has no heading; a stand-off range of a step or more keeps clear of that"
-                )
-            }
-            Self::Inside {
-                index,
-                range,
-                standoff,
-            } => write!(
-                f,
-                "position {index} is at range {range} m, inside the stand-off range {standoff} m"
-            ),
-        }
-    }
-}
-
-impl core::error::Error for Error {}

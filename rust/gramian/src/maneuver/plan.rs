@@ -457,44 +457,24 @@ fn dot<T: Real, const N: usize>(a: &[T; N], b: &[T; N]) -> T {
 }
 
 /// What can be wrong with a path that is to be judged.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
     /// A sample is on the target: no bearing exists there.
+    #[error("sample {sample} of the path is on the target: a bearing needs a range > 0")]
     OnTarget {
         /// Which sample; 0 is the start.
         sample: usize,
     },
     /// A standard deviation that is not positive.
+    #[error("sigma = {given} rad: must be > 0 and finite")]
     Sigma {
         /// The value given.
         given: f64,
     },
     /// A number that is not finite, or too large to go on with.
-    Number(NumberError),
+    #[error(transparent)]
+    Number(#[from] NumberError),
 }
-
-impl From<NumberError> for Error {
-    fn from(error: NumberError) -> Self {
-        Self::Number(error)
-    }
-}
-
-impl core::fmt::Display for Error {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Number(error) => error.fmt(f),
-            Self::OnTarget { sample } => write!(
-                f,
-                "sample {sample} of the path is on the target: a bearing needs a range > 0"
-            ),
-            Self::Sigma { given } => {
-                write!(f, "sigma = {given} rad: must be > 0 and finite")
-            }
-        }
-    }
-}
-
-impl core::error::Error for Error {}
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]

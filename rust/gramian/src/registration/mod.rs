@@ -157,14 +157,16 @@ impl Layout {
 }
 
 /// What can be wrong with the input of this module.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
     /// Fewer than two sensors.
+    #[error("sensors has {given} entries: registration wants 2 or more sensors")]
     Sensors {
         /// How many there are.
         given: usize,
     },
     /// Two sensors at one place.
+    #[error("sensors[{second}] is at the place of sensors[{first}]: sensors must be apart")]
     Coincident {
         /// The first of them.
         first: usize,
@@ -172,6 +174,11 @@ pub enum Error {
         second: usize,
     },
     /// A standard deviation that is not positive and finite.
+    #[error(
+        "sigma[{sensor}, {quantity}] ({}) = {given} {}: must be > 0 and finite",
+        measured(*.quantity).0,
+        measured(*.quantity).1
+    )]
     Sigma {
         /// Whose.
         sensor: usize,
@@ -181,6 +188,7 @@ pub enum Error {
         given: f64,
     },
     /// The target is on a sensor: no azimuth exists.
+    #[error("the target of look {look} is on sensors[{sensor}]: an azimuth needs a range > 0")]
     OnSensor {
         /// Which look.
         look: usize,
@@ -188,6 +196,10 @@ pub enum Error {
         sensor: usize,
     },
     /// The target is straight above or below a sensor: no azimuth exists.
+    #[error(
+        "the target of look {look} is straight above or below sensors[{sensor}]: an azimuth \
+         needs a horizontal distance > 0"
+    )]
     Overhead {
         /// Which look.
         look: usize,
@@ -195,7 +207,17 @@ pub enum Error {
         sensor: usize,
     },
     /// A number that is not finite, or too large to go on with.
-    Number(NumberError),
+    #[error(transparent)]
+    Number(#[from] NumberError),
+}
+
+/// The name and unit of a measured quantity.
+fn measured(quantity: usize) -> (&'static str, &'static str) {
+    match quantity {
+        0 => ("range", "m"),
+        1 => ("azimuth", "rad"),
+        _ => ("elevation", "rad"),
+    }
 }
 
 impl Error {
@@ -210,51 +232,3 @@ impl Error {
         self
     }
 }
-
-impl From<NumberError> for Error {
-    fn from(error: NumberError) -> Self {
-        Self::Number(error)
-    }
-}
-
-impl core::fmt::Display for Error {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Number(error) => error.fmt(f),
-            Self::Sensors { given } => write!(
-                f,
-                "sensors has {given} entries: registration wants 2 or more sensors"
-            ),
-            Self::Coincident { first, second } => write!(
-                f,
-                "sensors[{second}] is at the place of sensors[{first}]: sensors must be apart"
-            ),
-            Self::Sigma {
-                sensor,
-                quantity,
-                given,
-            } => {
-                let (what, unit) = match quantity {
-                    0 => ("range", "m"),
-                    1 => ("azimuth", "rad"),
-                    _ => ("elevation", "rad"),
-                };
-                write!(
-                    f,
-                    "sigma[{sensor}, {quantity}] ({what}) = {given} {unit}: must be > 0 and finite"
-                )
-            }
-            Self::OnSensor { look, sensor } => write!(
-                f,
-                "the target of look {look} is on sensors[{sensor}]: an azimuth needs a range > 0"
-            ),
-            Self::Overhead { look, sensor } => write!(
-                f,
-                "the target of look {look} is straight above or below sensors[{sensor}]: \
-                 an azimuth needs a horizontal distance > 0"
-            ),
-        }
-    }
-}
-
-impl core::error::Error for Error {}

@@ -160,7 +160,11 @@ impl Knowledge {
 }
 
 /// A known size that the known components of it do not allow.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error(
+    "known {} = {given} {unit} contradicts its known components, which make {parts} {unit}",
+    sized(*.quantity).0, unit = sized(*.quantity).1
+)]
 pub struct Contradiction {
     /// [`SPEED`] or [`MOMENT`].
     pub quantity: usize,
@@ -170,22 +174,12 @@ pub struct Contradiction {
     pub parts: f64,
 }
 
-impl core::fmt::Display for Contradiction {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        let (name, unit) = if self.quantity == SPEED {
-            ("speed", "m/s")
-        } else {
-            ("moment", "A m^2")
-        };
-        write!(
-            f,
-            "known {name} = {} {unit} contradicts its known components, which make {} {unit}",
-            self.given, self.parts
-        )
+fn sized(quantity: usize) -> (&'static str, &'static str) {
+    match quantity {
+        SPEED => ("speed", "m/s"),
+        _ => ("moment", "A m^2"),
     }
 }
-
-impl core::error::Error for Contradiction {}
 
 fn unit(i: usize) -> [f64; 6] {
     let mut axis = [0.0; 6];

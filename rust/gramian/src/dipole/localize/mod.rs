@@ -382,35 +382,18 @@ fn mirrored(
 }
 
 /// What can be wrong with the input of [`localize`].
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
     /// Knowledge that contradicts itself.
+    #[error(transparent)]
     Contradiction(Contradiction),
     /// Times or a field of the wrong length.
-    Number(NumberError),
+    #[error(transparent)]
+    Number(#[from] NumberError),
     /// A field in which there is nothing to locate.
+    #[error("the field is constant: there is no pass in it to locate")]
     NoField,
 }
-
-impl From<NumberError> for Error {
-    fn from(error: NumberError) -> Self {
-        Self::Number(error)
-    }
-}
-
-impl core::fmt::Display for Error {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Contradiction(error) => error.fmt(f),
-            Self::Number(error) => error.fmt(f),
-            Self::NoField => {
-                write!(f, "the field is constant: there is no pass in it to locate")
-            }
-        }
-    }
-}
-
-impl core::error::Error for Error {}
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
