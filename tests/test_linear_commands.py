@@ -67,6 +67,9 @@ def test_quarter_turn_makes_three_combinations_observable(tmp_path):
     assert ratio["phi_U"] < 0.2
     assert ratio["Delta_N"] < 0.06
     report.write(tmp_path)
+    # However finely a turn is cut, there is one sample a second and the window as long.
+    finer = load(changed(tmp_path, "quarter_turn.toml", "turn_deg = 90.0", "turn_deg = -270.0"))
+    assert finer.analyze().data["history"]["times"][-1] == 170.0
 
 
 def test_a_system_of_ones_own(tmp_path):
@@ -89,6 +92,20 @@ def test_a_system_of_ones_own(tmp_path):
         ("oscillator.toml", "reading = { position", "reading = { posision", "no state is named"),
         ("static_alignment.toml", "latitude_deg = 28.15", "latitude_deg = 90.0", "must be < 90"),
         ("quarter_turn.toml", "duration = 20.0, ", "duration = 0.0, ", "must be > 0"),
+        (
+            "quarter_turn.toml",
+            "turn_deg = 90.0",
+            "turn_deg = 1e6",
+            "turn_deg = 1000000.0: must be <=",
+        ),
+        (
+            "quarter_turn.toml",
+            "duration = 20.0, ",
+            "duration = 2e4, ",
+            "flight.legs: .*4030 pieces",
+        ),
+        ("quarter_turn.toml", "{ duration = 60.0 },\n]", "{ duration = 1e6 },\n]", "window.step: "),
+        ("quarter_turn.toml", "speed = 50.0", "speed = 1e9", "flight: latitude = "),
     ],
 )
 def test_mistakes_are_named(tmp_path, name, old, new, message):

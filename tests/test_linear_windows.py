@@ -146,6 +146,25 @@ def test_piecewise_ranks_of_goshen_meskin():
     assert np.linalg.matrix_rank(found.rows(dt=0.1)) == 3
 
 
+def test_piecewise_rows_are_taken_at_whole_multiples_of_the_step():
+    """Whatever the segments are: short ones must not add samples."""
+    rng = np.random.default_rng(5)
+    a, c = 0.3 * rng.normal(size=(4, 3, 3)), rng.normal(size=(4, 2, 3))
+    durations = np.array([1.3, 0.2, 0.25, 2.5])
+    found = gm.linear.piecewise(a, c, durations).rows(dt=0.5, R=np.diag([4.0, 0.25]))
+    ends = np.cumsum(durations)
+    expected = []
+    for time in 0.5 * np.arange(9):
+        segment = min(int(np.searchsorted(ends, time, side="right")), 3)
+        phi = np.eye(3)
+        for j in range(segment):
+            phi = scipy.linalg.expm(a[j] * durations[j]) @ phi
+        begin = ends[segment] - durations[segment]
+        phi = scipy.linalg.expm(a[segment] * (time - begin)) @ phi
+        expected.append(np.diag([0.5, 2.0]) @ c[segment] @ phi)
+    np.testing.assert_allclose(found, np.concatenate(expected), rtol=1e-12, atol=1e-12)
+
+
 def test_stripped_rank_can_exceed_the_total_where_a_kernel_moves():
     # The first segment does not see x2 and moves it into x1's place unseen.
     a = np.zeros((2, 3, 3))

@@ -29,8 +29,10 @@ def test_analyze_and_localize_the_example(tmp_path):
     assert np.abs(error).max() < 4
     assert "best 2" in found.data["estimates"]
     found.write(tmp_path / "localize")
-    checked = scenario.simulate(100, 1)
+    checked = scenario.simulate(100, 1, progress=False, resume=tmp_path / "trials")
     assert checked.headline == "REACHES THE BOUND"
+    assert len(checked.pictures) >= 3
+    assert checked.data["monte_carlo"]["trials"] == 100
 
 
 def test_a_singular_example_is_refused_by_name():

@@ -9,6 +9,7 @@ import pytest
 
 import gramian as gm
 from gramian import cli, plot
+from gramian.report import Table
 from gramian.scenario import load
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
@@ -43,7 +44,7 @@ def scenario(folder, text=SCENARIO, tracks=TRACKS):
 @pytest.mark.parametrize(
     ("before", "after", "message"),
     [
-        ("0.5", "true", r"mine.toml:12: noise.bearing_deg = True: must not be true or false"),
+        ("0.5", "true", r"mine.toml:12: noise.bearing_deg = True: must be a number"),
         ('"bearings"', '["bearings"]', r"model = \['bearings'\]: must be one of"),
         ('target = "them"', 'target = "me"', "observer and target are the same track, 'me'"),
         ("[noise]", "[prior]\nspead = 1.0\n[noise]", r"mine.toml:12: prior.spead = 'spead'"),
@@ -154,3 +155,46 @@ def test_slips_in_the_examples(
     said = capsys.readouterr().err
     assert re.search(message, said), said
     assert "mine.toml" in said
+
+
+@pytest.mark.parametrize(
+    ("example", "before", "after", "message"),
+    [
+        ("two_radars", "[-20000.0,", "[true,", r"tracks.parallel.start\[0\] = True: must be a number"),
+        ("two_radars", "[-20000.0,", '["1",', r"tracks.parallel.start\[0\] = '1': must be a number"),
+        ("two_radars", "range = 300.0", "range = true", "biases.A.range = True: must be a number"),
+        ("two_radars", "= 199.0", "= 1e300", "tracks.parallel: a track of more than a hundred"),
+        ("two_radars", "step = 1.0", "step = 1e-9", "tracks.parallel: a track of more than a hundred"),
+        ("two_radars", "[-20000.0,", "[1e300,", "more than 1e150 m from a target"),
+        ("two_radars", "select = 2 ", "select = 2.5 ", "select = 2.5: must be a whole number"),
+        ("oscillator", "A = [\n  [0.0, 1.0", "A = [\n  [0.0, true", r"system.A\[0\]\[1\] = True: must"),
+        ("plan_fixed_target", "[0.0, 1000.0]", "[true, 0]", r"position\[0\] = True: must be a number"),
+        ("plan_fixed_target", "[0.0, 1000.0]", "7.0", r"position = 7.0: must be a list"),
+    ],
+)  # fmt: skip
+def test_numbers_that_are_none_or_of_absurd_size(tmp_path, example, before, after, message):
+    text = (EXAMPLES / f"{example}.toml").read_text()
+    assert before in text
+    path = tmp_path / "mine.toml"
+    path.write_text(text.replace(before, after, 1))
+    with pytest.raises(gm.InputError, match=message):
+        load(path).localize()
+
+
+def test_the_command_names_what_it_can_reproduce(capsys):
+    with pytest.raises(SystemExit):
+        cli.app(["reproduce", "--help"])
+    shown = re.sub(r"[\s│]+", "", capsys.readouterr().out)
+    assert "yang-yin-2012" in shown
+
+
+def test_phrases_are_read_from_the_left_and_numbers_from_the_right():
+    table = Table(
+        "t",
+        ["from", "combination", "bound", "unit", "state"],
+        [
+            ["outputs", "1 position + 1 offset", "11.85 m", "rad/s", "never"],
+            ["", "1 drift", "not observable", "m", "2"],
+        ],
+    )
+    assert [table.is_text(i) for i in range(5)] == [True, True, False, False, False]

@@ -16,6 +16,7 @@ from rich.status import Status
 
 from gramian.exceptions import GramianError, InputError, ScenarioError, StorageError
 from gramian.report import Report
+from gramian.reproduce import PAPERS
 
 __all__ = ["main"]
 
@@ -139,12 +140,13 @@ def demo(
 
 @app.command()
 def reproduce(
-    name: Annotated[str, typer.Argument(help="A paper, or all.", show_default=False)],
+    name: Annotated[
+        str, typer.Argument(help=f"A paper ({', '.join(PAPERS)}), or all.", show_default=False)
+    ],
     out: Out = None,
     json: Json = False,
 ) -> None:
     """Print each published figure of a paper beside the computed one."""
-    from gramian.reproduce import PAPERS
     from gramian.reproduce import reproduce as run
 
     for paper in list(PAPERS) if name == "all" else [name]:

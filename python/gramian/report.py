@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import json
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -46,6 +47,11 @@ class Table:
     columns: Sequence[str]
     rows: Sequence[Sequence[str]]
     note: str = ""
+
+    def is_text(self, column: int) -> bool:
+        """Say whether a column is read from the left: names and phrases, not numbers."""
+        words = (re.findall(r"\b[A-Za-z_]{3,}", row[column]) for row in self.rows)
+        return column == 0 or any(len(w) > 1 and w != ["not", "observable"] for w in words)
 
 
 @dataclass(frozen=True)
@@ -123,7 +129,7 @@ class Report:
                 caption_justify="left",
             )
             for i, column in enumerate(table.columns):
-                shown.add_column(escape(column), justify="left" if i == 0 else "right")
+                shown.add_column(escape(column), justify="left" if table.is_text(i) else "right")
             for row in table.rows:
                 shown.add_row(*(escape(cell) for cell in row))
             console.print()
@@ -210,7 +216,11 @@ def answer_tables(answer: Observability, *, suggestions: int = 6) -> list[Table]
             )
         )
     if answer.suggestions:
-        columns = ["known exactly", "left unobservable", *(f"{n} then" for n in answer.names)]
+        then = [
+            f"{n} then, {u}" if u else f"{n} then"
+            for n, u in zip(answer.names, answer.units, strict=True)
+        ]
+        columns = ["known exactly", "left unobservable", *then]
         tables.append(
             Table(
                 "What one piece of knowledge would give",

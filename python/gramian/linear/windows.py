@@ -269,12 +269,12 @@ class Piecewise:
         return stacked.reshape(-1, stacked.shape[-1])
 
     def rows(self, *, dt: float, R: ArrayLike | None = None) -> Array:
-        """Return whitened rows of samples every `dt` (whole steps in each segment).
+        """Return whitened rows of samples at 0, dt, 2 dt, ... from the beginning.
 
         Parameters
         ----------
         dt : float
-            The segments' durations are cut into equal steps of at most this.
+            Time between samples; the last is that at the end, if one falls there.
         R : array_like, optional
             Covariance of the outputs of one sample.
 
@@ -287,15 +287,24 @@ class Piecewise:
             raise InputError(f"dt = {dt}: must be > 0 and finite")
         n, p = self.A.shape[-1], self.C.shape[-2]
         white = whitener(R, p)
-        phi, out = np.eye(n), []
-        for a, c, duration in zip(self.A, self.C, self.durations, strict=True):
-            steps = max(1, round(duration / dt + 0.499999))
-            step = transition(a, duration / steps)
-            for _ in range(steps):
-                out.append(white @ c @ phi)
-                phi = step @ phi
-        out.append(white @ self.C[-1] @ phi)
-        return np.concatenate(out)
+        ends = np.cumsum(self.durations)
+        # A sample at the border of two segments is the second one's; but for rounding.
+        counts = np.ceil(ends / dt * (1 - 1e-12)).astype(int)
+        counts[-1] = int(ends[-1] / dt * (1 + 1e-12)) + 1
+        phi, out = np.eye(n), np.empty((counts[-1], p, n))
+        begin, first = 0.0, 0
+        for a, c, end, last in zip(self.A, self.C, ends, counts, strict=True):
+            if last > first:
+                here = transition(a, max(first * dt - begin, 0.0)) @ phi
+                step = transition(a, dt)
+                seen = white @ c
+                for k in range(first, last):
+                    out[k] = seen @ here
+                    if k + 1 < last:
+                        here = step @ here
+            phi = transition(a, end - begin) @ phi
+            begin, first = end, max(first, last)
+        return out.reshape(-1, n)
 
     def summary(self) -> str:
         """Return the ranks segment by segment, as text."""

@@ -76,7 +76,7 @@ def ratio_history(times: Array, ratios: Array, names: Sequence[str], unit: str =
         axes.set_xlim(positive[0], positive[-1])
     axes.set_yscale("log")
     axes.axhline(1.0, color="black", linewidth=0.8)
-    axes.set_xlabel(f"window, {unit}")
+    axes.set_xlabel(f"window, {unit}" if unit else "window")
     axes.set_ylabel("posterior / prior standard deviation")
     axes.grid(alpha=0.3, which="both", linewidth=0.4)
     fig.legend(loc="outside right center", fontsize=8)

@@ -100,6 +100,11 @@ def fused(known: Setup, reports: Array, biases: Array) -> Array:
     """Return the weighted mean (..., K, d) of the sensors' positions."""
     places = _core.registration_places(reports, known.places, known.sigma, biases, known.flags)
     offset = places - known.places
+    if not (np.abs(offset) < 1e150).all():
+        raise InputError(
+            "reports: a sensor would be more than 1e150 m from a target: "
+            "the square of that cannot be held"
+        )
     ranges = np.linalg.norm(offset, axis=-1, keepdims=True)
     if not (ranges > 0).all():
         raise InputError("reports: a corrected range is 0: the target would be on the sensor")
@@ -118,7 +123,16 @@ def fused(known: Setup, reports: Array, biases: Array) -> Array:
         weight += strength[..., None, None] * axis[..., :, None] * axis[..., None, :]
     total = weight.sum(axis=-3)
     pulled = (weight @ places[..., None]).sum(axis=-3)
-    positions: Array = np.linalg.solve(total, pulled)[..., 0]
+    try:
+        positions: Array = np.linalg.solve(total, pulled)[..., 0]
+        placed = bool(np.isfinite(positions).all())
+    except np.linalg.LinAlgError:
+        placed = False
+    if not placed:
+        raise InputError(
+            f"reports: the sensors, up to {ranges.max():.3g} m from a target, cannot place it: "
+            "in one direction nothing is left of their accuracy"
+        )
     return positions
 
 

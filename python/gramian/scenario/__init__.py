@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from importlib import import_module
 from pathlib import Path
@@ -55,7 +56,8 @@ def load(path: Path | str) -> Scenario:
         raise ScenarioError(f"{path}: model = {values['model']!r}: must be one of {known}")
     kind = _kind(values["model"])
     try:
-        scenario = kind.model_validate(values)
+        # As JSON: strict there takes a list for a tuple, but no text or truth for a number.
+        scenario = kind.model_validate_json(json.dumps(values, default=str))
     except ValidationError as error:
         raise ScenarioError(describe(error, kind, path, text)) from error
     scenario.path = path

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from pydantic import BaseModel, ConfigDict, PrivateAttr, ValidationInfo, field_validator
+from pydantic import BaseModel, ConfigDict, PrivateAttr
 
 from gramian.exceptions import ScenarioError
 from gramian.report import Report
@@ -29,18 +29,12 @@ class Simulation:
 
 
 class Section(BaseModel):
-    """A table of a scenario file: unknown keys, NaN and infinity are mistakes."""
+    """A table of a scenario file: unknown keys, NaN and infinity are mistakes.
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+    So are true, false and "1" for a number, at any depth.
+    """
 
-    @field_validator("*", mode="before")
-    @classmethod
-    def _no_truth_for_a_number(cls, value: Any, info: ValidationInfo) -> Any:
-        """Refuse true and false, which would pass for 1 and 0."""
-        wanted = cls.model_fields[str(info.field_name)].annotation
-        if isinstance(value, bool) and wanted is not bool:
-            raise ValueError("must not be true or false")
-        return value
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
 
 
 class Scenario(Section):

@@ -34,7 +34,7 @@ class Leg(Section):
     """A part of the flight: seconds, degrees clockwise, m/s, degrees right side down."""
 
     duration: float = Field(gt=0)
-    turn_deg: float = 0.0
+    turn_deg: float = Field(default=0.0, ge=-3600, le=3600)
     speed_change: float = 0.0
     bank_deg: float = Field(default=0.0, gt=-90, lt=90)
 
@@ -87,9 +87,10 @@ class InertialScenario(Scenario):
             "position_noise": self.noise.position,
         }
         place = f"latitude {self.site.latitude_deg:g} deg"
+        if self.flight is None:
+            return self._at_rest(latitude, place, priors)
+        self._check_size(self.flight)
         try:
-            if self.flight is None:
-                return self._at_rest(latitude, place, priors)
             legs = [
                 inertial.Leg(
                     leg.duration,
@@ -111,8 +112,34 @@ class InertialScenario(Scenario):
                 **priors,
             )
         except InputError as error:
-            raise self.mistake("site", str(error)) from error
+            raise self.mistake("flight", str(error)) from error
         return self._in_flight(flight, place)
+
+    def _check_size(self, flight: Flown) -> None:
+        """Refuse a flight that would take minutes."""
+        pieces = sum(
+            max(leg.duration / 5, abs(leg.turn_deg) / 3)
+            for leg in flight.legs
+            if leg.turn_deg or leg.speed_change
+        )
+        if pieces > 2000:
+            raise self.mistake(
+                "flight.legs",
+                f"turning and changing speed make {pieces:.0f} pieces of 5 s or 3 deg, more than "
+                "2000: shorten these legs",
+            )
+        samples = sum(leg.duration for leg in flight.legs) / self._step
+        if samples > 2e4:
+            raise self.mistake(
+                "window.step",
+                f"the flight has {samples:.3g} samples of {self._step:g} s, more than 20 000: "
+                "a longer step or shorter legs",
+            )
+
+    @property
+    def _step(self) -> float:
+        """Time between samples in flight, s."""
+        return self.window.step if self.window else 1.0
 
     def _at_rest(self, latitude: float, place: str, priors: dict[str, float]) -> Report:
         system = inertial.static_base(
@@ -138,21 +165,20 @@ class InertialScenario(Scenario):
 
     def _in_flight(self, flight: Flight, place: str) -> Report:
         found = linear.levels(flight.A[0], flight.C[0], flight.system.names)
-        step = self.window.step if self.window else 1.0
+        step = self._step
         system = flight.system
-        # The rows of each leg apart, to say what each adds.
+        seen = flight.rows(dt=step)
+        # The rows up to each leg, to say what each adds.
         rows, data = [], []
         root = np.diag(system.prior)
         leaders = [int(np.flatnonzero(column)[0]) for column in found.null_space.T]
         for leg in range(int(flight.leg.max()) + 1):
             upto = flight.upto(leg)
             ranks = upto.piecewise()
+            end = float(upto.durations.sum())
+            samples = int(end / step * (1 + 1e-12)) + 1
             information = linear.degrees.posterior(
-                upto.rows(dt=step) @ root,
-                root,
-                system.names,
-                system.units,
-                float(upto.durations.sum()),
+                seen[: samples * len(system.C)] @ root, root, system.names, system.units, end
             )
             ratios = [information.ratio[i] for i in leaders]
             data.append({"leg": leg, "rank": ranks.rank, "unseen": list(ranks.null_combinations)})
@@ -171,10 +197,9 @@ class InertialScenario(Scenario):
             "Each state leads one of the combinations that the first leg alone leaves unseen; "
             "the columns say how well it is known after the leg.",
         )
-        whole = flight.piecewise()
-        total = float(flight.durations.sum())
+        whole, total = ranks, end
         observed = Observed.of(
-            flight.rows(dt=step),
+            seen,
             system.prior,
             system.names,
             system.units,
@@ -183,7 +208,7 @@ class InertialScenario(Scenario):
             "s",
         )
         values: dict[str, Any] = {"legs": data, "piecewise": whole.to_dict()}
-        seen = len(system.names) - whole.rank
+        unseen = len(system.names) - whole.rank
         report = linear_report(
             self.path.stem,
             f"{len(rows)} legs, {total:g} s, {place}",
@@ -201,8 +226,8 @@ class InertialScenario(Scenario):
         )
         return replace(
             report,
-            tone="bad" if seen else "good",
-            headline="UNOBSERVABLE" if seen else "OBSERVABLE",
+            tone="bad" if unseen else "good",
+            headline="UNOBSERVABLE" if unseen else "OBSERVABLE",
             verdict=verdict,
             tables=[table, *(t for t in report.tables if t is not table)],
         )

@@ -207,7 +207,7 @@ def linear_report(
     values: dict[str, Any] = {"levels": found.to_dict()} | dict(data or {})
     if observed is not None:
         information = observed.information
-        shown.insert(0, _ratio_table(information, found, where))
+        shown.insert(0, _ratio_table(information, found, where, observed.unit))
         values["information"] = information.to_dict()
         values["history"] = {
             "times": observed.times.tolist(),
@@ -285,7 +285,7 @@ def _null_table(found: Levels) -> list[Table]:
     ]
 
 
-def _ratio_table(information: Information, found: Levels, where: str) -> Table:
+def _ratio_table(information: Information, found: Levels, where: str, unit: str) -> Table:
     rows = []
     for i, name in enumerate(information.names):
         level = found.states[name]
@@ -301,7 +301,7 @@ def _ratio_table(information: Information, found: Levels, where: str) -> Table:
         )
     column = "alone known from derivative" + (f", {where}" if where else "")
     return Table(
-        f"After a window of {information.window:g}",
+        f"After a window of {information.window:g} {unit}".rstrip(),
         ["state", column, "prior", "posterior", "unit", "posterior / prior"],
         rows,
         "A state that is never known alone can gain from the prior of those it is tied to.",

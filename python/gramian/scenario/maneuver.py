@@ -182,8 +182,8 @@ def _report(title: str, plan: Plan, loop: ClosedLoop | None) -> Report:
     if not plan.converged:
         verdict += f"; {plan.message}"
     facts = [
-        ("which optimum", f"the best of {plan.optima} different ones that {len(plan.starts)} "
-         f"starts led to, chosen among {plan.guesses} guesses"),
+        ("which optimum", ("the one" if plan.optima == 1 else f"the best of {plan.optima}")
+         + f" that {len(plan.starts)} starts led to, chosen among {plan.guesses} guesses"),
         ("where from", plan.starts[0].name),
     ]  # fmt: skip
     if np.isfinite(plan.clearance):

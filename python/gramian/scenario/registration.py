@@ -24,7 +24,7 @@ from gramian.report import (
     number,
     tone_of,
 )
-from gramian.scenario.base import Scenario, Section
+from gramian.scenario.base import Scenario, Section, Simulation
 from gramian.scenario.files import read_columns
 
 if TYPE_CHECKING:
@@ -83,6 +83,12 @@ class Track(Section):
     velocity: list[float] = Field(min_length=2, max_length=3)
     duration: float = Field(gt=0)
     step: float = Field(gt=0)
+
+    @model_validator(mode="after")
+    def _looks(self) -> Track:
+        if self.duration / self.step > 1e5:
+            raise ValueError("a track of more than a hundred thousand looks: a longer step")
+        return self
 
 
 class ReportColumns(Section):
@@ -587,11 +593,28 @@ class RegistrationScenario(Scenario):
         which = "" if len(names) > 6 else f" ({', '.join(names)})"
         return Table(f"From {label}{which}", columns, rows)
 
+    def experiment(self) -> Simulation:
+        """Return the looks of all targets as a Monte Carlo experiment."""
+        from gramian.monte_carlo import Registration
+
+        return Simulation(
+            Registration(
+                self.all_positions, self.places, self.sigma, self.truth or None, self.extras
+            ),
+            title="Registration of " + ", ".join(self.sensors),
+            subtitle=f"{len(self.seen)} targets, {len(self.all_positions)} looks",
+        )
+
     def simulate(
         self, trials: int, seed: int, *, resume: Path | None = None, progress: bool = True
     ) -> Report:
-        """Check the estimator against its bound over simulated trials of all targets."""
-        del progress
+        """Check the estimator against its bound over simulated trials of all targets.
+
+        With a prior, or by another method than "ml", the trials are run in one go:
+        there is nothing to resume.
+        """
+        if self.prior is None and self.estimate.method == "ml":
+            return super().simulate(trials, seed, resume=resume, progress=progress)
         if resume is not None:
             raise self.mistake(
                 "resume", "all trials run in one call: nothing is kept to go on from"
