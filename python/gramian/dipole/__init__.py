@@ -7,15 +7,8 @@ of the sensor, fields in tesla.
 
 from __future__ import annotations
 
-from gramian.dipole.localization import (
-    ClosestPoint,
-    Localization,
-    Localizations,
-    Solution,
-    localize,
-    localize_many,
-    localize_trials,
-)
+from gramian.dipole.answer import ClosestPoint, Localization, Localizations, Solution
+from gramian.dipole.localization import localize, localize_many, localize_trials
 from gramian.dipole.model import (
     MU0,
     NAMES,

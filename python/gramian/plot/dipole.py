@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gramian.plot import COLORS, Figure, figure
 
 if TYPE_CHECKING:
-    from gramian.dipole.localization import Localization
+    from gramian.dipole.answer import Localization
 
 __all__ = ["convergence", "fields", "fit", "path"]
 
