@@ -310,7 +310,7 @@ def contests(quick: bool) -> Iterator[Contest]:
     yield overhead_contest(200_000 if quick else 1_000_000)
     yield threads_contest("Gram + log det", gram, 200_000 if quick else 1_000_000)
     yield estimator_contest(*((20_000, 40) if quick else (100_000, 200)))
-    yield threads_contest("maximum likelihood", maximum_likelihood, 20_000 if quick else 100_000)
+    yield threads_contest("maximum likelihood", maximum_likelihood, 20_000 if quick else 200_000)
     yield dipole_contest(*((200, 10) if quick else (2000, 50)))
     yield registration_contest(*((500, 3) if quick else (5000, 10)))
 

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from functools import partial
 from pathlib import Path
@@ -119,6 +120,21 @@ def test_ctrl_c_is_heard_by_what_runs_in_rust(tmp_path):
     kept = len(parts(tmp_path))
     again = gm.monte_carlo.run(monte_carlo_cases.scene(), 4096 * kept, 1, resume=tmp_path)
     assert again.simulated == 0
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("trials", [2**22, 2**29])
+def test_ctrl_c_is_heard_within_a_long_chunk(trials, workers):
+    """Chunks of 10 s, few that share the threads or many with a thread each."""
+
+    def interrupt():
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Timer(0.5, interrupt).start()
+    started = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        gm.monte_carlo.run(monte_carlo_cases.scene(), trials, 1, workers=workers, chunk=2**21)
+    assert time.monotonic() - started < 5.0
 
 
 def test_a_finished_run_is_read_and_a_longer_one_goes_on(tmp_path, whole):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,7 +14,16 @@ from gramian.exceptions import InputError
 from gramian.monte_carlo.experiment import Estimates, Experiment, squared_over
 from gramian.monte_carlo.statistics import LEAF, Moments, moments
 
-__all__ = ["HEAD", "Chunk", "Failure", "Statistics", "Task", "chunk_size", "nees_marks"]
+__all__ = [
+    "HEAD",
+    "Chunk",
+    "Failure",
+    "Rows",
+    "Statistics",
+    "Task",
+    "chunk_size",
+    "nees_marks",
+]
 
 Array = NDArray[np.float64]
 Table = NDArray[np.void]
@@ -26,6 +35,8 @@ HEAD = 2048
 LARGEST = 1e75
 #: Entries of the column `status` beside 0 (success) and the built-in estimators' own, > 0.
 STATUS = {"raised": -1, "not finite": -2, "wrong shape": -3}
+#: What the name of a column of errors begins with.
+ERROR = "error_"
 #: Bins of the NEES histogram, the last one for all above.
 BINS = 48
 
@@ -66,7 +77,7 @@ def chunk_size(trials: int, cost: float | None) -> int:
     least, most, chunks = LEAF, 1024, 64
     if cost is not None:
         most = max(LEAF, min(32768, int(0.5 / cost)))
-        least, chunks = min(2048, most), 32
+        least, chunks = min(1024, most), 32
     size = LEAF
     while size < least or (2 * size <= most and 2 * size * chunks <= trials):
         size *= 2
@@ -95,6 +106,51 @@ class Chunk:
     table: Table | None = field(repr=False)
 
 
+@dataclass(eq=False)
+class Rows:
+    """What came of the trials from `first` on, each with its place in every array.
+
+    Attributes
+    ----------
+    status : ndarray of int, shape (trials,)
+    errors : ndarray, shape (trials, n), or None
+    nees : ndarray, shape (trials,), or None
+    quantities : dict of str to ndarray, shape (trials,)
+    """
+
+    first: int
+    status: NDArray[np.int16]
+    errors: Array | None = None
+    nees: Array | None = None
+    quantities: dict[str, Array] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, table: Table) -> Rows:
+        """Return the columns of a table, as `table` writes them."""
+        names = table.dtype.names or ()
+        errors = [name for name in names if name.startswith(ERROR)]
+        others = set(names) - {"trial", "status", "nees", *errors}
+        return cls(
+            int(table["trial"][0]),
+            table["status"].copy(),
+            np.stack([table[name] for name in errors], axis=1) if errors else None,
+            table["nees"].copy() if errors else None,
+            {name: table[name].copy() for name in names if name in others},
+        )
+
+    def table(self, dtype: np.dtype[np.void], most: int | None = None) -> Table:
+        """Return the trials, or the first `most` of them, as a structured array."""
+        status = self.status[:most]
+        table = np.empty(len(status), dtype=dtype)
+        columns: list[NDArray[Any]] = [self.first + np.arange(len(status)), status]
+        if self.errors is not None and self.nees is not None:
+            columns += [*self.errors[:most].T, self.nees[:most]]
+        columns += [values[:most] for values in self.quantities.values()]
+        for name, column in zip(dtype.names or (), columns, strict=True):
+            table[name] = column
+        return table
+
+
 @dataclass(frozen=True, eq=False)
 class Task:
     """All that a worker must know to run any chunk."""
@@ -118,19 +174,13 @@ class Task:
         """The columns of the per-trial table."""
         columns: list[tuple[str, str]] = [("trial", "<i8"), ("status", "<i2")]
         if self.estimator is not None:
-            columns += [(f"error_{name}", "<f8") for name in self.experiment.names]
+            columns += [(f"{ERROR}{name}", "<f8") for name in self.experiment.names]
             columns += [("nees", "<f8")]
         return np.dtype(columns + [(name, "<f8") for name in self.quantities])
 
-    def empty(self, trials: int) -> Table:
-        """Return a table of zeros."""
-        return np.zeros(trials, dtype=self.dtype)
-
     def run(self, first: int, trials: int) -> Chunk:
         """Simulate and estimate `trials` trials from `first` on."""
-        table = self.empty(trials)
-        table["trial"] = np.arange(first, first + trials)
-        notes = _Notes()
+        rows, notes = Rows(first, np.zeros(trials, dtype=np.int16)), _Notes()
         measurements = None
         if callable(self.estimator) or any(self.quantities.values()):
             measurements = self.experiment.simulate(self.seed, first, trials)
@@ -140,127 +190,123 @@ class Task:
                 )
         if isinstance(self.estimator, str):
             found = self.experiment.estimate(self.estimator, self.seed, first, trials)
-            self._take(found, table, notes)
+            self._take(found, rows, notes)
         elif self.estimator is not None:
-            self._estimate(self.estimator, measurements, table, notes)
+            self._estimate(self.estimator, measurements, rows, notes)
         for name, function in self.quantities.items():
-            self._quantity(name, function, measurements, table, notes)
-        return self.digest(table, tuple(notes.failures.values()))
+            self._quantity(name, function, measurements, rows, notes)
+        return self.digest(rows, tuple(notes.failures.values()))
 
-    def digest(self, table: Table, failures: tuple[Failure, ...]) -> Chunk:
-        """Return the chunk of a finished table, fresh or from a file."""
-        first, trials = int(table["trial"][0]), len(table)
+    def digest(self, rows: Rows, failures: tuple[Failure, ...]) -> Chunk:
+        """Return the chunk of finished rows, fresh or from a file."""
         errors = histogram = None
         inside = 0
         scalars = {}
-        if self.estimator is not None:
-            ok = table["status"] == 0
-            columns = [table[f"error_{name}"] for name in self.experiment.names]
-            errors = moments(np.stack(columns, axis=1), ok)
-            nees = table["nees"]
-            known = ok & np.isfinite(nees)
-            scalars["nees"] = moments(nees[:, None], known)
+        if rows.errors is not None and rows.nees is not None:
+            ok = rows.status == 0
+            errors = moments(rows.errors, ok)
+            known = ok & np.isfinite(rows.nees)
+            scalars["nees"] = moments(rows.nees[:, None], known)
             if self.edges is not None:
-                place = np.searchsorted(self.edges[1:], nees[known], side="right")
+                nees = rows.nees[known]
+                place = np.searchsorted(self.edges[1:], nees, side="right")
                 histogram = np.bincount(place, minlength=BINS + 1)
-                inside = int((nees[known] <= self.limit).sum())
-        for name in self.quantities:
-            values = table[name]
+                inside = int((nees <= self.limit).sum())
+        for name, values in rows.quantities.items():
             scalars[name] = moments(values[:, None], np.abs(values) <= LARGEST)
         return Chunk(
-            first,
-            trials,
+            rows.first,
+            len(rows.status),
             Statistics(errors, scalars, histogram, inside),
             failures,
-            table[: max(0, HEAD - first)].copy() if first < HEAD else None,
-            table if self.keep else None,
+            rows.table(self.dtype, HEAD - rows.first) if rows.first < HEAD else None,
+            rows.table(self.dtype) if self.keep else None,
         )
 
-    def _take(self, found: Estimates, table: Table, notes: _Notes) -> None:
-        errors = np.asarray(found.errors)
-        status = np.asarray(found.status)
+    def _take(self, found: Estimates, rows: Rows, notes: _Notes) -> None:
+        trials, n = len(rows.status), len(self.experiment.names)
+        # Copies: they are written to.
+        errors = np.array(found.errors, dtype=float, order="C")
+        if errors.shape != (trials, n):
+            raise InputError(f"estimate returned errors {errors.shape}: must be ({trials}, {n})")
+        status = np.array(found.status, dtype=np.int16)
         bad = status != 0
-        lost = ~(np.abs(errors) <= LARGEST).all(axis=1) & ~bad
+        good = np.abs(errors) <= LARGEST
+        lost = np.zeros_like(bad) if good.all() else ~good.all(axis=1) & ~bad
         for code in np.unique(status[bad]):
             kind = found.kinds.get(int(code), f"status {code}")
-            notes.add(kind, table["trial"][status == code], f"the estimator says: {kind}")
+            notes.add(kind, rows.first, status == code, f"the estimator says: {kind}")
         if lost.any():
             place = int(np.flatnonzero(lost)[0])
-            notes.add("not finite", table["trial"][lost], f"the errors are {errors[place]}")
-        table["status"] = np.where(lost, STATUS["not finite"], status)
-        for i, name in enumerate(self.experiment.names):
-            table[f"error_{name}"] = np.where(bad, np.nan, errors[:, i])
-        nees = found.nees
-        if nees is None:
-            nees = np.full(len(table), np.nan)
+            notes.add("not finite", rows.first, lost, f"the errors are {errors[place]}")
+            status[lost] = STATUS["not finite"]
+        if found.nees is not None:
+            nees = np.array(found.nees, dtype=float)
+        else:
+            nees = np.full(trials, np.nan)
             if self.bound is not None:
-                nees[~bad & ~lost] = squared_over(errors[~bad & ~lost], self.bound)
-        table["nees"] = np.where(bad, np.nan, nees)
+                nees[status == 0] = squared_over(errors[status == 0], self.bound)
+        errors[bad] = nees[bad] = np.nan
+        rows.status, rows.errors, rows.nees = status, errors, nees
 
-    def _estimate(
-        self, estimator: Estimator, measurements: Any, table: Table, notes: _Notes
-    ) -> None:
-        names = tuple(self.experiment.names)
-        n = len(names)
+    def _estimate(self, estimator: Estimator, measurements: Any, rows: Rows, notes: _Notes) -> None:
         truth = np.asarray(self.experiment.truth, dtype=float)
-        columns = [table[f"error_{name}"] for name in names]
-        for i in range(len(table)):
-            trial = int(table["trial"][i])
-            for column in columns:
-                column[i] = np.nan
-            table["nees"][i] = np.nan
+        trials, n = len(rows.status), len(truth)
+        errors, nees = np.full((trials, n), np.nan), np.full(trials, np.nan)
+        rows.errors, rows.nees = errors, nees
+        for i in range(trials):
+            trial = rows.first + i
             try:
                 state, covariance = _answer(estimator(measurements[i]), n)
             except _Unusable as refusal:
-                notes.add(refusal.kind, [trial], str(refusal))
-                table["status"][i] = STATUS[refusal.kind]
+                notes.add_one(refusal.kind, trial, str(refusal))
+                rows.status[i] = STATUS[refusal.kind]
                 continue
             except Exception as error:
                 text = "".join(traceback.format_exception(error))
-                notes.add(f"raised {type(error).__name__}", [trial], text)
-                table["status"][i] = STATUS["raised"]
+                notes.add_one(f"raised {type(error).__name__}", trial, text)
+                rows.status[i] = STATUS["raised"]
                 continue
-            error_vector = state - truth
-            for column, value in zip(columns, error_vector, strict=True):
-                column[i] = value
+            errors[i] = state - truth
             try:
-                table["nees"][i] = _nees(error_vector, covariance, self.bound)
+                nees[i] = _nees(errors[i], covariance, self.bound)
             except _Unusable as refusal:
-                notes.add(refusal.kind, [trial], str(refusal))
+                notes.add_one(refusal.kind, trial, str(refusal))
 
     def _quantity(
         self,
         name: str,
         function: Callable[[Any], Any] | None,
         measurements: Any,
-        table: Table,
+        rows: Rows,
         notes: _Notes,
     ) -> None:
-        values = table[name]
+        trials = len(rows.status)
         if function is None:
-            first = int(table["trial"][0])
-            values[:] = self.experiment.quantity(name, self.seed, first, len(table))
-        else:
-            for i in range(len(table)):
-                trial = int(table["trial"][i])
-                values[i] = np.nan
-                try:
-                    value = np.asarray(function(measurements[i]), dtype=float)
-                    if value.ndim:
-                        kind = f"{name}: wrong shape"
-                        notes.add(kind, [trial], f"{name} has shape {value.shape}: must be ()")
-                        continue
-                    values[i] = value
-                except Exception as error:
-                    text = "".join(traceback.format_exception(error))
-                    notes.add(f"{name}: raised {type(error).__name__}", [trial], text)
-                    continue
-                if not abs(values[i]) <= LARGEST:
-                    notes.add(f"{name}: not finite", [trial], f"{name} = {values[i]}")
+            found = self.experiment.quantity(name, self.seed, rows.first, trials)
+            rows.quantities[name] = values = np.asarray(found, dtype=float)
+            if values.shape != (trials,):
+                raise InputError(f"quantity returned {values.shape}: must be ({trials},)")
+            if not (good := np.abs(values) <= LARGEST).all():
+                place = int(np.flatnonzero(~good)[0])
+                notes.add(f"{name}: not finite", rows.first, ~good, f"{name} = {values[place]}")
             return
-        if (bad := ~(np.abs(values) <= LARGEST)).any():
-            place = int(np.flatnonzero(bad)[0])
-            notes.add(f"{name}: not finite", table["trial"][bad], f"{name} = {values[place]}")
+        values = rows.quantities[name] = np.full(trials, np.nan)
+        for i in range(trials):
+            trial = rows.first + i
+            try:
+                value = np.asarray(function(measurements[i]), dtype=float)
+                if value.ndim:
+                    kind = f"{name}: wrong shape"
+                    notes.add_one(kind, trial, f"{name} has shape {value.shape}: must be ()")
+                    continue
+                values[i] = value
+            except Exception as error:
+                text = "".join(traceback.format_exception(error))
+                notes.add_one(f"{name}: raised {type(error).__name__}", trial, text)
+                continue
+            if not abs(values[i]) <= LARGEST:
+                notes.add_one(f"{name}: not finite", trial, f"{name} = {values[i]}")
 
 
 class _Notes:
@@ -269,10 +315,18 @@ class _Notes:
     def __init__(self) -> None:
         self.failures: dict[str, Failure] = {}
 
-    def add(self, kind: str, trials: Sequence[int] | NDArray[Any], message: str) -> None:
-        new = Failure(kind, len(trials), int(trials[0]), message)
-        before = self.failures.get(kind)
-        self.failures[kind] = before.joined(new) if before else new
+    def add(self, kind: str, first: int, which: NDArray[np.bool_], message: str) -> None:
+        """Note some of the trials from `first` on."""
+        places = np.flatnonzero(which)
+        self._join(Failure(kind, len(places), first + int(places[0]), message))
+
+    def add_one(self, kind: str, trial: int, message: str) -> None:
+        """Note a trial."""
+        self._join(Failure(kind, 1, trial, message))
+
+    def _join(self, new: Failure) -> None:
+        before = self.failures.get(new.kind)
+        self.failures[new.kind] = before.joined(new) if before else new
 
 
 class _Unusable(Exception):

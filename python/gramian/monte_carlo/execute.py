@@ -29,18 +29,27 @@ MOST_TRIES = 6
 
 
 def execute(
-    task: Task, spans: Iterable[Span], workers: int | None, executor: cf.Executor | None
+    task: Task,
+    spans: Iterable[Span],
+    count: int,
+    workers: int | None,
+    executor: cf.Executor | None,
 ) -> Generator[Chunk]:
     """Run the chunks `spans` (first trial, trials), yielding each as it is done.
 
-    In order where they run here; in any order on workers.
+    In order where they run here; in any order on workers. `count` is about how
+    many there are.
     """
     if executor is not None:
         yield from _Workers(task, executor).run(spans)
     elif task.in_rust:
         before = _core.set_threads(workers) if workers is not None else None
         try:
-            yield from (_one_by_one if _core.threads() == 1 else _in_step)(task, spans)
+            threads = _core.threads()
+            if threads == 1 or count == 1:
+                yield from _one_by_one(task, spans)
+            else:
+                yield from _on_threads(task, spans, count, threads)
         finally:
             if before is not None:
                 _core.set_threads(before)
@@ -55,19 +64,39 @@ def _one_by_one(task: Task, spans: Iterable[Span]) -> Iterator[Chunk]:
         yield task.run(*span)
 
 
-def _in_step(task: Task, spans: Iterable[Span]) -> Iterator[Chunk]:
-    """Run two chunks at a time, so that cores have work while one is summed up."""
+def _on_threads(task: Task, spans: Iterable[Span], count: int, threads: int) -> Iterator[Chunk]:
+    """Run several chunks at a time.
+
+    Many chunks have a thread each, which never waits for another. A few are
+    shared by all threads, two at a time, so that there is work while one is
+    summed up.
+    """
+    alone = count >= 4 * threads
+    slots = threads if alone else 2
+    stopped = threading.Event()
+
+    def check() -> None:
+        if stopped.is_set():
+            raise cf.CancelledError
+
+    # Waking for every chunk would hold up the workers; on the disk, though, each
+    # is wanted at once.
+    group = 1 if task.keep else 2 * slots
     rest = iter(spans)
-    with cf.ThreadPoolExecutor(2, "gramian-chunk") as executor:
-        running: deque[cf.Future[Chunk]] = deque()
+    running: deque[cf.Future[Chunk]] = deque()
+    with cf.ThreadPoolExecutor(slots, "gramian", _core.be_worker, (alone, check)) as executor:
         try:
             while True:
-                for span in itertools.islice(rest, 3 - len(running)):
+                for span in itertools.islice(rest, group + 2 * slots - len(running)):
                     running.append(executor.submit(task.run, *span))
                 if not running:
                     return
-                yield running.popleft().result()
+                group = min(group, len(running))
+                running[group - 1].exception()
+                for _ in range(group):
+                    yield running.popleft().result()
         finally:
+            stopped.set()
             for future in running:
                 future.cancel()
 

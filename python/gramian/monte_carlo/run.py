@@ -18,6 +18,7 @@ from gramian.monte_carlo.chunks import (
     Chunk,
     Estimator,
     Failure,
+    Rows,
     Statistics,
     Task,
     chunk_size,
@@ -149,14 +150,13 @@ def run(
         # A run that is resumed keeps its chunks, also when it is made longer.
         cost = experiment.cost if task.in_rust else None
         size = (resume and kept_chunk_size(resume)) or chunk_size(trials, cost)
-    spans = [(first, min(size, trials - first)) for first in range(0, trials, size)]
     total = _Total(table)
     store = None
     if resume is not None:
         store = Store(resume, _manifest(task, size))
     try:
         with _progress(trials, progress) as advance:
-            _collect(task, spans, store, total, advance, workers, executor)
+            _collect(task, trials, size, store, total, advance, workers, executor)
     except KeyboardInterrupt as stop:
         kept = f"; kept in {store.path}" if store else ""
         stop.add_note(f"stopped after {total.trials} of {trials} trials{kept}")
@@ -239,7 +239,8 @@ class _Total:
 
 def _collect(
     task: Task,
-    spans: list[tuple[int, int]],
+    trials: int,
+    size: int,
     store: Store | None,
     total: _Total,
     advance: Callable[[int], None],
@@ -247,15 +248,18 @@ def _collect(
     executor: Executor | None,
 ) -> None:
     def missing() -> Iterator[tuple[int, int]]:
-        for first, trials in spans:
-            found = store.read(first, trials, task.dtype) if store else None
+        for first in starts:
+            count = min(size, trials - first)
+            found = store.read(first, count, task.dtype) if store else None
             if found is None:
-                yield first, trials
+                yield first, count
             else:
-                total.add(task.digest(*found), fresh=False)
-                advance(trials)
+                table, failures = found
+                total.add(task.digest(Rows.of(table), failures), fresh=False)
+                advance(count)
 
-    with closing(execute(task, missing(), workers, executor)) as chunks:
+    starts = range(0, trials, size)
+    with closing(execute(task, missing(), len(starts), workers, executor)) as chunks:
         for chunk in chunks:
             if store is not None and chunk.table is not None:
                 store.write(chunk.first, chunk.table, chunk.failures)
@@ -397,7 +401,7 @@ def unobservable(
         edges=None,
         failures=(Failure("unobservable", trials, 0, reason),),
         trials=trials,
-        sample=Task(experiment, seed, chosen, {}, None, None, np.nan, False).empty(0),
+        sample=np.zeros(0, Task(experiment, seed, chosen, {}, None, None, np.nan, False).dtype),
         table=None,
         seconds=0.0,
         simulated=0,

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gramian import _core
+
 __all__ = ["LEAF", "Moments", "Tree", "moments"]
 
 Array = NDArray[np.float64]
@@ -23,111 +25,56 @@ LEAF = 16
 
 @dataclass(frozen=True, eq=False)
 class Moments:
-    """Moments of vectors (d,), of one node or of several (leading axis).
+    """Moments of vectors (d,).
 
     Attributes
     ----------
-    count : ndarray, shape (...)
-    mean : ndarray, shape (..., d)
-    scatter : ndarray, shape (..., d, d)
-        Sum of products of deviations from the mean.
-    fourth : ndarray, shape (..., d)
-        Sum of fourth powers of the values themselves.
-    low, high : ndarray, shape (..., d)
-        Extremes; `inf` and `-inf` for no value.
+    d : int
+    node : ndarray
+        All of them in a row: count, `mean`, `scatter`, `fourth`, `low`, `high`.
     """
 
-    count: Array
-    mean: Array
-    scatter: Array
-    fourth: Array
-    low: Array
-    high: Array
+    d: int
+    node: Array
+
+    @property
+    def count(self) -> float:
+        """How many vectors."""
+        return float(self.node[0])
+
+    @property
+    def mean(self) -> Array:
+        """Their mean (d,)."""
+        return self.node[1 : 1 + self.d]
+
+    @property
+    def scatter(self) -> Array:
+        """Sum of products of deviations from the mean (d, d)."""
+        return self.node[1 + self.d : 1 + self.d + self.d**2].reshape(self.d, self.d)
+
+    @property
+    def fourth(self) -> Array:
+        """Sum of fourth powers of the values themselves (d,)."""
+        return self.node[-3 * self.d : -2 * self.d]
+
+    @property
+    def low(self) -> Array:
+        """Lowest values (d,); `inf` for no vector."""
+        return self.node[-2 * self.d : -self.d]
+
+    @property
+    def high(self) -> Array:
+        """Highest values (d,); `-inf` for no vector."""
+        return self.node[-self.d :]
 
     def merge(self, other: Moments) -> Moments:
-        """Return the moments of both (Chan, Golub & LeVeque 1983).
-
-        Exactly `self` where the other is empty, so padding changes nothing.
-        """
-        count = self.count + other.count
-        share = other.count / np.maximum(count, 1.0)
-        change = other.mean - self.mean
-        weight = self.count * share
-        return Moments(
-            count,
-            self.mean + change * share[..., None],
-            self.scatter
-            + other.scatter
-            + (change[..., :, None] * change[..., None, :]) * weight[..., None, None],
-            self.fourth + other.fourth,
-            np.minimum(self.low, other.low),
-            np.maximum(self.high, other.high),
-        )
-
-    def _pick(self, index: int | slice) -> Moments:
-        return Moments(
-            self.count[index],
-            self.mean[index],
-            self.scatter[index],
-            self.fourth[index],
-            self.low[index],
-            self.high[index],
-        )
+        """Return the moments of both: exactly `self` where the other is empty."""
+        return Moments(self.d, _core.merge_moments(self.d, self.node, other.node))
 
 
 def moments(values: Array, ok: NDArray[np.bool_]) -> Moments:
     """Return the moments of the rows (trials, d) of one chunk that are `ok`."""
-    trials, d = values.shape
-    leaves = 1
-    while leaves * LEAF < trials:
-        leaves *= 2
-    everything = bool(ok.all())
-    full = everything and trials == leaves * LEAF
-    # State by state, so that each sum runs over neighbours in memory.
-    padded = np.zeros((d, leaves * LEAF))
-    weight = np.zeros(leaves * LEAF)
-    if everything:
-        padded[:, :trials] = values.T
-        weight[:trials] = 1.0
-    else:
-        padded[:, :trials][:, ok] = values[ok].T
-        weight[:trials][ok] = 1.0
-    columns, weights = padded.reshape(d, leaves, LEAF), weight.reshape(leaves, LEAF)
-    count = np.full(leaves, float(LEAF)) if full else _sum(weights)
-    mean = _sum(columns) / np.maximum(count, 1.0)
-    deviation = columns - mean[:, :, None]
-    if full:
-        low, high = columns.min(axis=-1), columns.max(axis=-1)
-    else:
-        deviation *= weights
-        low = np.where(weights > 0, columns, np.inf).min(axis=-1)
-        high = np.where(weights > 0, columns, -np.inf).max(axis=-1)
-    scatter = np.empty((leaves, d, d))
-    for i in range(d):
-        for j in range(i + 1):
-            scatter[:, i, j] = scatter[:, j, i] = _sum(deviation[i] * deviation[j])
-    columns *= columns
-    columns *= columns
-    node = Moments(
-        count,
-        mean.T,
-        scatter,
-        _sum(columns).T,
-        low.T,
-        high.T,
-    )
-    while leaves > 1:
-        node = node._pick(slice(0, None, 2)).merge(node._pick(slice(1, None, 2)))
-        leaves //= 2
-    return node._pick(0)
-
-
-def _sum(values: Array) -> Array:
-    """Sum over the last axis, of length LEAF, by halves: one order on every machine."""
-    while values.shape[-1] > 1:
-        half = values.shape[-1] // 2
-        values = values[..., :half] + values[..., half:]
-    return values[..., 0]
+    return Moments(values.shape[1], _core.moments(values, ok))
 
 
 class Tree:

@@ -1,7 +1,7 @@
-//! Quantities of simulated trials.
+//! Quantities of simulated trials, and sums over trials.
 
-use gramian::batch::{self, simd::Path};
-use numpy::{PyArray1, PyArrayMethods};
+use gramian::batch::{self, moments as tree, simd::Path};
+use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
 
 use crate::convert::{Batch, Input};
@@ -59,6 +59,50 @@ fn bearing_log_det_trials<'py>(
     Ok(out)
 }
 
+/// The node of the trials whose `values` (trials, d) are `ok` (trials,).
+#[pyfunction]
+fn moments<'py>(
+    py: Python<'py>,
+    values: &Bound<'py, PyAny>,
+    ok: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    let values = Input::unchecked(values, "values", 2)?;
+    let d = values.core_shape()[1];
+    let ok: PyReadonlyArray1<'py, bool> = ok.extract()?;
+    let out = PyArray1::zeros(py, [tree::size(d)], false);
+    {
+        let (values, ok) = (values.slice()?, ok.as_slice()?);
+        if d == 0 || values.len() != d * ok.len() {
+            return Err(InputError::new_err("values and ok do not match"));
+        }
+        let mut write = out.readwrite();
+        let write = write.as_slice_mut()?;
+        py.detach(|| tree::moments(values, ok, d, write));
+    }
+    Ok(out)
+}
+
+/// The node of both `left` and `right`, of vectors of `d`.
+#[pyfunction]
+fn merge_moments<'py>(
+    py: Python<'py>,
+    d: usize,
+    left: &Bound<'py, PyAny>,
+    right: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    let size = tree::size(d);
+    let left = Input::unchecked(left, "left", 1)?;
+    let right = Input::unchecked(right, "right", 1)?;
+    for node in [&left, &right] {
+        node.expect(&[Some(size)], "the numbers of a node")?;
+    }
+    let mut both = left.slice()?.to_vec();
+    tree::merge(d, &mut both, right.slice()?);
+    Ok(PyArray1::from_vec(py, both))
+}
+
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    module.add_function(wrap_pyfunction!(bearing_log_det_trials, module)?)
+    module.add_function(wrap_pyfunction!(bearing_log_det_trials, module)?)?;
+    module.add_function(wrap_pyfunction!(moments, module)?)?;
+    module.add_function(wrap_pyfunction!(merge_moments, module)?)
 }

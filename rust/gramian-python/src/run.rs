@@ -1,6 +1,7 @@
 //! Running a kernel: without the interpreter lock, on the chosen number of
 //! threads, in pieces short enough that Ctrl-C is heard.
 
+use std::cell::RefCell;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -25,6 +26,25 @@ static SETTING: Mutex<Setting> = Mutex::new(Setting {
     threads: 0,
     pool: None,
 });
+
+/// What a thread was told that has a share of some larger work.
+struct Worker {
+    /// Whether its kernels stay on it.
+    alone: bool,
+    /// Called now and then, as only the main thread hears Ctrl-C; may raise.
+    check: Py<PyAny>,
+}
+
+thread_local! {
+    static WORKER: RefCell<Option<Worker>> = const { RefCell::new(None) };
+}
+
+/// Makes the calling thread a worker: with `alone` its kernels stay on it, and
+/// during long ones `check` is called, which may raise.
+#[pyfunction]
+pub fn be_worker(alone: bool, check: Py<PyAny>) {
+    WORKER.set(Some(Worker { alone, check }));
+}
 
 /// Sets how many threads kernels may use; 0 for as many as there are cores.
 /// Returns the setting before.
@@ -54,6 +74,9 @@ pub fn threads() -> usize {
 
 /// The pool to run in; `None` for the calling thread alone.
 fn pool() -> PyResult<Option<Arc<ThreadPool>>> {
+    if WORKER.with_borrow(|worker| worker.as_ref().is_some_and(|worker| worker.alone)) {
+        return Ok(None);
+    }
     let mut setting = SETTING.lock().unwrap_or_else(PoisonError::into_inner);
     if setting.threads == 1 {
         return Ok(None);
@@ -93,7 +116,8 @@ pub fn detached<R: Send>(py: Python<'_>, kernel: impl FnOnce(Threads) -> R + Sen
 }
 
 /// Calls `kernel` on one range of trials after the other. `cost` is roughly
-/// what a trial takes, in nanoseconds; between ranges Ctrl-C is heard.
+/// what a trial takes, in nanoseconds; between ranges Ctrl-C is heard, and a
+/// worker's check called.
 pub fn in_pieces(
     py: Python<'_>,
     trials: usize,
@@ -108,6 +132,10 @@ pub fn in_pieces(
         first = range.end;
         detached(py, |threads| kernel(range, threads))??;
         py.check_signals()?;
+        let check = WORKER.with_borrow(|worker| worker.as_ref().map(|w| w.check.clone_ref(py)));
+        if let Some(check) = check {
+            check.call0(py)?;
+        }
     }
     Ok(())
 }

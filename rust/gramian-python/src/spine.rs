@@ -241,5 +241,6 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(marginal_rows, module)?)?;
     module.add_function(wrap_pyfunction!(run::set_threads, module)?)?;
     module.add_function(wrap_pyfunction!(run::threads, module)?)?;
+    module.add_function(wrap_pyfunction!(run::be_worker, module)?)?;
     module.add_class::<Analysis>()
 }

@@ -20,6 +20,7 @@ mod gram;
 mod lanes;
 mod linear;
 mod maneuver;
+pub mod moments;
 pub mod plan;
 mod posterior;
 mod random;
