@@ -1,6 +1,7 @@
 """Runs that are stopped: by a kill, by Ctrl-C, by a full disk."""
 
 import errno
+import json
 import os
 import signal
 import subprocess
@@ -175,6 +176,21 @@ def test_a_damaged_chunk_is_run_again(tmp_path, whole):
     same(result, whole)
 
 
+def test_no_bit_of_a_chunk_goes_astray_unseen(tmp_path):
+    """Parquet reads a number with a wrong bit as gladly as a right one."""
+    wanted = gm.monte_carlo.run(Level(10), 64, SEED, mean, table=True, resume=tmp_path)
+    content = parts(tmp_path)[2].read_bytes()
+    runs = 0
+    for place in range(40, len(content), 61):
+        spoiled = bytearray(content)
+        spoiled[place] ^= 1
+        parts(tmp_path)[2].write_bytes(spoiled)
+        found = gm.monte_carlo.run(Level(10), 64, SEED, mean, table=True, resume=tmp_path)
+        assert found.table.tobytes() == wanted.table.tobytes(), place
+        runs += found.simulated == 16
+    assert runs > 10
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -193,6 +209,15 @@ def test_another_run_is_refused(tmp_path, change, message):
     with pytest.raises(gm.InputError, match=message):
         gm.monte_carlo.run(**(given | change), resume=tmp_path)
     assert gm.monte_carlo.run(**given, resume=tmp_path).simulated == 0
+
+
+@pytest.mark.parametrize("chunk", [17, True, 2**40])
+def test_a_manifest_that_someone_has_edited_is_refused(tmp_path, chunk):
+    gm.monte_carlo.run(Level(10), 64, SEED, mean, resume=tmp_path)
+    file = tmp_path / "manifest.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"chunk": chunk}))
+    with pytest.raises(gm.InputError, match=rf"of another chunk size \({chunk} there, 16 here\)"):
+        gm.monte_carlo.run(Level(10), 64, SEED, mean, resume=tmp_path)
 
 
 def test_another_version_is_refused(tmp_path, monkeypatch):
@@ -220,6 +245,9 @@ def test_a_path_that_cannot_be_used_is_named(tmp_path):
         gm.monte_carlo.run(Level(10), 64, SEED, mean, resume=tmp_path / "file" / "run")
     with pytest.raises(gm.InputError, match=r"holds 'file' and no manifest"):
         gm.monte_carlo.run(Level(10), 64, SEED, mean, resume=tmp_path)
+    for path in ("", 5, True, b"run", "a\0b"):
+        with pytest.raises(gm.InputError, match=r"resume = .*: must be the path of a directory"):
+            gm.monte_carlo.run(Level(10), 64, SEED, mean, resume=path)
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "manifest.json").write_text("{")
     with pytest.raises(gm.InputError, match=r"manifest.json cannot be read"):

@@ -2,6 +2,7 @@
 
 import concurrent.futures as cf
 import multiprocessing
+import sys
 
 import numpy as np
 import pytest
@@ -150,6 +151,78 @@ def test_when_all_trials_fail_the_answer_says_so():
     result.plot()
 
 
+def wrong(kind):
+    """Return what estimators return that is no estimate of one state."""
+    return {
+        "scalar": 3.0,
+        "column": [[3.0]],
+        "two": [1.0, 2.0],
+        "nothing": None,
+        "text": "three",
+        "imaginary": np.array([3 + 1j]),
+        "generator": (x for x in [3.0]),
+        "table": {"level": 3.0},
+        "ragged": [[1.0], [2.0, 3.0]],
+        "infinite": [np.inf],
+        "masked": np.ma.masked_array([3.0], [True]),
+        "covariance of two": ([3.0], np.eye(2)),
+        "covariance of text": ([3.0], [["a"]]),
+    }[kind]
+
+
+@pytest.mark.parametrize(
+    ("returned", "kind"),
+    [
+        ("scalar", "wrong shape"),
+        ("column", "wrong shape"),
+        ("two", "wrong shape"),
+        ("nothing", "not numbers"),
+        ("text", "not numbers"),
+        ("imaginary", "not numbers"),
+        ("generator", "not numbers"),
+        ("table", "not numbers"),
+        ("ragged", "not numbers"),
+        ("infinite", "not finite"),
+        ("masked", "not finite"),
+        ("covariance of two", "wrong shape"),
+        ("covariance of text", "not numbers"),
+    ],
+)
+def test_what_is_no_estimate_is_counted(returned, kind):
+    result = gm.monte_carlo.run(Level(10), 20, 1, lambda z: wrong(returned))
+    (failure,) = result.failures
+    assert (failure.kind, failure.count, result.used) == (kind, 20, 0)
+    assert result.verdict == "NO ESTIMATE: all 20 trials failed"
+
+
+def test_a_list_will_do_for_a_pair():
+    found = gm.monte_carlo.run(Level(10), 50, 1, lambda z: [[z.mean()], [[0.1]]])
+    same(found, gm.monte_carlo.run(Level(10), 50, 1, lambda z: (np.array([z.mean()]), [[0.1]])))
+
+
+def test_an_estimator_that_ends_the_program_is_counted():
+    def quits(z):
+        sys.exit("no\nlicence")
+
+    (failure,) = gm.monte_carlo.run(Level(10), 20, 1, quits).failures
+    assert (failure.kind, failure.count) == ("raised SystemExit", 20)
+    assert failure.gist == "SystemExit: no licence"
+
+
+def test_the_verdict_says_what_failed_and_what_too_few_trials_cannot_tell():
+    def moody(z):
+        if z[0] > 3.5:
+            raise ValueError("too far")
+        return [z.mean()]
+
+    partly = gm.monte_carlo.run(Level(10), 2000, 1, moody)
+    assert partly.verdict.endswith(f"; {partly.failed} of 2000 trials failed")
+    for trials in (1, 2, 10):
+        few = gm.monte_carlo.run(scene(), trials, 1)
+        assert few.verdict.startswith("TOO FEW TRIALS: RMSE / bound of ")
+    assert gm.monte_carlo.run(scene(), 100, 1).verdict.startswith("REACHES THE BOUND")
+
+
 def test_a_covariance_that_is_none_is_counted():
     result = gm.monte_carlo.run(Level(4), 50, 1, lambda z: ([z.mean()], [[-1.0]]))
     (failure,) = result.failures
@@ -157,6 +230,11 @@ def test_a_covariance_that_is_none_is_counted():
     assert failure.count == 50
     assert result.used == 50
     assert result.nees is None
+    two = gm.Problem(np.eye(2), ["a", "b"])
+    slanted = gm.monte_carlo.run(two, 50, 1, lambda z: (z, [[1.0, 0.5], [0.0, 1.0]]))
+    (failure,) = slanted.failures
+    assert failure.kind == "covariance not symmetric (no NEES)"
+    assert (failure.count, slanted.used, slanted.nees) == (50, 50, None)
 
 
 def test_quantities_are_averaged_and_checked():
@@ -221,6 +299,9 @@ def test_an_unobservable_scene_has_no_built_in_estimate():
         ({"estimator": None}, "estimator is missing: a Level has no built-in one"),
         ({"executor": "pool"}, "executor is a str: must be a concurrent.futures.Executor"),
         ({"quantities": ["no"]}, "quantities has 'no': the experiment's own are none"),
+        ({"quantities": 5}, "quantities = 5: must be names"),
+        ({"quantities": {5: len}}, "quantities has the name 5: must be a text"),
+        ({"trials": True}, "trials = True: must be a whole number"),
         ({"quantities": {"q": 1}}, "quantities\\['q'\\] = 1: must be a function"),
         ({"quantities": {"nees": len}}, "quantities has 'nees': that is a column"),
         ({"problem": 3}, "problem is a int: must be a gramian.Problem or"),
@@ -231,6 +312,17 @@ def test_bad_input_is_named(change, message):
     given = {"problem": Level(10), "trials": 10, "seed": 1, "estimator": mean} | change
     with pytest.raises(gm.InputError, match=message):
         gm.monte_carlo.run(**given)
+
+
+def test_an_executor_that_returns_something_else_is_named():
+    class Idle(cf.Executor):
+        def submit(self, function, /, *given, **named):
+            done = cf.Future()
+            done.set_result(None)
+            return done
+
+    with pytest.raises(gm.WorkerError, match="returned a NoneType for trials 0 to 15"):
+        gm.monte_carlo.run(Level(10), 64, 1, mean, executor=Idle())
 
 
 def test_an_executor_that_is_shut_down_is_refused():

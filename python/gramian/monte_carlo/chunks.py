@@ -29,12 +29,14 @@ Array = NDArray[np.float64]
 Table = NDArray[np.void]
 Estimator = Callable[[Any], Any]
 
+#: The largest chunk that may be asked for.
+MOST = 2**24
 #: The trials whose rows are always kept, for pictures.
 HEAD = 2048
 #: Errors beyond this overflow when their fourth power is summed.
 LARGEST = 1e75
 #: Entries of the column `status` beside 0 (success) and the built-in estimators' own, > 0.
-STATUS = {"raised": -1, "not finite": -2, "wrong shape": -3}
+STATUS = {"raised": -1, "not finite": -2, "wrong shape": -3, "not numbers": -4}
 #: What the name of a column of errors begins with.
 ERROR = "error_"
 #: Bins of the NEES histogram, the last one for all above.
@@ -60,6 +62,17 @@ class Failure:
     count: int
     first_trial: int
     message: str
+
+    @property
+    def gist(self) -> str:
+        """What it said, in one line."""
+        lines = [line.strip() for line in self.message.strip().splitlines()]
+        _, raised, name = self.kind.rpartition("raised ")
+        if raised:
+            # The rest of a traceback is about where, and below may be more of the message.
+            said = [i for i, line in enumerate(lines) if line.split(":")[0].endswith(name)]
+            lines = lines[said[-1] if said else -1 :]
+        return " ".join(lines)
 
     def joined(self, other: Failure) -> Failure:
         """Return both as one; the message is that of the earlier trial."""
@@ -262,7 +275,7 @@ class Task:
                 notes.add_one(refusal.kind, trial, str(refusal))
                 rows.status[i] = STATUS[refusal.kind]
                 continue
-            except Exception as error:
+            except (Exception, SystemExit) as error:
                 text = "".join(traceback.format_exception(error))
                 notes.add_one(f"raised {type(error).__name__}", trial, text)
                 rows.status[i] = STATUS["raised"]
@@ -295,13 +308,17 @@ class Task:
         for i in range(trials):
             trial = rows.first + i
             try:
-                value = np.asarray(function(measurements[i]), dtype=float)
+                returned = function(measurements[i])
+                value = _numbers(returned, f"{name} = {returned!r:.200}: must be a number")
                 if value.ndim:
                     kind = f"{name}: wrong shape"
                     notes.add_one(kind, trial, f"{name} has shape {value.shape}: must be ()")
                     continue
                 values[i] = value
-            except Exception as error:
+            except _Unusable as refusal:
+                notes.add_one(f"{name}: {refusal.kind}", trial, str(refusal))
+                continue
+            except (Exception, SystemExit) as error:
                 text = "".join(traceback.format_exception(error))
                 notes.add_one(f"{name}: raised {type(error).__name__}", trial, text)
                 continue
@@ -339,34 +356,56 @@ class _Unusable(Exception):
 
 def _answer(returned: Any, n: int) -> tuple[Array, Array | None]:
     covariance = None
-    if isinstance(returned, tuple) and len(returned) == 2 and np.ndim(returned[1]) == 2:
+    if isinstance(returned, (tuple, list)) and len(returned) == 2 and _axes(returned[1]) == 2:
         returned, covariance = returned
     elif hasattr(returned, "covariance"):
         found = [a for a in ("state", "estimate", "x") if hasattr(returned, a)]
         if found:
             returned, covariance = getattr(returned, found[0]), returned.covariance
     wanted = f"must be ({n},), or a pair of that and a covariance ({n}, {n})"
-    try:
-        state = np.asarray(returned, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise _Unusable(
-            "wrong shape", f"the estimator returned {returned!r:.200}: {wanted}"
-        ) from error
+    state = _numbers(returned, f"the estimator returned {returned!r:.200}: {wanted}")
     if state.shape != (n,):
         raise _Unusable("wrong shape", f"the estimate has shape {state.shape}: {wanted}")
     if not (np.abs(state) <= LARGEST).all():
         raise _Unusable("not finite", f"the estimate is {state}: must be finite")
     if covariance is not None:
-        covariance = np.asarray(covariance, dtype=float)
+        covariance = _numbers(covariance, f"the covariance is {covariance!r:.200}: {wanted}")
         if covariance.shape != (n, n):
             raise _Unusable("wrong shape", f"the covariance has shape {covariance.shape}: {wanted}")
     return state, covariance
+
+
+def _axes(value: Any) -> int:
+    try:
+        return int(np.ndim(value))
+    except ValueError:
+        return -1
+
+
+def _numbers(value: Any, complaint: str) -> Array:
+    """Return real numbers, the masked ones NaN; anything else is not taken for some."""
+    try:
+        if value is None or np.iscomplexobj(value):
+            raise TypeError
+        masked = np.ma.getmaskarray(value) if isinstance(value, np.ma.MaskedArray) else None
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise _Unusable("not numbers", complaint) from error
+    return array if masked is None else np.where(masked, np.nan, array)
 
 
 def _nees(error: Array, covariance: Array | None, bound: Array | None) -> float:
     claimed = bound if covariance is None else covariance
     if claimed is None:
         return np.nan
+    if covariance is not None:
+        size = np.sqrt(np.abs(np.diag(covariance)))
+        # A filter's covariance may be a little uneven by rounding.
+        if (np.abs(covariance - covariance.T) > 1e-6 * np.outer(size, size)).any():
+            raise _Unusable(
+                "covariance not symmetric (no NEES)",
+                f"the estimator claims the covariance\n{covariance}",
+            )
     value = float(squared_over(error[None], claimed)[0])
     if np.isnan(value) and covariance is not None:
         raise _Unusable(

@@ -195,7 +195,13 @@ class _Workers:
     def _result(self, future: cf.Future[Chunk], span: Span) -> Chunk | str:
         """Return the chunk; "broken" or "lost" if it must be run again."""
         try:
-            return future.result()
+            result = future.result()
+            if isinstance(result, Chunk):
+                return result
+            raise WorkerError(
+                f"the executor returned a {type(result).__name__} for {_range([span])}: must be "
+                "what the function that it was given returns"
+            )
         except cf.BrokenExecutor:
             return "broken"
         except cf.CancelledError as error:

@@ -110,10 +110,7 @@ def _states(result: MonteCarloResult) -> Table:
 
 
 def _failures(result: MonteCarloResult) -> Table:
-    rows = [
-        [f.kind, str(f.count), str(f.first_trial), f.message.strip().splitlines()[-1]]
-        for f in result.failures
-    ]
+    rows = [[f.kind, str(f.count), str(f.first_trial), f.gist] for f in result.failures]
     return Table(
         "Trials that failed",
         ["kind", "trials", "first trial", "what it said"],

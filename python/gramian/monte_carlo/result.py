@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 Table = NDArray[np.void]
 
 LEVEL = 0.95
+#: Where an excess over the bound as large as this is not ruled out, nothing is said of it.
+TOO_WIDE = 1.5
 _ARRAYS = (
     "truth",
     "bias",
@@ -241,7 +243,8 @@ class MonteCarloResult:
             return f"NO ESTIMATE: all {self.trials} trials failed"
         if self.bound is None or self.efficiency is None or self.efficiency_interval is None:
             return f"ESTIMATED: {self.used} trials, no bound to compare with"
-        return self._against_bound(self.bound, self.efficiency, self.efficiency_interval)
+        answer = self._against_bound(self.bound, self.efficiency, self.efficiency_interval)
+        return answer + (f"; {self.failed} of {self.trials} trials failed" if self.failed else "")
 
     def _against_bound(self, bound: Array, efficiency: Array, interval: Array) -> str:
         from scipy.stats import norm
@@ -268,6 +271,11 @@ class MonteCarloResult:
                 f"{efficiency[best]:.3f}; the estimator is biased, or uses knowledge that "
                 "the bound does not have"
             )
+        if limit(worst, 1) > TOO_WIDE:
+            return (
+                f"TOO FEW TRIALS: {ratio}, give or take: {limit(worst, 0):.2g} to "
+                f"{limit(worst, 1):.2g} (95 %)"
+            )
         return f"REACHES THE BOUND: the largest {ratio.replace(' is', ',')}"
 
     def summary(self) -> str:
@@ -293,7 +301,7 @@ class MonteCarloResult:
             )
         lines += [
             f"  {failure.count} of {self.trials}: {failure.kind}, first in trial "
-            f"{failure.first_trial}: {_last_line(failure.message)}"
+            f"{failure.first_trial}: {failure.gist}"
             for failure in self.failures
         ]
         return "\n".join(lines)
@@ -554,8 +562,3 @@ def _columns(rows: list[list[str]]) -> list[str]:
         ).rstrip()
         for row in rows
     ]
-
-
-def _last_line(text: str) -> str:
-    lines = text.strip().splitlines()
-    return lines[-1] if lines else ""

@@ -7,6 +7,7 @@ any moment each chunk is there whole or not at all.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 from contextlib import suppress
@@ -19,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gramian.exceptions import GramianError, InputError, StorageError
-from gramian.monte_carlo.chunks import Failure
+from gramian.monte_carlo.chunks import MOST, Failure
+from gramian.monte_carlo.statistics import LEAF
 
 __all__ = ["Manifest", "Store", "arrow_table", "kept_chunk_size"]
 
@@ -64,8 +66,10 @@ class Store:
             import pyarrow.parquet  # noqa: F401
         except ImportError as error:  # pragma: no cover - without the extra
             raise GramianError("resume wants pyarrow: pip install 'gramian[interop]'") from error
-        self.path = Path(path)
         self._lock: IO[str] | None = None
+        if not (isinstance(path, (str, os.PathLike)) and str(path)) or "\0" in str(path):
+            raise InputError(f"resume = {path!r}: must be the path of a directory")
+        self.path = Path(path)
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             self._claim()
@@ -96,6 +100,8 @@ class Store:
             table = np.zeros(content.num_rows, dtype=dtype)
             for name in dtype.names or ():
                 table[name] = content.column(name).to_numpy()
+            if notes["digest"] != _digest(table, notes["failures"]):
+                return None
             failures = tuple(Failure(**entry) for entry in notes["failures"])
         except (OSError, pa.ArrowException, KeyError, TypeError, ValueError):
             # Missing, or damaged by something else than us: it is run again.
@@ -107,7 +113,8 @@ class Store:
         """Keep a finished chunk."""
         import pyarrow.parquet as pq
 
-        notes = {"failures": [asdict(failure) for failure in failures]}
+        entries = [asdict(failure) for failure in failures]
+        notes = {"failures": entries, "digest": _digest(table, entries)}
         buffer = BytesIO()
         pq.write_table(arrow_table(table, {"gramian": json.dumps(notes)}), buffer)
         try:
@@ -167,13 +174,23 @@ class Store:
                 )
 
 
-def kept_chunk_size(path: str | os.PathLike[str]) -> int | None:
+def kept_chunk_size(path: str | os.PathLike[str] | None) -> int | None:
     """Return the chunk size of the run that a directory holds; None if it holds none."""
+    if path is None:
+        return None
     try:
         found = json.loads((Path(path) / "manifest.json").read_text(encoding="utf-8"))["chunk"]
     except (OSError, ValueError, KeyError, TypeError):
         return None
-    return found if isinstance(found, int) and found > 0 else None
+    usable = type(found) is int and LEAF <= found <= MOST and found & (found - 1) == 0
+    return found if usable else None
+
+
+def _digest(table: Table, failures: list[dict[str, Any]]) -> str:
+    """Return what tells a chunk that a disk has spoiled."""
+    digest = hashlib.blake2b(table.tobytes(), digest_size=16)
+    digest.update(json.dumps(failures).encode())
+    return digest.hexdigest()
 
 
 def _replace(file: Path, content: bytes) -> None:

@@ -15,6 +15,8 @@ import numpy as np
 
 from gramian.exceptions import InputError, UnobservableError
 from gramian.monte_carlo.chunks import (
+    ERROR,
+    MOST,
     Chunk,
     Estimator,
     Failure,
@@ -149,7 +151,7 @@ def run(
     else:
         # A run that is resumed keeps its chunks, also when it is made longer.
         cost = experiment.cost if task.in_rust else None
-        size = (resume and kept_chunk_size(resume)) or chunk_size(trials, cost)
+        size = kept_chunk_size(resume) or chunk_size(trials, cost)
     total = _Total(table)
     store = None
     if resume is not None:
@@ -312,15 +314,17 @@ def _integer(value: Any, name: str, least: int, most: int) -> int:
     try:
         number = operator.index(value)
     except TypeError:
-        raise InputError(f"{name} = {value!r}: must be a whole number") from None
-    if isinstance(value, bool) or not least <= number <= most:
+        number = None
+    if number is None or isinstance(value, (bool, np.bool_)):
+        raise InputError(f"{name} = {value!r}: must be a whole number")
+    if not least <= number <= most:
         limits = f"must be >= {least}" if number < least else f"must be <= {most}"
         raise InputError(f"{name} = {value!r}: {limits}")
     return number
 
 
 def _chunk(value: int) -> int:
-    size = _integer(value, "chunk", LEAF, 2**24)
+    size = _integer(value, "chunk", LEAF, MOST)
     if size & (size - 1):
         raise InputError(f"chunk = {size}: must be a power of two, {LEAF} or more")
     return size
@@ -345,11 +349,18 @@ def _quantities(
         return {}
     if isinstance(given, str):
         given = (given,)
+    if not isinstance(given, Iterable):
+        raise InputError(
+            f"quantities = {given!r}: must be names of the experiment's own, or a mapping of name "
+            "to function"
+        )
     wanted: dict[str, Callable[[Any], Any] | None] = (
         dict(given) if isinstance(given, Mapping) else dict.fromkeys(given)
     )
     for name, function in wanted.items():
-        if name in ("trial", "status", "nees") or str(name).startswith("error_"):
+        if function is not None and not isinstance(name, str):
+            raise InputError(f"quantities has the name {name!r}: must be a text")
+        if name in ("trial", "status", "nees") or str(name).startswith(ERROR):
             raise InputError(f"quantities has {name!r}: that is a column of every run")
         if function is None and name not in experiment.quantities:
             own = ", ".join(experiment.quantities) or "none"
