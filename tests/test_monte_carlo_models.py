@@ -258,6 +258,8 @@ def test_gramian_simulate_writes_its_report(file, tmp_path):
     assert done.exit_code == 0, done.output
     assert "REACHES THE BOUND" in done.output
     assert "RMSE / bound" in done.output
+    # Nothing is cut off, also where the terminal has 80 columns.
+    assert "…" not in done.output
     data = json.loads((out / "result.json").read_text())["monte_carlo"]
     wanted = gm.monte_carlo.run(scene(), 2000, 3)
     np.testing.assert_allclose(data["rmse"], wanted.rmse, rtol=1e-9)

@@ -356,6 +356,27 @@ def test_an_experiment_that_is_wrong_is_named():
         gm.monte_carlo.run(Broken(3), 10, 1, mean)
 
 
+@pytest.mark.parametrize(
+    ("found", "message"),
+    [
+        (None, "estimate returned a NoneType: must be Estimates"),
+        (([[0.0, 0.0]] * 10, None, [0] * 10), r"errors \(10, 2\): must be \(10, 1\)"),
+        (([[0.0]] * 10, [1.0], [0] * 10), r"nees \(1,\): must be \(10,\)"),
+        (([[0.0]] * 10, None, [0]), r"status \(1,\): must be \(10,\)"),
+        (([[0.0]] * 10, None, [70_000] * 10), "a status of 32768 or more"),
+    ],
+)
+def test_an_estimator_of_ones_own_experiment_that_is_wrong_is_named(found, message):
+    class Odd(Level):
+        estimators = ("odd",)
+
+        def estimate(self, name, seed, first, trials):
+            return found and gm.monte_carlo.Estimates(*found, {})
+
+    with pytest.raises(gm.InputError, match=message):
+        gm.monte_carlo.run(Odd(3), 10, 1)
+
+
 def test_a_function_of_ones_own_is_an_experiment():
     beacons = np.array([[0.0, 0.0], [100.0, 0.0], [0.0, 100.0]])
     experiment = gm.monte_carlo.Measurements(
@@ -368,6 +389,8 @@ def test_a_function_of_ones_own_is_an_experiment():
     assert (abs(result.efficiency - 1) < 0.05).all()
     with pytest.raises(gm.InputError, match="must be > 0"):
         gm.monte_carlo.Measurements(lambda p: p, [1.0], -1.0, ["x"])
+    with pytest.raises(gm.InputError, match="h is a int: must be a function"):
+        gm.monte_carlo.Measurements(5, [1.0], 1.0, ["x"])
 
 
 def test_sweeps_set_the_bound_beside():
@@ -385,6 +408,7 @@ def test_sweeps_set_the_bound_beside():
     for call, message in [
         (lambda: gm.monte_carlo.sweep(Level(4), {"x": [1]}, 9, 1, mean), "fields are samples"),
         (lambda: gm.monte_carlo.sweep(Level, {}, 9, 1, mean), "must have one or two"),
+        (lambda: gm.monte_carlo.sweep(Level, ["x"], 9, 1, mean), "is a list: must be a mapping"),
         (lambda: gm.monte_carlo.sweep(Level, {"sigma": []}, 9, 1, mean), "not empty"),
         (lambda: line.values("speed"), "the runs have no 'speed'"),
         (lambda: line.values("rmse", "x"), "no state is named 'x'"),

@@ -124,12 +124,14 @@ class Report:
                 title_justify="left",
                 title_style="bold",
                 box=None,
-                padding=(0, 2),
+                padding=(0, 1),
                 caption=escape(table.note) or None,
                 caption_justify="left",
             )
             for i, column in enumerate(table.columns):
-                shown.add_column(escape(column), justify="left" if table.is_text(i) else "right")
+                # Where the terminal is narrow, numbers are broken and not cut off.
+                side: Literal["left", "right"] = "left" if table.is_text(i) else "right"
+                shown.add_column(escape(column), justify=side, overflow="fold")
             for row in table.rows:
                 shown.add_row(*(escape(cell) for cell in row))
             console.print()

@@ -238,10 +238,16 @@ class Task:
 
     def _take(self, found: Estimates, rows: Rows, notes: _Notes) -> None:
         trials, n = len(rows.status), len(self.experiment.names)
+        if not isinstance(found, Estimates):
+            raise InputError(f"estimate returned a {type(found).__name__}: must be Estimates")
+        for name, shape in {"errors": (trials, n), "status": (trials,), "nees": (trials,)}.items():
+            value = getattr(found, name)
+            if np.shape(value) != shape and not (name == "nees" and value is None):
+                raise InputError(f"estimate returned {name} {np.shape(value)}: must be {shape}")
+        if not (np.abs(found.status) < 2**15).all():
+            raise InputError("estimate returned a status of 32768 or more: must be less")
         # Copies: they are written to.
         errors = np.array(found.errors, dtype=float, order="C")
-        if errors.shape != (trials, n):
-            raise InputError(f"estimate returned errors {errors.shape}: must be ({trials}, {n})")
         status = np.array(found.status, dtype=np.int16)
         bad = status != 0
         good = np.abs(errors) <= LARGEST

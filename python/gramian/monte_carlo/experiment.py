@@ -250,7 +250,9 @@ class Measurements(Experiment):
     unit_names: Sequence[str] | None = None
 
     def __post_init__(self) -> None:
-        # Checks everything.
+        if not callable(self.h):
+            raise InputError(f"h is a {type(self.h).__name__}: must be a function of the state")
+        # Checks everything else.
         self.problem()
 
     @property

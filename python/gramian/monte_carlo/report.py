@@ -88,23 +88,20 @@ def _facts(result: MonteCarloResult) -> list[tuple[str, str]]:
 
 
 def _states(result: MonteCarloResult) -> Table:
-    columns = ["state", "unit", "bias", "RMSE", "95 % of the RMSE"]
-    bounded = result.bound is not None and result.efficiency is not None
-    if bounded:
-        columns += ["bound", "RMSE / bound"]
+    bound, ratio, interval = result.bound, result.efficiency, result.efficiency_interval
+    columns = ["state", "unit", "bias", "RMSE"]
+    columns += ["95 % of it"] if bound is None else ["bound", "RMSE / bound", "95 % of it"]
     rows = []
     for i, name in enumerate(result.names):
-        low, high = result.rmse_interval[i]
-        row = [
-            name,
-            result.units[i],
-            number(result.bias[i], 3),
-            number(result.rmse[i]),
-            f"{number(low)} to {number(high)}",
-        ]
-        if result.bound is not None and result.efficiency is not None:
-            known = bool(np.isfinite(result.bound[i]))
-            row += [number(result.bound[i]), f"{result.efficiency[i]:.3f}" if known else "-"]
+        row = [name, result.units[i], number(result.bias[i], 3), number(result.rmse[i])]
+        if bound is None or ratio is None or interval is None:
+            low, high = result.rmse_interval[i]
+            row.append(f"{number(low)} to {number(high)}")
+        else:
+            known = bool(np.isfinite(bound[i]))
+            low, high = interval[i]
+            row += [number(bound[i]), f"{ratio[i]:.3f}" if known else "-"]
+            row.append(f"{low:.3f} to {high:.3f}" if known else "-")
         rows.append(row)
     return Table("Errors beside the bound", columns, rows)
 

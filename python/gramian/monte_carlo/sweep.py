@@ -193,6 +193,10 @@ def sweep(
     >>> result.values("bound", "slope").round(3)
     array([0.447, 0.154, 0.054])
     """
+    if not isinstance(parameters, Mapping):
+        raise InputError(
+            f"parameters is a {type(parameters).__name__}: must be a mapping of name to values"
+        )
     grid = {name: _values(name, values) for name, values in parameters.items()}
     if not 1 <= len(grid) <= 2:
         raise InputError(f"parameters has {len(grid)} entries: must have one or two")
