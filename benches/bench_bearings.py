@@ -320,35 +320,42 @@ def sighted(times: Any, path: Any, states: Any) -> Any:
     return matrix, np.linalg.det(matrix)
 
 
-def stone_soup(data: Any) -> Callable[[], Any]:
-    """Its measurement model's Jacobian at every sample, as its own metrics do."""
+def stone_soup_samples(times: Any, path: Any, sigma: float) -> Callable[[Any], Iterator[Any]]:
+    """Its measurement model, state and whitened row at every sample, for a state of ours."""
     from stonesoup.models.measurement.nonlinear import Cartesian2DToBearing
     from stonesoup.types.state import State, StateVector
 
-    times, path, states = data[0], data[1], data[2][:2]
     # Its name changed with a version.
     differentiate = getattr(Cartesian2DToBearing, "jacobian", None) or Cartesian2DToBearing.jac
     models = [
         Cartesian2DToBearing(
             ndim_state=4,
             mapping=(0, 2),
-            noise_covar=np.array([[SIGMA**2]]),
+            noise_covar=np.array([[sigma**2]]),
             translation_offset=np.array([[place[0]], [place[1]]]),
         )
         for place in path
     ]
 
+    def samples(x: Any) -> Iterator[Any]:
+        for t, model in zip(times - times[0], models, strict=True):
+            at = State(StateVector([x[0] + t * x[2], x[2], x[1] + t * x[3], x[3]]))
+            # Its bearings are from the x axis, anticlockwise.
+            d = -np.asarray(differentiate(model, at), dtype=float)[0] / sigma
+            yield model, at, [d[0], d[2], t * d[0], t * d[2]]
+
+    return samples
+
+
+def stone_soup(data: Any) -> Callable[[], Any]:
+    """Its Jacobian at every sample, as its own metrics do."""
+    times, path, states = data
+    samples = stone_soup_samples(times, path, SIGMA)
+
     def work() -> Any:
-        out = []
-        for x in states:
-            rows = []
-            for t, model in zip(times - times[0], models, strict=True):
-                at = State(StateVector([x[0] + t * x[2], x[2], x[1] + t * x[3], x[3]]))
-                d = np.asarray(differentiate(model, at), dtype=float)[0] / SIGMA
-                rows.append([d[0], d[2], t * d[0], t * d[2]])
-            h = np.array(rows)
-            out.append(h.T @ h)
-        return out, np.linalg.det(np.array(out))
+        rows = np.array([[row for *_, row in samples(x)] for x in states[:2]])
+        out = rows.transpose(0, 2, 1) @ rows
+        return out, np.linalg.det(out)
 
     return work
 

@@ -219,6 +219,21 @@ def fisher_contest(tracks: int, looks: int, *, peers: bool, series: str = "") ->
     )
 
 
+def estimate_limit(looks: int) -> Limit:
+    """What binds one maximum likelihood estimate."""
+    judged = min(looks, 64)
+    return Limit(
+        {
+            "fma": 6.0 * looks * 280 + judged * (8 * 190 + 3 * 64),
+            "divide": 6.0 * looks * 26 + judged * (8 * 16 + 3 * 8),
+            "root": 7.0 * (6 * looks + 8 * judged),
+        },
+        "5 steps and a verdict linearise each look and take it into a triangle (280 multiply-adds, "
+        "26 divisions, 7 roots); 64 looks are linearised 8 times more to judge the weakest "
+        "direction",
+    )
+
+
 def likelihood_contest(*, peers: bool) -> Contest:
     """Biases and positions of 200 looks: 404 unknowns."""
 
@@ -258,6 +273,7 @@ def likelihood_contest(*, peers: bool) -> Contest:
         1.0,
         reports(BIASES, TARGET_A),
         contestants,
+        limit=estimate_limit(len(TARGET_A)),
         cases={"well": case(TARGET_A[::10]), "ill": case(TARGET_A[::10] + np.array([0, 60e3]))},
         target="100 times SciPy",
         note="Error: distance from the most likely biases in deviations of the bound.",

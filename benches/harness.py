@@ -407,6 +407,9 @@ def main(contests: Callable[[bool], Iterator[Contest | Footprint]]) -> None:
 
     from limits import measure
 
+    if any(os.environ.get(name) != value for name, value in ONE_THREAD.items()):
+        # numpy is there already, with as many threads as it likes: anew.
+        os.execve(sys.executable, [sys.executable, *sys.argv], {**os.environ, **ONE_THREAD})
     quick = "--quick" in sys.argv
     only = [word for word in sys.argv[1:] if not word.startswith("-")]
     limits = measure()

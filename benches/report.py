@@ -25,6 +25,13 @@ STYLES = (
 )
 
 
+PICTURES = {
+    "accuracy.png": "Speed against accuracy",
+    "limit.png": "Fraction of the limit",
+    "size.png": "Time against size",
+}
+
+
 def family(contestant: str) -> str:
     """Return the software a contestant stands for, or ""."""
     for name, *_ in STYLES:
@@ -39,7 +46,7 @@ def family(contestant: str) -> str:
 def growth(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
     """Return slopes of log time of a whole call against log size: by series and contestant.
 
-    The slope is that of the upper half of the sizes, where fixed costs no longer show.
+    The slope is that of the largest sizes, where fixed costs no longer show.
     """
     found: dict[str, dict[str, float]] = {}
     for series in dict.fromkeys(row.series for row in rows if row.series):
@@ -49,7 +56,7 @@ def growth(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
             points = sorted(
                 (r.size, r.minimum * whole[r.size]) for r in of if r.contestant == contestant
             )
-            points = points[len(points) // 2 - 1 :] if len(points) > 2 else points
+            points = points[-3:] if len(points) > 3 else points[-2:]
             if len({size for size, _ in points}) > 1:
                 sizes, times = np.log(points).T
                 found.setdefault(series, {})[contestant] = float(np.polyfit(sizes, times, 1)[0])
@@ -72,20 +79,20 @@ def document(
     text += (
         "the time that the operations of the method take at the rates below, over the time taken.\n"
     )
-    text += f"\n![Speed against accuracy]({beside}accuracy.png)\n"
-    text += f"\n![Fraction of the limit]({beside}limit.png)\n"
-    text += f"\n![Time against size]({beside}size.png)\n"
+    for name, what in PICTURES.items():
+        text += f"\n![{what}]({beside}{name})\n"
     text += "\n## Machine and versions\n\n| | |\n|---|---|\n"
     text += "".join(f"| {key} | {value} |\n" for key, value in about.items())
-    text += "\n## The machine's limits\n\nMeasured in the run, G a second.\n\n"
-    text += "| what | one thread | all |\n|---|---|---|\n"
-    for kind, meaning in KINDS.items():
-        one, together = (limits[threads][kind] / 1e9 for threads in ("one", "all"))
-        text += f"| {kind}: {meaning} | {one:.3g} | {together:.3g} |\n"
+    if limits:
+        text += "\n## The machine's limits\n\nMeasured in the run, G a second.\n\n"
+        text += "| what | one thread | all |\n|---|---|---|\n"
+        for kind, meaning in KINDS.items():
+            one, together = (limits[threads][kind] / 1e9 for threads in ("one", "all"))
+            text += f"| {kind}: {meaning} | {one:.3g} | {together:.3g} |\n"
     text += worst(rows)
     if slopes := growth(rows):
         text += (
-            "\n## Growth\n\nSlope of log time of a call against log size, at the larger sizes.\n\n"
+            "\n## Growth\n\nSlope of log time of a call against log size, at the largest sizes.\n\n"
         )
         text += "| series | gramian | others |\n|---|---|---|\n"
         for series, of in slopes.items():
@@ -129,7 +136,7 @@ def worst(rows: Sequence[Row]) -> str:
 def pictures(rows: Sequence[Row], place: Path) -> None:
     """Draw time against size, the fraction of the limit, and speed against accuracy."""
     place.mkdir(exist_ok=True)
-    for name in ("size.png", "limit.png", "accuracy.png"):
+    for name in PICTURES:
         (place / name).unlink(missing_ok=True)  # of another run
     _size(rows, place / "size.png")
     _limit(rows, place / "limit.png")
@@ -142,6 +149,23 @@ def _figure(width: float, height: float) -> Any:
 
     mpl.rcParams.update({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False})
     return Figure((width, height), dpi=110, layout="constrained")
+
+
+def _style(contestant: str) -> tuple[str, str, str]:
+    return next((style for style in STYLES if style[0] == family(contestant)), ("", "grey", "."))
+
+
+def _legend(fig: Any, panels: Sequence[Any]) -> None:
+    """Name the kinds of contestants that any panel shows, below all of them."""
+    seen: dict[str, Any] = {}
+    for axes in panels:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            seen.setdefault(label, handle)
+    names = [name for name, *_ in STYLES if name in seen]
+    fig.legend(
+        [seen[name] for name in names], names, fontsize=8, ncols=max(1, len(names)),
+        frameon=False, loc="outside lower center",
+    )  # fmt: skip
 
 
 def _size(rows: Sequence[Row], path: Path) -> None:
@@ -164,33 +188,44 @@ def _size(rows: Sequence[Row], path: Path) -> None:
 
 def _panel(axes: Any, name: str, rows: Sequence[Row]) -> None:
     """Draw one series: calls that do the whole work, against size."""
+    from matplotlib.ticker import NullFormatter, NullLocator
+
     whole = {row.size: row.work for row in rows if row.contestant == OURS}
-    dashes: dict[str, int] = {}
-    for contestant in dict.fromkeys(row.contestant for row in rows):
-        points = sorted(
+    curves = {
+        contestant: sorted(
             ((row.size or 0), (row.minimum or 0) * whole[row.size] * 1e6)
             for row in rows
             if row.contestant == contestant
         )
+        for contestant in dict.fromkeys(row.contestant for row in rows)
+    }
+    dashes: dict[str, int] = {}
+    # The legend from above to below, as the curves end.
+    for contestant, points in sorted(curves.items(), key=lambda curve: -curve[1][-1][1]):
         if len(points) < 2:
             continue
-        style = next((s for s in STYLES if s[0] == family(contestant)), ("", "grey", "."))
-        count = dashes[style[0]] = dashes.get(style[0], -1) + 1
+        kind, color, mark = _style(contestant)
+        count = dashes[kind] = dashes.get(kind, -1) + (contestant != OURS)
         axes.loglog(
             *zip(*points, strict=True),
-            marker=style[2],
-            color=style[1],
-            linestyle=("-", "--", ":", "-.")[count % 4],
+            marker=mark,
+            color=color,
+            linestyle="-" if contestant == OURS else ("--", ":", "-.")[count % 3],
             linewidth=2.4 if contestant == OURS else 1.2,
             markersize=4.5,
             label=contestant,
         )
     axes.set_title(name, fontsize=9.5, loc="left")
-    from matplotlib.ticker import NullLocator
-
-    sizes = sorted({row.size or 0 for row in rows})
-    axes.set_xticks(sizes, [f"{size:g}" for size in sizes])
+    ticks: list[float] = []
+    for size in sorted({row.size or 0 for row in rows}, reverse=True):
+        if not ticks or 1.4 * size < ticks[-1]:
+            ticks.append(size)
+    axes.set_xticks(ticks, [f"{size:,.0f}" for size in ticks])
     axes.xaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    low, high = axes.get_ylim()
+    if high < 20 * low:  # two powers of ten at least, or there is nothing to read off
+        axes.set_ylim(10 ** np.floor(np.log10(low)), 10 ** np.ceil(np.log10(high)))
     axes.set_ylabel("us a call")
     axes.set_xlabel(name.rsplit("against ", 1)[-1])
     axes.legend(fontsize=7.5, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.02))
@@ -207,40 +242,37 @@ def _limit(rows: Sequence[Row], path: Path) -> None:
     ]
     if not limited:
         return
-    fig = _figure(9.0, 0.9 + 0.36 * len(limited))
+    limited.sort(key=lambda row: -(row.fraction or 0))
+    least = 0.1  # per cent: what is below is drawn there
+    fig = _figure(10.0, 1.9 + 0.28 * len(limited))
     axes = fig.subplots()
     for place, row in enumerate(limited):
         others = [
-            (100 * r.fraction, r)
+            r
             for r in rows
-            if r.contest == row.contest and r.fraction and r.threads == 1 and family(r.contestant)
+            if r.contest == row.contest
+            and r.fraction
+            and r.threads == 1
+            and family(r.contestant) not in ("", OURS)
         ]
-        axes.barh(place, 100 * (row.fraction or 0), color="#0b5fa5", height=0.62)
-        for value, other in others:
-            name, color, mark = next(s for s in STYLES if s[0] == family(other.contestant))
-            if name != "gramian" and value > 0.5:
-                axes.plot(value, place, mark, color=color, markersize=5.5, markeredgecolor="white",
-                          markeredgewidth=0.5, label=name)  # fmt: skip
+        for one in (*others, row):
+            name, color, mark = _style(one.contestant)
+            axes.semilogx(
+                max(100 * (one.fraction or 0), least), place, mark, color=color, label=name,
+                markersize=8.5 if one is row else 6, markeredgecolor="white", markeredgewidth=0.5,
+                clip_on=False, zorder=3,
+            )  # fmt: skip
         words = f"{row.fraction or 0:.0%} of {row.limit.split(':')[0]}"
-        axes.text(110, place, words, va="center", fontsize=8, color="#0b5fa5")
+        axes.text(1.02, place, words, va="center", fontsize=8, color=STYLES[0][1],
+                  transform=axes.get_yaxis_transform())  # fmt: skip
     axes.set_yticks(range(len(limited)), [row.contest for row in limited], fontsize=7.5)
-    axes.axvline(100, color="black", linewidth=0.8)
-    axes.set_xlim(0, 108)
-    axes.text(110, -1.0, "gramian", fontsize=8, fontweight="bold", color="#0b5fa5")
-    axes.invert_yaxis()
-    axes.set_xlabel("% of the limit, one thread; bars: gramian")
-    seen = dict(zip(*_legend(axes), strict=True))
-    if seen:
-        fig.legend(
-            seen.values(), seen.keys(), fontsize=8, ncols=len(seen), frameon=False,
-            loc="outside lower center",
-        )  # fmt: skip
+    axes.set_xlim(least, 100)
+    axes.set_xticks([0.1, 1, 10, 100], ["0.1 or less", "1", "10", "100"])
+    axes.set_ylim(len(limited) - 0.4, -0.6)
+    axes.grid(alpha=0.3, which="major")
+    axes.set_xlabel("% of the limit, one thread (right: better)")
+    _legend(fig, [axes])
     fig.savefig(path)
-
-
-def _legend(axes: Any) -> tuple[list[str], list[Any]]:
-    handles, labels = axes.get_legend_handles_labels()
-    return labels, handles
 
 
 def _seen(row: Row, rows: Iterable[Row]) -> bool:
@@ -275,19 +307,11 @@ def _accuracy(rows: Sequence[Row], path: Path) -> None:
         axes.text(0.99, 2.2, "no digit left", ha="right", fontsize=8, color="#8c2f3b",
                   transform=axes.get_yaxis_transform())  # fmt: skip
         axes.axvline(1, color="#0b5fa5", linewidth=0.8, alpha=0.6)
-        axes.set_title(f"{case}-conditioned case of each contest", fontsize=9.5)
+        axes.set_title(f"the {case}-conditioned case of each contest", fontsize=9.5)
         axes.set_xlabel("time over ours for the same work (right: slower)")
         axes.set_ylim(5e-18, 30)
         axes.grid(alpha=0.25)
-    panels[0].set_ylabel("relative error (below: better)")
-    if not drawn:
-        return
-    labels, handles = [], []
-    for axes in panels:
-        for label, handle in zip(*_legend(axes), strict=True):
-            if label not in labels:
-                labels.append(label)
-                handles.append(handle)
-    fig.legend(handles, labels, fontsize=8, ncols=len(labels), loc="outside lower center",
-               frameon=False)  # fmt: skip
-    fig.savefig(path)
+    panels[0].set_ylabel("error (below: better)")
+    if drawn:
+        _legend(fig, panels)
+        fig.savefig(path)

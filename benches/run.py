@@ -28,7 +28,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from harness import HERE, ONE_THREAD, OURS, Footprint, Row, against, markdown, run
+from harness import HERE, ONE_THREAD, Footprint, Row, against, markdown, run
 from limits import larger, measure
 from report import document, pictures
 from rich.console import Console
@@ -78,11 +78,15 @@ class Run:
             stopped = True
             self.about["stopped"] = "before its end"
         self._write()
-        pictures(self.rows, RESULTS)
+        places = [RESULTS]
         if self.record and not stopped:
             self._write(HERE / "RESULTS.md", "img/")
-            (HERE / "img").mkdir(exist_ok=True)
-            pictures(self.rows, HERE / "img")
+            places.append(HERE / "img")
+        for place in places:
+            try:
+                pictures(self.rows, place)
+            except ImportError as error:
+                self.console.print(f"No pictures: {error}", markup=False)
         self.console.print(f"written to {RESULTS}")
         if stopped:
             sys.exit(130)
@@ -109,7 +113,9 @@ class Run:
                     self.parts_about[name] = {"peak memory, MiB": told["peak"]}
                 else:
                     self.console.print(f"{name}: {told['failed']}", markup=False)
-                    self.rows.append(Row(name, OURS, "", 1, part=name, message=told["failed"]))
+                    self.rows.append(
+                        Row(name, "whole part", "", 1, part=name, message=told["failed"])
+                    )
         about = self.parts_about.setdefault(name, {})
         about["seconds"] = round(time.perf_counter() - began, 1)
         self._write()
@@ -212,6 +218,7 @@ def kernels(*, quick: bool) -> Iterator[dict[str, Any]]:
                     Row(
                         "kernels of the crate, one call", name, "call", 1, part="kernels",
                         minimum=low, median=median,
+                        note="Their accuracy is that of the contests below, which call them.",
                     )
                 )
             )  # fmt: skip
