@@ -124,12 +124,15 @@ def worst(rows: Sequence[Row]) -> str:
         for row in sorted(same, key=lambda row: row.ratio or 0):
             errors = ", ".join(f"{case} {error:.0e}" for case, error in row.errors.items())
             text += f"| {row.contest} | {row.contestant} | {row.ratio:.2f} | {errors} |\n"
-    missing = [row for row in rows if row.message]
+    missing: dict[str, list[Row]] = {}
+    for row in rows:
+        if row.message:
+            missing.setdefault(row.message.replace("|", "\\|"), []).append(row)
     if missing:
-        text += "\n## Not run\n\n| contest | contestant | message |\n|---|---|---|\n"
-        for row in missing:
-            message = row.message.replace("|", "\\|")
-            text += f"| {row.contest} | {row.contestant} | {message} |\n"
+        text += "\n## Not run\n\n| message | contestants | contests |\n|---|---|---|\n"
+        for message, of in missing.items():
+            who = "; ".join(dict.fromkeys(row.contestant for row in of))
+            text += f"| {message} | {who} | {of[0].contest if len(of) == 1 else len(of)} |\n"
     return text
 
 
