@@ -45,10 +45,12 @@ fuzz:
 python-test: $(VENV)/.installed
 	$(BIN)/python -m pytest
 
-# The peers: told by name, so that the extension is not built a second time.
+# The peers: told by name, so that the extension is not built a second time. Where one
+# cannot be installed the others are, and the run says which is missing.
 PEERS = import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["bench"])
 $(VENV)/.peers: $(VENV)/.installed
-	$(BIN)/python -m pip install --quiet $$($(BIN)/python -c '$(PEERS)')
+	peers=$$($(BIN)/python -c '$(PEERS)'); $(BIN)/python -m pip install --quiet $$peers || \
+	  for peer in $$peers; do $(BIN)/python -m pip install --quiet $$peer || echo "without $$peer"; done
 	touch $@
 
 # Writes benches/results; Ctrl-C keeps what is done.

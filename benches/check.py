@@ -59,7 +59,10 @@ def compiler() -> str:
 
 def main() -> None:
     if shutil.which("valgrind") is None:
-        sys.exit("valgrind is not installed: it counts the instructions")
+        sys.exit(
+            "valgrind, which counts the instructions, is not installed (apt install valgrind). "
+            "Without it `cargo bench -p gramian --bench kernels` times the same kernels."
+        )
     program = build()
     # As valgrind shows the processor, not as it is.
     told = subprocess.run(
@@ -79,12 +82,12 @@ def main() -> None:
     by = record.get(path, {}).get("compiler", "nothing yet")
     title = f"path {path}, {compiler()}; recorded with {by}"
     table = Table("kernel", "instructions", "recorded", "moved", title=title)
-    moved = []
+    moved = {}
     for name, value in counts.items():
         before = known.get(name)
         change = value / before - 1 if before else None
         if change is not None and abs(change) > TOLERANCE:
-            moved.append(name)
+            moved[name] = change
         shown = "new" if change is None else f"{change:+.1%}"
         table.add_row(name, f"{value:,}", f"{before:,}" if before else "", shown)
     Console().print(table)
@@ -92,10 +95,15 @@ def main() -> None:
         record[path] = {"compiler": compiler(), "instructions": counts}
         RECORD.write_text(json.dumps(record, indent=1) + "\n")
         return
-    if gone := sorted(set(known) - set(counts)):
-        print(f"recorded, but no longer there: {', '.join(gone)}")
+    for what, names in (
+        ("not recorded yet (`make bench-record`)", counts.keys() - known.keys()),
+        ("recorded, but no longer there", known.keys() - counts.keys()),
+    ):
+        if names:
+            print(f"{what}: {', '.join(sorted(names))}")
     if moved:
-        sys.exit(f"moved by more than {TOLERANCE:.0%}: {', '.join(moved)}")
+        told = ", ".join(f"{name} by {change:+.1%}" for name, change in moved.items())
+        sys.exit(f"moved by more than {TOLERANCE:.0%}: {told}")
 
 
 if __name__ == "__main__":
