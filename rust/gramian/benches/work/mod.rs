@@ -31,6 +31,7 @@ pub const ALL: &[(&str, Make)] = &[
     ("rows_gram_64x100x4", gram),
     ("rows_bounds_64x60x4", bounds),
     ("normals_64x100", noise),
+    ("moments_4096x4", moments),
     ("bearings_rows_64x100", bearing_rows),
     ("bearings_motion_rows_64x100", motion_rows),
     ("bearings_gram_64x100", bearing_gram),
@@ -111,6 +112,14 @@ fn filling(size: usize, mut kernel: impl FnMut(&mut [f64]) -> bool + 'static) ->
 fn noise() -> Work {
     filling(64 * 100, |out| {
         batch::normals(1, 0, 100, Threads::One, out);
+        true
+    })
+}
+
+fn moments() -> Work {
+    let (values, ok) = (normals(4096 * 4), [true; 4096]);
+    filling(batch::moments::size(4), move |out| {
+        batch::moments::moments(&values, &ok, 4, out);
         true
     })
 }
