@@ -423,6 +423,6 @@ def _nees(error: Array, covariance: Array | None, bound: Array | None) -> float:
 
 def nees_marks(n: int) -> tuple[Array, float]:
     """Return the edges of the NEES histogram (its last bin is open) and the 95 % point."""
-    from scipy.stats import chi2
+    from scipy.special import chdtri
 
-    return np.linspace(0.0, float(chi2.ppf(0.999, n)), BINS + 1), float(chi2.ppf(0.95, n))
+    return np.linspace(0.0, float(chdtri(n, 0.001)), BINS + 1), float(chdtri(n, 0.05))

@@ -92,12 +92,12 @@ def error_cloud(result: MonteCarloResult, axes: Axes, states: tuple[int, int] = 
 def _ellipse(
     axes: Axes, centre: np.ndarray, covariance: np.ndarray, label: str, color: str, style: str
 ) -> None:
-    from scipy.stats import chi2
+    from scipy.special import chdtri
 
     values, vectors = np.linalg.eigh(covariance)
     angle = np.linspace(0, 2 * np.pi, 181)
     circle = np.stack([np.cos(angle), np.sin(angle)])
-    radius = np.sqrt(chi2.ppf(0.95, 2) * np.maximum(values, 0))
+    radius = np.sqrt(chdtri(2, 0.05) * np.maximum(values, 0))
     outline = centre[:, None] + vectors @ (radius[:, None] * circle)
     axes.plot(*outline, style, color=plot.COLORS[color], label=label, linewidth=1.6)
 

@@ -247,7 +247,7 @@ class MonteCarloResult:
         return answer + (f"; {self.failed} of {self.trials} trials failed" if self.failed else "")
 
     def _against_bound(self, bound: Array, efficiency: Array, interval: Array) -> str:
-        from scipy.stats import norm
+        from scipy.special import ndtri
 
         known = np.isfinite(bound) & (bound > 0)
         if not known.any():
@@ -257,7 +257,7 @@ class MonteCarloResult:
         ratio = f"RMSE / bound of {self.names[worst]} is {efficiency[worst]:.3f}"
         # One of several states leaves its own interval by chance more often than
         # one state does: the verdict is 95 % sure of all of them together.
-        wider = float(norm.ppf(1 - (1 - LEVEL) / 2 / known.sum()) / norm.ppf(0.5 + LEVEL / 2))
+        wider = float(ndtri(1 - (1 - LEVEL) / 2 / known.sum()) / ndtri(0.5 + LEVEL / 2))
 
         def limit(state: int, side: int) -> float:
             middle = float(efficiency[state])
@@ -451,7 +451,7 @@ class MonteCarloResult:
 
 def _states(errors: Moments | None, n: int) -> dict[str, Array]:
     """Return bias, deviation, RMSE and covariance with their intervals."""
-    from scipy.stats import norm, t
+    from scipy.special import ndtri, stdtrit
 
     count = int(errors.count) if errors else 0
     if errors is None or count == 0:
@@ -471,11 +471,11 @@ def _states(errors: Moments | None, n: int) -> dict[str, Array]:
     covariance = errors.scatter / (count - 1)
     variance = np.diag(covariance)
     std = np.sqrt(variance)
-    half = t.ppf(0.5 + LEVEL / 2, count - 1) * std / np.sqrt(count)
+    half = stdtrit(count - 1, 0.5 + LEVEL / 2) * std / np.sqrt(count)
     spread = np.maximum(dof - 1, 1.0)
     std_interval = std[:, None] * _chi_factors(spread)
     product = np.outer(variance, variance) + covariance**2
-    reach = norm.ppf(0.5 + LEVEL / 2) * np.sqrt(product / np.minimum.outer(spread, spread))
+    reach = ndtri(0.5 + LEVEL / 2) * np.sqrt(product / np.minimum.outer(spread, spread))
     covariance_interval = np.stack([covariance - reach, covariance + reach], axis=-1)
     # A variance is not negative: its interval is the chi-square one.
     covariance_interval[np.arange(n), np.arange(n)] = std_interval**2
@@ -510,9 +510,9 @@ def _unknown(bias: Array, spread: float) -> dict[str, Array]:
 
 def _chi_factors(dof: Array) -> Array:
     """Return what to multiply a deviation of `dof` degrees by for its interval (n, 2)."""
-    from scipy.stats import chi2
+    from scipy.special import chdtri
 
-    low, high = chi2.ppf(0.5 + LEVEL / 2, dof), chi2.ppf(0.5 - LEVEL / 2, dof)
+    low, high = chdtri(dof, 0.5 - LEVEL / 2), chdtri(dof, 0.5 + LEVEL / 2)
     factors: Array = np.sqrt(np.stack([dof / low, dof / high], axis=-1))
     return factors
 
@@ -521,10 +521,10 @@ def _nees(statistics: Statistics, edges: Array | None, n: int) -> Nees | None:
     node = statistics.scalars.get("nees")
     if node is None or edges is None or statistics.histogram is None or node.count == 0:
         return None
-    from scipy.stats import chi2
+    from scipy.special import chdtri
 
     count = int(node.count)
-    low, high = chi2.ppf([0.5 - LEVEL / 2, 0.5 + LEVEL / 2], n * count) / count
+    low, high = chdtri(n * count, [0.5 + LEVEL / 2, 0.5 - LEVEL / 2]) / count
     mean = float(node.mean[0])
     return Nees(
         count,
@@ -542,11 +542,11 @@ def _quantity(node: Moments) -> Quantity:
     count = int(node.count)
     if count == 0:
         return Quantity(0, np.nan, (np.nan, np.nan), np.nan, np.nan, np.nan)
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
     mean = float(node.mean[0])
     std = float(np.sqrt(node.scatter[0, 0] / (count - 1))) if count > 1 else np.inf
-    reach = float(t.ppf(0.5 + LEVEL / 2, count - 1)) if count > 1 else np.inf
+    reach = float(stdtrit(count - 1, 0.5 + LEVEL / 2)) if count > 1 else np.inf
     half = reach * std / float(np.sqrt(count))
     return Quantity(
         count, mean, (mean - half, mean + half), std, float(node.low[0]), float(node.high[0])

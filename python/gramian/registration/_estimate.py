@@ -78,10 +78,15 @@ class Estimate:
 
     @property
     def p_value(self) -> Array:
-        """Probability of a larger chi-square: small when reports and model disagree."""
-        from scipy.stats import chi2
+        """Probability of a larger chi-square: small when reports and model disagree.
 
-        value: Array = chi2.sf(self.chi_square, self.dof)
+        NaN without degrees of freedom.
+        """
+        from scipy.special import chdtrc
+
+        if self.dof < 1:
+            return np.nan * self.chi_square
+        value: Array = chdtrc(self.dof, self.chi_square)
         return value
 
     def __getitem__(self, name: str) -> Array:

@@ -488,7 +488,7 @@ class Geometry:
 
     def straight_line_fit(self, answer: Observability) -> StraightLineFit:
         """Fit constant velocity to the positions, and to their noise-free bearings."""
-        from scipy.stats import chi2
+        from scipy.special import chdtrc
 
         t = self.times - self.times[0]
         design = np.stack([np.ones_like(t), t], axis=1)
@@ -531,7 +531,7 @@ class Geometry:
             bias=bias,
             residuals=residual,
             ratio=ratio,
-            p_value=float(chi2.sf(dof + misfit, dof)),
+            p_value=float(chdtrc(dof, dof + misfit)),
         )
 
     def turns(self, problem: Problem) -> list[tuple[str, Problem]]:
