@@ -219,3 +219,73 @@ def test_results_beyond_double_precision_are_refused():
     with pytest.raises(gm.InputError, match=r"\[1\]: the sum of squares"):
         b.discriminant_sum(both, bearings)
     assert b.discriminant_sum(both[0], bearings) > 0
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: gm.gram(np.full((3, 2), 1e200)),
+        lambda: gm.gram(np.ones((3, 2)), np.full(3, 1e308)),
+        lambda: gm.bearings.rows(TIMES, PATH, [1e308, 1e308, 1e308, 1.0], 1e-3),
+        lambda: gm.bearings.problem(TIMES, PATH, STATE, 1e-320),
+        lambda: gm.maneuver.fisher(PATH, STATE[:2], 1e-308),
+        lambda: gm.maneuver.fisher(PATH, [*STATE[:2], 1e308, 1e308], 1e-3, TIMES),
+        lambda: gm.maneuver.fisher_det(PATH, STATE[:2], 1e-200),
+        lambda: gm.dipole.fisher([1, 2, 3], [1e200, 0, 0], [1, 1, 1], np.arange(9.0), 1e-9),
+        lambda: gm.dipole.fisher([1, 2, 3], [1, 0, 0], [1, 1, 1], np.arange(9.0), 1e-200),
+        lambda: gm.bounds.posterior(np.full((5, 2, 2), 1e200), np.eye(2), np.eye(2), np.eye(2)),
+        lambda: gm.bounds.posterior(
+            np.ones((5, 1, 2)), 1e200 * np.eye(2), np.eye(2), np.eye(2)
+        ),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_held_is_refused_never_inf_or_nan(call):
+    with np.errstate(all="ignore"), pytest.raises(gm.InputError, match="choose other units"):
+        call()
+
+
+@pytest.mark.parametrize("given", ["1", None, [1.0], [1.0, 2.0], np.array([1.0]), 1j])
+@pytest.mark.parametrize(
+    ("name", "call"),
+    [
+        ("window", lambda x: gm.linear.gramian(np.eye(2), np.eye(2), window=x)),
+        ("dt", lambda x: gm.linear.rows(np.eye(2), np.eye(2), window=2.0, dt=x)),
+        ("latitude", gm.inertial.static_base),
+        ("tilt", lambda x: gm.inertial.static_base(0.5, tilt=x)),
+        ("turn", lambda x: gm.inertial.segments([gm.inertial.Leg(10.0, x)], 0.5)),
+        ("weak_ratio", lambda x: gm.analyze(np.eye(2), weak_ratio=x)),
+        ("dt", lambda x: gm.maneuver.plan([0, 1e3], [0, 0], 20.0, x, 5)),
+        ("sigma", lambda x: gm.dipole.simulate([1, 2, 3], [1, 0, 0], [1, 1, 1], TIMES, x, 1)),
+    ],
+)
+def test_one_number_is_one_number(name, call, given):
+    with pytest.raises(gm.InputError, match=name):
+        call(given)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: gm.inertial.gravity(0.5, 1e308), "height = 1e\\+308"),
+        (
+            lambda: gm.inertial.segments([gm.inertial.Leg(10.0, 1e20)], 0.5),
+            r"legs\[0\] makes 1.91e\+21 segments",
+        ),
+        (lambda: gm.inertial.segments([gm.inertial.Leg(1e20, 1.0)], 0.5), "more than 10000"),
+        (
+            lambda: gm.linear.information(
+                np.eye(2), np.eye(2), window=2.0, dt=1.0, prior=[1.0, 1e200]
+            ),
+            "prior goes from 1 to 1e",
+        ),
+        (
+            lambda: gm.linear.gramian(
+                np.eye(2), np.eye(2), window=2.0, dt=1.0, Q=np.diag([1.0, np.inf])
+            ),
+            r"Q\[1, 1\] = inf",
+        ),
+    ],
+)
+def test_absurd_sizes_are_named_at_once(call, message):
+    with pytest.raises(gm.InputError, match=message):
+        call()

@@ -13,6 +13,7 @@ __all__ = [
     "SEED_MOST",
     "above_rounding",
     "finite",
+    "held",
     "number",
     "reals",
     "representable",
@@ -63,12 +64,22 @@ def finite(value: ArrayLike, name: str) -> Array:
     return array
 
 
+def held(values: Array, name: str) -> Array:
+    """Return computed numbers, or refuse them where they left those that can be held."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        # A sum is quicker than a look at each, and finite unless one of them is not.
+        good = bool(np.isfinite(values.sum())) or bool(np.isfinite(values).all())
+    if not good:
+        raise InputError(f"{name} exceeds the numbers that can be held: choose other units")
+    return values
+
+
 def number(value: Any, name: str) -> float:
     """Return one finite number."""
     array = finite(value, name)
-    if array.size != 1:
+    if array.shape != ():
         raise InputError(f"{name} has shape {array.shape}: must be one number")
-    return float(array.reshape(()))
+    return float(array)
 
 
 def rounding_of_columns(rows: Array, accuracy: Array, width: int) -> Array:

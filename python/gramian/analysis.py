@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._numbers import reals, representable
+from gramian._numbers import number, reals, representable
 from gramian.bounds import _at_least_one
 from gramian.exceptions import InputError
 from gramian.problem import Problem
@@ -267,9 +267,9 @@ def analyze(
     if prior is not None:
         problem = problem.prior(prior)
     for label, threshold in (("weak_ratio", weak_ratio), ("weak_condition", weak_condition)):
-        if not threshold > 0:
+        if threshold != np.inf and not number(threshold, label) > 0:
             raise InputError(f"{label} = {threshold}: must be > 0")
-    if rtol is not None and not 0 < rtol < 1:
+    if rtol is not None and (np.shape(rtol) or not 0 < reals(rtol, "rtol") < 1):
         raise InputError(f"rtol = {rtol}: must be between 0 and 1")
     tolerance = problem.rtol if rtol is None else rtol
     analysis = _core.Analysis(_at_least_one(problem.all_rows), tolerance)

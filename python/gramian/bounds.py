@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._numbers import reals, representable
+from gramian._numbers import held, reals, representable
 from gramian.exceptions import InputError, UnobservableError
 from gramian.posterior import (
     Posterior,
@@ -65,7 +65,7 @@ def gram(rows: ArrayLike, weights: ArrayLike | None = None) -> Array:
     array([[1., 2.],
            [2., 5.]])
     """
-    return _core.gram(rows, weights)
+    return held(_core.gram(rows, weights), "the Gram matrix")
 
 
 def crlb_std(
@@ -109,6 +109,8 @@ def crlb_std(
     rows: ArrayLike = rows_or_problem
     if prior is not None:
         rows = reals(rows, "rows")
+        if rows.ndim < 2:
+            raise InputError(f"rows has shape {rows.shape}: must be (..., K, n)")
         extra = _prior_rows(prior, rows.shape[-1])
         extra = np.broadcast_to(extra, (*rows.shape[:-2], *extra.shape))
         rows = np.concatenate([rows, extra], axis=-2)

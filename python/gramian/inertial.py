@@ -54,6 +54,9 @@ _SOMIGLIANA = 0.00193185265241
 # omega^2 a^2 b / GM, for gravity above the ellipsoid.
 _GRAVITY_RATIO = 0.00344978650684
 
+# Segments of one leg: more are a slip in its numbers, and hours of work.
+_MOST_PIECES = 10_000
+
 NAMES = (
     "phi_N", "phi_W", "phi_U",
     "dV_N", "dV_W", "dV_U",
@@ -106,6 +109,8 @@ def gravity(latitude: float, height: float = 0.0) -> float:
     9.806198
     """
     latitude, height = number(latitude, "latitude"), number(height, "height")
+    if not abs(height) < _SEMI_MAJOR:
+        raise InputError(f"height = {height} m: must be within the radius of the Earth")
     s = np.sin(latitude) ** 2
     ground = _GRAVITY_EQUATOR * (1 + _SOMIGLIANA * s) / np.sqrt(1 - _ECCENTRICITY2 * s)
     first, second = _free_air(s)
@@ -340,7 +345,7 @@ def error_model(
         raise InputError(f'gravity_gradient = {gravity_gradient!r}: must be "include" or "omit"')
     if lever_arm_states not in ("known", "estimated"):
         raise InputError(f'lever_arm_states = {lever_arm_states!r}: must be "known" or "estimated"')
-    v = _vector(velocity, "velocity")
+    v = _velocity(velocity)
     to_nav = np.eye(3) if attitude is None else finite(attitude, "attitude").copy()
     if to_nav.shape != (3, 3) or not np.allclose(to_nav @ to_nav.T, np.eye(3), atol=1e-9):
         raise InputError("attitude is not a rotation: must be a (3, 3) orthogonal matrix")
@@ -626,12 +631,19 @@ def segments(
     table = []
     time, place = 0.0, np.array([latitude, longitude])
     for index, leg in enumerate(legs):
-        if not 0 < leg.duration < np.inf:
+        for name in ("duration", "turn", "speed_change", "bank"):
+            number(getattr(leg, name), f"legs[{index}].{name}")
+        if not leg.duration > 0:
             raise InputError(f"legs[{index}].duration = {leg.duration} s: must be > 0 and finite")
         count = 1
         if leg.turn != 0 or leg.speed_change != 0:
-            steps = leg.duration / step, abs(leg.turn) / largest_turn
-            count = math.ceil(max(steps))
+            pieces = max(leg.duration / step, abs(leg.turn) / largest_turn)
+            if not pieces <= _MOST_PIECES:
+                raise InputError(
+                    f"legs[{index}] makes {pieces:.3g} segments, more than {_MOST_PIECES}: "
+                    "a shorter leg, or larger `step` and `largest_turn`"
+                )
+            count = math.ceil(pieces)
         duration = leg.duration / count
         rate, push = leg.turn / leg.duration, leg.speed_change / leg.duration
         for _ in range(count):
@@ -683,7 +695,7 @@ def segments(
 
 
 def _place(latitude: float, height: float) -> tuple[float, float]:
-    latitude, height = float(latitude), float(height)
+    latitude, height = number(latitude, "latitude"), number(height, "height")
     if not abs(latitude) <= np.pi / 2:
         raise InputError(f"latitude = {latitude} rad: must be within -pi/2 and pi/2")
     # Nearer than this, a millimetre, tan L has no digit left that means anything.
@@ -691,14 +703,17 @@ def _place(latitude: float, height: float) -> tuple[float, float]:
         raise InputError(
             f"latitude = {latitude} rad is a pole: west and longitude do not exist there (tan L)"
         )
-    if not np.isfinite(height) or height < -_SEMI_MAJOR / 2:
-        raise InputError(f"height = {height} m: must be finite and above the ellipsoid's core")
+    # Gravity is expanded in the height over the radius: far out it means nothing.
+    if not -_SEMI_MAJOR / 2 < height < _SEMI_MAJOR:
+        raise InputError(
+            f"height = {height} m: must be above the ellipsoid's core and below its radius"
+        )
     return latitude, height
 
 
 def _positive(**values: float) -> None:
     for label, value in values.items():
-        if not 0 < value < np.inf:
+        if not number(value, label) > 0:
             raise InputError(f"{label} = {value}: must be > 0 and finite")
 
 
@@ -707,6 +722,13 @@ def _vector(value: ArrayLike, name: str) -> Array:
     if array.shape != (3,) or not np.isfinite(array).all():
         raise InputError(f"{name} = {value!r}: must be three finite numbers")
     return array
+
+
+def _velocity(value: ArrayLike) -> Array:
+    v = _vector(value, "velocity")
+    if not np.abs(v).max() < 1e9:
+        raise InputError(f"velocity = {value!r} m/s: must be below 1e9, which is beyond light")
+    return v
 
 
 def _cross(v: Array) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._numbers import SEED_MOST, above_rounding, reals, rounding_of_columns, whole
+from gramian._numbers import SEED_MOST, above_rounding, held, reals, rounding_of_columns, whole
 from gramian.exceptions import InputError
 from gramian.problem import Problem
 
@@ -157,6 +157,7 @@ def rows(
         result = _core.bearing_motion_rows(
             times, path, place, noise, dimensions, order, is_state, observer_index is not None
         )
+    result = held(result, "a row")
     if detection is None:
         return result
     return _detected(result, detection, path.shape[-2])
@@ -355,7 +356,7 @@ def problem(
         if speed > 0:
             wide["speed"] = _padded(velocity / speed, dimensions, len(names))
         if level_speed > 0:
-            along = velocity[:2] / level_speed**2
+            along = velocity[:2] / level_speed / level_speed
             wide["course"] = _padded(np.array([along[1], -along[0]]), dimensions, len(names))
     return Problem(
         values,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._numbers import SEED_MOST, finite, number, reals, whole
+from gramian._numbers import SEED_MOST, finite, held, number, reals, whole
 from gramian.exceptions import InputError
 from gramian.problem import Problem
 
@@ -84,7 +84,7 @@ def field(position: ArrayLike, moment: ArrayLike) -> Array:
     >>> field([2.0, 0.0, 0.0], [4.0, 0.0, 0.0])
     array([1.e-07, 0.e+00, 0.e+00])
     """
-    return _core.dipole_field(position, moment)
+    return held(_core.dipole_field(position, moment), "the field")
 
 
 def jacobian(position: ArrayLike, moment: ArrayLike) -> Jacobian:
@@ -111,7 +111,7 @@ def jacobian(position: ArrayLike, moment: ArrayLike) -> Jacobian:
     >>> bool(np.allclose(j.position @ [1.0, -2.0, 0.5], -3 * field([1.0, -2.0, 0.5], [3, 1, 2])))
     True
     """
-    both = _core.dipole_jacobian(position, moment)
+    both = held(_core.dipole_jacobian(position, moment), "the Jacobian")
     return Jacobian(both[..., 0, :, :], both[..., 1, :, :])
 
 
@@ -225,8 +225,11 @@ def rows(
     >>> a.shape, bool(abs(a @ [-10, -10, 5, 1, 1, 0, 30, 60, 30]).max() < 1e-12 * abs(a).max())
     ((63, 9), True)
     """
-    return _core.dipole_rows(
-        times, r0, v, m, _at_least_1d(sigma), _sensors(sensors), _ambient(ambient)
+    return held(
+        _core.dipole_rows(
+            times, r0, v, m, _at_least_1d(sigma), _sensors(sensors), _ambient(ambient)
+        ),
+        "a row",
     )
 
 
@@ -257,6 +260,7 @@ def measure(
     (21, 3)
     """
     out = _core.dipole_measure(times, r0, v, m, _sensors(sensors), _ambient(ambient))
+    out = held(out, "the field")
     if sensors is None:
         out = out[..., 0, :]
     return out if ambient is None else out[..., 0]
@@ -301,7 +305,8 @@ def simulate(
     seed = whole(seed, "seed", 0, SEED_MOST)
     if trials is not None:
         trials = whole(trials, "trials", 1)
-    if not 0 <= sigma < np.inf:
+    sigma = number(sigma, "sigma")
+    if sigma < 0:
         raise InputError(f"sigma = {sigma} T: must be >= 0 and finite")
     exact = measure(r0, v, m, times, sensors=sensors, ambient=ambient)
     if exact.ndim != 1 + (ambient is None) + (sensors is not None):
@@ -350,7 +355,10 @@ def fisher(
     >>> round(float(j[0, 0]), 6)
     216.076908
     """
-    return _core.dipole_fisher(times, r0, v, m, _at_least_1d(sigma), _sensors(sensors))
+    return held(
+        _core.dipole_fisher(times, r0, v, m, _at_least_1d(sigma), _sensors(sensors)),
+        "the information",
+    )
 
 
 def equivalents(

@@ -372,6 +372,10 @@ def information(
     if np.isnan(std).any():
         missing = ", ".join(np.array(system.names)[np.isnan(std)])
         raise InputError(f"prior is missing for {missing}: the degree compares with it")
+    if not ((std > 1e-150) & (std < 1e150)).all():
+        raise InputError(
+            f"prior goes from {std.min():.3g} to {std.max():.3g}: the squares cannot be held"
+        )
     if covariance is None:
         root = np.diag(std)
     else:
@@ -383,7 +387,9 @@ def information(
     if Q is None:
         seen = rows(A, C, window=window, dt=dt, R=R, time=time)
     else:
-        step = system.A if time == "discrete" else _core.linear_transition(system.A, float(dt))
+        step = (
+            system.A if time == "discrete" else _core.linear_transition(system.A, number(dt, "dt"))
+        )
         noise = np.diag(system.noise**2) if R is None and not np.isnan(system.noise).any() else R
         j = gramian(step, system.C, window=window, dt=dt, R=noise, Q=Q)
         weights, axes = np.linalg.eigh(root.T @ j @ root)

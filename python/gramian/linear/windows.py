@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._numbers import number, reals
+from gramian._numbers import finite, number, reals
 from gramian.analysis import describe_combination
 from gramian.exceptions import InputError
 from gramian.linear.level import observability_matrix
@@ -108,8 +108,8 @@ def gramian(
     noise = A.noise if isinstance(A, System) else None
     white = whitener(R, c.shape[-2], noise) @ c
     if Q is not None:
-        q = reals(Q, "Q")
-        if q.ndim < 2 or q.shape[-1] != q.shape[-2]:
+        q = finite(Q, "Q")
+        if q.ndim < 2 or q.shape[-1] != q.shape[-2] or not q.size:
             raise InputError(f"Q has shape {q.shape}: must be a covariance (n, n) of the states")
         if not np.allclose(q, np.swapaxes(q, -1, -2), rtol=1e-10, atol=0):
             raise InputError("Q is not symmetric: a covariance must be")
@@ -149,7 +149,7 @@ def rows(
         About the state at time 0.
     """
     system = system_of(A, C, R=R)
-    samples = _samples(window, dt)
+    samples = _samples(window, number(dt, "dt"))
     if time not in ("continuous", "discrete"):
         raise InputError(f'time = {time!r}: must be "continuous" or "discrete"')
     assert samples is not None
@@ -283,7 +283,7 @@ class Piecewise:
         ndarray, shape (samples p, n)
             About the state at the beginning.
         """
-        if not 0 < dt < np.inf:
+        if not number(dt, "dt") > 0:
             raise InputError(f"dt = {dt}: must be > 0 and finite")
         n, p = self.A.shape[-1], self.C.shape[-2]
         white = whitener(R, p)
@@ -398,10 +398,12 @@ def piecewise(
 
 
 def _samples(window: float, dt: float | None) -> int | None:
-    if not 0 < window < np.inf:
+    window = number(window, "window")
+    if not window > 0:
         raise InputError(f"window = {window}: must be > 0 and finite")
     if dt is None:
         return None
+    dt = number(dt, "dt")
     if not 0 < dt <= window:
         raise InputError(f"dt = {dt}: must be > 0 and no longer than the window, {window}")
     if not window / dt < 2**53:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._numbers import reals, whole
+from gramian._numbers import number, reals, whole
 from gramian.exceptions import InputError
 
 __all__ = [
@@ -91,6 +91,7 @@ class Task:
             raise InputError(f"start has shape {origin.shape}: must be (2,), east and north")
         slow, fast = _speeds(speed)
         positive(dt, "dt", "s")
+        dt = number(dt, "dt")
         steps = whole(steps, "steps", 2)
         moves = int(steps) - 1
         if legs is not None and not 1 <= legs <= moves:
@@ -102,6 +103,7 @@ class Task:
                 raise InputError("prior without sigma: what it is worth depends on the bearings")
             sigma = 1.0
         positive(sigma, "sigma", "rad")
+        standoff = None if standoff is None else number(standoff, "standoff")
         discs = checked_discs(keep_out)
         check_outside(origin, full, standoff, discs)
         ranges = np.hypot(*(full[:, :2] - origin).T)
@@ -115,13 +117,15 @@ class Task:
             start=origin,
             slow=slow,
             fast=fast,
-            dt=float(dt),
+            dt=dt,
             moves=moves,
             kind=kind,
-            sigma=float(sigma),
+            sigma=number(sigma, "sigma"),
             standoff=float(standoff),
             keep_out=discs,
-            max_turn=np.inf if max_turn_rate is None else float(max_turn_rate) * dt,
+            max_turn=np.inf
+            if max_turn_rate is None
+            else number(max_turn_rate, "max_turn_rate") * dt,
             heading=None if heading is None else float(finite(heading, "heading")),
             legs=legs,
             targets=full,
@@ -364,6 +368,5 @@ def finite(value: ArrayLike, name: str) -> Array:
 
 def positive(value: float, name: str, unit: str) -> None:
     """Refuse a number that is not above zero and finite."""
-    number = float(finite(value, name))
-    if not number > 0:
+    if not number(value, name) > 0:
         raise InputError(f"{name} = {value} {unit}: must be > 0".replace(" :", ":"))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._numbers import above_rounding, reals, rounding_of_columns
+from gramian._numbers import above_rounding, held, reals, rounding_of_columns
 from gramian.exceptions import InputError
 from gramian.problem import Problem
 
@@ -57,7 +57,9 @@ def fisher(
     array([[0.0125, 0.0025],
            [0.0025, 0.0025]])
     """
-    return _core.maneuver_fisher(*_arguments(positions, target, sigma, times))
+    return held(
+        _core.maneuver_fisher(*_arguments(positions, target, sigma, times)), "the information"
+    )
 
 
 def fisher_det(
@@ -101,7 +103,7 @@ def fisher_det(
     arguments = _arguments(positions, target, sigma, times)
     if method == "pairs" and arguments[1].shape[-1] == 4:
         raise InputError('method = "pairs" is for a fixed target: a moving one has four states')
-    return _core.maneuver_fisher_det(*arguments, method == "pairs")[()]
+    return held(_core.maneuver_fisher_det(*arguments, method == "pairs"), "the determinant")[()]
 
 
 def problem(positions: ArrayLike, target: ArrayLike, sigma: ArrayLike) -> Problem:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._numbers import SEED_MOST, whole
+from gramian._numbers import SEED_MOST, number, whole
 from gramian.exceptions import InputError
 from gramian.maneuver._task import check_outside, checked_discs, finite, positive
 from gramian.maneuver.laws import LAWS
@@ -319,9 +319,9 @@ class _Setting:
         max_turn_rate: float | None,
     ) -> _Setting:
         place, origin = finite(target, "target"), finite(start, "start")
-        for name, value in (("target", place), ("start", origin)):
-            if value.shape != (2,):
-                raise InputError(f"{name} has shape {value.shape}: must be (2,), east and north")
+        for name, point in (("target", place), ("start", origin)):
+            if point.shape != (2,):
+                raise InputError(f"{name} has shape {point.shape}: must be (2,), east and north")
         steps = whole(steps, "steps", 2)
         if not 0 <= opening < steps:
             raise InputError(f"opening = {opening}: must be from 0 to below steps, {steps}")
@@ -329,14 +329,18 @@ class _Setting:
         if guess.shape != (2,):
             raise InputError(f"first_range has shape {guess.shape}: must be (mean, deviation)")
         mean, deviation = (float(value) for value in guess)
-        for name, number, unit in (
+        for name, value, unit in (
             ("speed", speed, "m/s"),
             ("dt", dt, "s"),
             ("sigma", sigma, "rad"),
             ("first_range[0]", mean, "m"),
             ("first_range[1]", deviation, "m"),
         ):
-            positive(number, name, unit)
+            positive(value, name, unit)
+        speed, dt, sigma = number(speed, "speed"), number(dt, "dt"), number(sigma, "sigma")
+        if not speed * dt < 1e150:
+            raise InputError(f"a step of {speed * dt:.3g} m: its square cannot be held")
+        standoff = None if standoff is None else number(standoff, "standoff")
         if max_turn_rate is not None:
             positive(max_turn_rate, "max_turn_rate", "rad/s")
         discs = checked_discs(keep_out)
@@ -344,9 +348,9 @@ class _Setting:
         return cls(
             target=place,
             start=origin,
-            length=float(speed * dt),
+            length=speed * dt,
             moves=int(steps) - 1,
-            sigma=float(sigma),
+            sigma=sigma,
             first_range=(mean, deviation),
             opening=int(opening),
             when_lost=when_lost,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._numbers import above_rounding, finite, reals
+from gramian._numbers import above_rounding, finite, held, reals
 from gramian.exceptions import InputError
 from gramian.problem import Problem
 
@@ -225,8 +225,11 @@ def rows(
     """
     known = setup(sensors, sigma, extras)
     about = known.biases(biases)
-    return _core.registration_rows(
-        targets(known, positions, about), known.places, known.sigma, about, known.flags
+    return held(
+        _core.registration_rows(
+            targets(known, positions, about), known.places, known.sigma, about, known.flags
+        ),
+        "a row",
     )
 
 
@@ -343,8 +346,11 @@ def fisher(
     """
     known = setup(sensors, sigma, extras)
     about = known.biases(biases)
-    return _core.registration_fisher(
-        targets(known, positions, about), known.places, known.sigma, about, known.flags
+    return held(
+        _core.registration_fisher(
+            targets(known, positions, about), known.places, known.sigma, about, known.flags
+        ),
+        "the information",
     )
 
 
