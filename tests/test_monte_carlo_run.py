@@ -195,6 +195,35 @@ def test_what_is_no_estimate_is_counted(returned, kind):
     assert result.verdict == "NO ESTIMATE: all 20 trials failed"
 
 
+def test_covariances_of_some_trials_are_judged_trial_by_trial():
+    """Claims and none, good and bad, in one chunk: each counts for its own trial."""
+
+    def moody(z):
+        state, place = [z.mean()], int(abs(z[0]) * 1e6) % 4
+        claims = [[[0.1]], [[np.inf]], [[-1.0]], None]
+        return state if claims[place] is None else (state, claims[place])
+
+    result = gm.monte_carlo.run(Level(10), 400, 1, moody, table=True)
+    places = (np.abs(Level(10).simulate(1, 0, 400)[:, 0]) * 1e6).astype(int) % 4
+    (failure,) = result.failures
+    assert failure.kind == "covariance not positive definite (no NEES)"
+    none = (places == 1) | (places == 2)
+    assert (failure.count, failure.first_trial) == (none.sum(), np.flatnonzero(none)[0])
+    wanted = np.where(none, np.nan, result.table["error_level"] ** 2 / 0.1)
+    np.testing.assert_allclose(result.table["nees"], wanted, rtol=1e-12)
+    assert result.used == 400
+
+
+def test_what_is_an_estimate_is_not_written_out():
+    """The text of an answer costs more than most estimators: it is for complaints alone."""
+
+    class Mute(list):
+        def __repr__(self):
+            raise AssertionError
+
+    assert gm.monte_carlo.run(Level(10), 50, 1, lambda z: Mute([z.mean()])).used == 50
+
+
 def test_a_list_will_do_for_a_pair():
     found = gm.monte_carlo.run(Level(10), 50, 1, lambda z: [[z.mean()], [[0.1]]])
     same(found, gm.monte_carlo.run(Level(10), 50, 1, lambda z: (np.array([z.mean()]), [[0.1]])))

@@ -271,8 +271,8 @@ class Task:
     def _estimate(self, estimator: Estimator, measurements: Any, rows: Rows, notes: _Notes) -> None:
         truth = np.asarray(self.experiment.truth, dtype=float)
         trials, n = len(rows.status), len(truth)
-        errors, nees = np.full((trials, n), np.nan), np.full(trials, np.nan)
-        rows.errors, rows.nees = errors, nees
+        errors = rows.errors = np.full((trials, n), np.nan)
+        covariances: dict[int, Array] = {}
         for i in range(trials):
             trial = rows.first + i
             try:
@@ -287,10 +287,40 @@ class Task:
                 rows.status[i] = STATUS["raised"]
                 continue
             errors[i] = state - truth
-            try:
-                nees[i] = _nees(errors[i], covariance, self.bound)
-            except _Unusable as refusal:
-                notes.add_one(refusal.kind, trial, str(refusal))
+            if covariance is not None:
+                covariances[i] = covariance
+        rows.nees = self._nees(errors, rows, covariances, notes)
+
+    def _nees(
+        self, errors: Array, rows: Rows, covariances: Mapping[int, Array], notes: _Notes
+    ) -> Array:
+        """Return the squared errors over the covariances claimed, or else over the bound."""
+        trials = len(rows.status)
+        nees = np.full(trials, np.nan)
+        claiming = np.zeros(trials, dtype=bool)
+        claiming[list(covariances)] = True
+        if self.bound is not None and (held := (rows.status == 0) & ~claiming).any():
+            nees[held] = squared_over(errors[held], self.bound)
+        if not covariances:
+            return nees
+        claims = np.stack(list(covariances.values()))
+        with np.errstate(invalid="ignore", over="ignore"):
+            size = np.sqrt(np.abs(np.diagonal(claims, axis1=1, axis2=2)))
+            # A filter's covariance may be a little uneven by rounding.
+            most = 1e-6 * size[:, :, None] * size[:, None, :]
+            slanted = (np.abs(claims - np.swapaxes(claims, 1, 2)) > most).any(axis=(1, 2))
+            squares = squared_over(errors[claiming], claims)
+        for kind, wrong in {
+            "covariance not symmetric (no NEES)": slanted,
+            "covariance not positive definite (no NEES)": np.isnan(squares) & ~slanted,
+        }.items():
+            if wrong.any():
+                which = np.zeros(trials, dtype=bool)
+                which[claiming] = wrong
+                message = f"the estimator claims the covariance\n{claims[wrong][0]}"
+                notes.add(kind, rows.first, which, message)
+        nees[claiming] = np.where(slanted, np.nan, squares)
+        return nees
 
     def _quantity(
         self,
@@ -314,8 +344,7 @@ class Task:
         for i in range(trials):
             trial = rows.first + i
             try:
-                returned = function(measurements[i])
-                value = _numbers(returned, f"{name} = {returned!r:.200}: must be a number")
+                value = _numbers(function(measurements[i]), f"{name} is", 0)
                 if value.ndim:
                     kind = f"{name}: wrong shape"
                     notes.add_one(kind, trial, f"{name} has shape {value.shape}: must be ()")
@@ -368,17 +397,22 @@ def _answer(returned: Any, n: int) -> tuple[Array, Array | None]:
         found = [a for a in ("state", "estimate", "x") if hasattr(returned, a)]
         if found:
             returned, covariance = getattr(returned, found[0]), returned.covariance
-    wanted = f"must be ({n},), or a pair of that and a covariance ({n}, {n})"
-    state = _numbers(returned, f"the estimator returned {returned!r:.200}: {wanted}")
+    state = _numbers(returned, "the estimator returned", n)
     if state.shape != (n,):
-        raise _Unusable("wrong shape", f"the estimate has shape {state.shape}: {wanted}")
+        raise _Unusable("wrong shape", f"the estimate has shape {state.shape}: {_wanted(n)}")
     if not (np.abs(state) <= LARGEST).all():
         raise _Unusable("not finite", f"the estimate is {state}: must be finite")
     if covariance is not None:
-        covariance = _numbers(covariance, f"the covariance is {covariance!r:.200}: {wanted}")
+        covariance = _numbers(covariance, "the covariance is", n)
         if covariance.shape != (n, n):
-            raise _Unusable("wrong shape", f"the covariance has shape {covariance.shape}: {wanted}")
+            raise _Unusable(
+                "wrong shape", f"the covariance has shape {covariance.shape}: {_wanted(n)}"
+            )
     return state, covariance
+
+
+def _wanted(n: int) -> str:
+    return f"must be ({n},), or a pair of that and a covariance ({n}, {n})" if n else "must be ()"
 
 
 def _axes(value: Any) -> int:
@@ -388,7 +422,7 @@ def _axes(value: Any) -> int:
         return -1
 
 
-def _numbers(value: Any, complaint: str) -> Array:
+def _numbers(value: Any, what: str, n: int) -> Array:
     """Return real numbers, the masked ones NaN; anything else is not taken for some."""
     try:
         if value is None or np.iscomplexobj(value):
@@ -396,29 +430,8 @@ def _numbers(value: Any, complaint: str) -> Array:
         masked = np.ma.getmaskarray(value) if isinstance(value, np.ma.MaskedArray) else None
         array = np.asarray(value, dtype=float)
     except (TypeError, ValueError) as error:
-        raise _Unusable("not numbers", complaint) from error
+        raise _Unusable("not numbers", f"{what} {value!r:.200}: {_wanted(n)}") from error
     return array if masked is None else np.where(masked, np.nan, array)
-
-
-def _nees(error: Array, covariance: Array | None, bound: Array | None) -> float:
-    claimed = bound if covariance is None else covariance
-    if claimed is None:
-        return np.nan
-    if covariance is not None:
-        size = np.sqrt(np.abs(np.diag(covariance)))
-        # A filter's covariance may be a little uneven by rounding.
-        if (np.abs(covariance - covariance.T) > 1e-6 * np.outer(size, size)).any():
-            raise _Unusable(
-                "covariance not symmetric (no NEES)",
-                f"the estimator claims the covariance\n{covariance}",
-            )
-    value = float(squared_over(error[None], claimed)[0])
-    if np.isnan(value) and covariance is not None:
-        raise _Unusable(
-            "covariance not positive definite (no NEES)",
-            f"the estimator claims the covariance\n{covariance}",
-        )
-    return value
 
 
 def nees_marks(n: int) -> tuple[Array, float]:
