@@ -298,8 +298,13 @@ def as_experiment(problem: Experiment | Problem) -> Experiment:
     return experiment
 
 
-def bound_of(experiment: Experiment) -> tuple[Array | None, Array | None]:
-    """Return the bound's deviations (n,) and covariance (n, n), as far as they exist."""
+def bound_of(
+    experiment: Experiment, *, must_exist: bool = False
+) -> tuple[Array | None, Array | None]:
+    """Return the bound's deviations (n,) and covariance (n, n), as far as they exist.
+
+    With `must_exist` states that cannot be observed are refused.
+    """
     from gramian.bounds import crlb, crlb_std
 
     problem = experiment.problem()
@@ -312,7 +317,11 @@ def bound_of(experiment: Experiment) -> tuple[Array | None, Array | None]:
         )
     try:
         covariance = crlb(problem)
-    except UnobservableError:
+    except UnobservableError as error:
+        if must_exist:
+            raise UnobservableError(
+                f"no estimator can find these states: {error}", error.null_combinations
+            ) from None
         covariance = None
     return crlb_std(problem), covariance
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from gramian.exceptions import InputError, UnobservableError
+from gramian.exceptions import InputError
 from gramian.monte_carlo.chunks import (
     ERROR,
     MOST,
@@ -132,9 +132,9 @@ def run(
     experiment = as_experiment(problem)
     wanted = _quantities(experiment, quantities)
     chosen = _estimator(experiment, estimator, bool(wanted))
-    bound_std, bound = bound_of(experiment) if chosen is not None else (None, None)
-    if isinstance(chosen, str):
-        _refuse_unobservable(experiment)
+    bound_std = bound = None
+    if chosen is not None:
+        bound_std, bound = bound_of(experiment, must_exist=isinstance(chosen, str))
     edges, limit = nees_marks(len(experiment.names)) if chosen is not None else (None, np.nan)
     task = Task(
         experiment,
@@ -417,17 +417,3 @@ def unobservable(
         seconds=0.0,
         simulated=0,
     )
-
-
-def _refuse_unobservable(experiment: Experiment) -> None:
-    from gramian.bounds import crlb
-
-    problem = experiment.problem()
-    if problem is None:
-        return
-    try:
-        crlb(problem)
-    except UnobservableError as error:
-        raise UnobservableError(
-            f"no estimator can find these states: {error}", error.null_combinations
-        ) from None
