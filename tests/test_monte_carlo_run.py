@@ -82,6 +82,22 @@ def test_threads_do_not_change_a_bit(threads):
     same(once, gm.monte_carlo.run(line, 5000, 3, workers=threads, chunk=64))
 
 
+@pytest.mark.parametrize(("rows", "states"), [(3, 1), (60, 4), (61, 9), (400, 20)])
+def test_a_linear_experiment_rounds_alike_in_any_chunk(rows, states):
+    """Also in the last chunk, of one trial."""
+    random = np.random.default_rng(rows)
+    problem = gm.Problem(random.normal(size=(rows, states)), [f"s{i}" for i in range(states)])
+    once = gm.monte_carlo.run(problem, 2049, 3, table=True)
+    for options in ({"chunk": 16}, {"chunk": 64, "workers": 2}, {"chunk": 4096}):
+        found = gm.monte_carlo.run(problem, 2049, 3, table=True, **options)
+        assert found.table.tobytes() == once.table.tobytes()
+        same(once, found)
+    noise = gm.monte_carlo.normals(3, 0, 2049, rows)
+    wanted = np.linalg.lstsq(problem.rows, noise.T, rcond=None)[0].T
+    found = np.stack([once.table[f"error_s{i}"] for i in range(states)], axis=1)
+    np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-12)
+
+
 @pytest.mark.parametrize("method", ["fork", "spawn"])
 def test_a_process_pool_does_not_change_a_bit(plain, method):
     with cf.ProcessPoolExecutor(2, multiprocessing.get_context(method)) as pool:

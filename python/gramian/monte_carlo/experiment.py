@@ -208,13 +208,16 @@ class Linear(Experiment):
         rows = self.of.all_rows
         scale = np.linalg.norm(rows, axis=0)
         q, r = np.linalg.qr(rows / scale)
-        # One trial after the other: a product of the whole chunk would round
-        # differently for another chunk size.
-        noise = self.simulate(seed, first, trials)
-        inverse = np.linalg.inv(r)
-        projected = np.stack([z @ q for z in noise])
-        errors = np.stack([inverse @ p for p in projected]) / scale
-        nees = np.array([float(p @ p) for p in projected])
+        projected = np.empty((trials, 1, len(scale)))
+        # Not all measurements of a large chunk at once.
+        block = max(1, 2**17 // len(rows))
+        for start in range(0, trials, block):
+            part = projected[start : start + block]
+            # A product for each trial: one of all together would round differently
+            # for another chunk size.
+            np.matmul(self.simulate(seed, first + start, len(part))[:, None, :], q, out=part)
+        errors = (projected @ np.linalg.inv(r).T)[:, 0] / scale
+        nees = (projected**2).sum(axis=(1, 2))
         return Estimates(errors, nees, np.zeros(trials, dtype=np.int16), {})
 
 
