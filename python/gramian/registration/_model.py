@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -22,6 +23,7 @@ Extra = Literal["gain", "position", "attitude"]
 SensorsLike = ArrayLike | Mapping[str, ArrayLike]
 
 EXTRAS: tuple[Extra, ...] = ("gain", "position", "attitude")
+LETTERS = tuple("ABCDEFGHIJKLMNOPQRSTUVWXYZ")
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,13 +122,16 @@ def setup(sensors: SensorsLike, sigma: ArrayLike | None, extras: Sequence[Extra]
     else:
         places = reals(sensors, "sensors")
         count = places.shape[0] if places.ndim else 0
-        labels = tuple(chr(65 + i) if count <= 26 else f"S{i + 1}" for i in range(count))
+        labels = LETTERS[:count] if count <= 26 else tuple(f"S{i + 1}" for i in range(count))
     if places.ndim != 2 or places.shape[1] not in (2, 3):
         raise InputError(
             f"sensors has shape {places.shape}: must be (N, 2), east and north, "
             "or (N, 3), east, north and up"
         )
-    finite(places, "sensors")
+    # On a few numbers Python is faster than numpy, and small calls are common.
+    numbers = places.ravel().tolist()
+    if not all(map(isfinite, numbers)):
+        finite(places, "sensors")
     if len(places) < 2:
         raise InputError(f"sensors has {len(places)} entries: registration wants 2 or more sensors")
     if isinstance(extras, str):
@@ -136,7 +141,10 @@ def setup(sensors: SensorsLike, sigma: ArrayLike | None, extras: Sequence[Extra]
     for extra in extras:
         if extra not in EXTRAS:
             raise InputError(f"extras has {extra!r}: must be of {', '.join(map(repr, EXTRAS))}")
-    if (span := np.ptp(places, axis=0).max()) > 1e100:
+    if (
+        max(numbers) - min(numbers) > 1e100
+        and (span := (places.max(axis=0) - places.min(axis=0)).max()) > 1e100
+    ):
         raise InputError(f"sensors are {span:.3g} m apart: their squares cannot be held")
     d = places.shape[1]
     noise = np.ones(d) if sigma is None else reals(sigma, "sigma")

@@ -118,7 +118,7 @@ fn maneuver_trajectory<'py>(
         let (side, sigma, standoff) = (side.items()?, sigma.items()?, standoff.items()?);
         let mut write = out.readwrite();
         let write = write.as_slice_mut()?;
-        run::in_pieces(py, batch.len(), 60.0 * samples as f64, |trials, threads| {
+        run::in_pieces(py, batch.len(), 15.0 * samples as f64, |trials, threads| {
             let first = trials.start;
             let paths = Paths {
                 target: target.skip(first),
@@ -135,7 +135,7 @@ fn maneuver_trajectory<'py>(
                 },
             };
             let out = &mut write[first * size..trials.end * size];
-            batch::trajectories(paths, samples, threads, out)
+            batch::trajectories(paths, samples, threads, Path::Best, out)
                 .map_err(|(trial, error)| errors::input_at(&batch.place(first + trial), error))
         })?;
     }
@@ -159,7 +159,20 @@ impl<'py> Inputs<'py> {
         sigma: &Bound<'py, PyAny>,
         times: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Self> {
-        let mut positions = Input::new(positions, "positions", 2)?;
+        let inputs = Self::unchecked(py, positions, target, sigma, times)?;
+        inputs.positions.check_finite()?;
+        Ok(inputs)
+    }
+
+    /// The same for a kernel that refuses positions that are not finite.
+    fn unchecked(
+        py: Python<'py>,
+        positions: &Bound<'py, PyAny>,
+        target: &Bound<'py, PyAny>,
+        sigma: &Bound<'py, PyAny>,
+        times: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Self> {
+        let mut positions = Input::unchecked(positions, "positions", 2)?;
         positions.expect(&[None, Some(2)], "an east and a north for each bearing")?;
         positions.expect_entries()?;
         let m = positions.core_shape()[0];
@@ -218,7 +231,7 @@ fn maneuver_fisher<'py>(
     sigma: &Bound<'py, PyAny>,
     times: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-    let inputs = Inputs::new(py, positions, target, sigma, times)?;
+    let inputs = Inputs::unchecked(py, positions, target, sigma, times)?;
     let sightings = inputs.sightings()?;
     let n = sightings.states();
     let out = inputs.batch.zeros(py, &[n, n]);
@@ -231,7 +244,9 @@ fn maneuver_fisher<'py>(
             batch::fisher(sightings.skip(trials.start), threads, Path::Best, out).map_err(
                 |(trial, error)| errors::input_at(&inputs.batch.place(trials.start + trial), error),
             )
-        })?;
+        })
+        // The kernel refuses what is not finite; here is where its place is known.
+        .or_else(|error| inputs.positions.check_finite().and(Err(error)))?;
     }
     Ok(out)
 }

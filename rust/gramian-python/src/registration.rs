@@ -122,7 +122,7 @@ impl<'py> Given<'py> {
             let scene = self.scene()?;
             let mut write = out.readwrite();
             let write = write.as_slice_mut()?;
-            let cost = 200.0 * scene.looks() as f64;
+            let cost = scene.cost();
             run::in_pieces(py, batch.len(), cost, |range, threads| {
                 let out = &mut write[range.start * size..range.end * size];
                 kernel(scene.skip(range.start), threads, out)

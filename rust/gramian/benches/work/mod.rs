@@ -445,7 +445,7 @@ fn maneuver_paths() -> Work {
             law: Law::MaxDet,
             at_standoff: AtStandoff::Stop,
         };
-        let done = batch::trajectories(paths, 100, Threads::One, &mut out);
+        let done = batch::trajectories(paths, 100, Threads::One, Path::Best, &mut out);
         assert!(done.is_ok());
         black_box(&out);
     })

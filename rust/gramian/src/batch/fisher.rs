@@ -2,10 +2,11 @@
 
 use pulp::Simd;
 
-use super::simd::{Path, lane_sums};
+use super::simd::{Path, apart, lane_sums, last_pairs, pairs};
 use super::{Items, Threads};
 use crate::bearings;
 use crate::maneuver::{Error, unchecked_row};
+use crate::scalar::{NumberError, all_finite, check_finite};
 use crate::square_root::SquareRootInformation;
 
 /// Samples that are taken apart into vectors at once.
@@ -76,20 +77,41 @@ impl Sighting<'_> {
         }
     }
 
-    /// The first sample that is on the target.
-    fn check(&self) -> Result<(), Error> {
+    /// The sum row by row, for what exceeds the numbers of the vectors on its way, or
+    /// what is wrong: the first sample that is on the target, or not finite.
+    fn row_by_row(&self, out: &mut [f64]) -> Result<(), Error> {
+        let n = self.target.len();
+        out.fill(0.0);
         for i in 0..self.positions.len() {
-            let (_, east, north, sigma) = self.sample(i);
-            unchecked_row(east, north, sigma).map_err(|error| error.at(i))?;
+            check_finite("positions", &self.positions[i])
+                .map_err(|error| Error::from(error).at(i))?;
+            let (time, east, north, sigma) = self.sample(i);
+            let [a, b] = unchecked_row(east, north, sigma).map_err(|error| error.at(i))?;
+            let row = [a, b, time * a, time * b];
+            for j in 0..n {
+                for k in 0..n {
+                    out[j * n + k] += row[j] * row[k];
+                }
+            }
         }
-        Ok(())
+        if all_finite(out) {
+            return Ok(());
+        }
+        Err(NumberError::Overflow {
+            result: "information",
+        }
+        .into())
     }
 }
 
-/// Fisher information (n, n) of each trial.
+/// Trials of one call of a kernel: choosing a path takes as long as some samples.
+const GROUP: usize = 8;
+
+/// Fisher information (n, n) of each trial. Positions that are not finite are refused.
 ///
 /// # Errors
-/// [`Error::OnTarget`] with the trial and the sample.
+/// [`Error::OnTarget`] with the trial and the sample; [`Error::Number`] for a position
+/// that is not finite and for information that exceeds the numbers of this type.
 ///
 /// # Source
 /// Xu et al. 2009, eqs. (9) and (10).
@@ -101,32 +123,106 @@ pub fn fisher(
 ) -> Result<(), (usize, Error)> {
     let n = sightings.states();
     let m = sightings.positions.size() / 2;
-    threads.over(out, n * n, m as f64, |trial, out| {
-        let sighting = sightings.at(trial);
-        let sums = path.run(Sums(sighting));
-        if !sums[0].is_finite() || !sums[2].is_finite() {
-            // Zero ranges divide to infinity or NaN.
-            sighting.check().map_err(|error| (trial, error))?;
+    let fixed = n == 2 && sightings.sigma.size() == 1;
+    threads.over_groups(out, n * n, GROUP, m as f64, |first, out| {
+        let sightings = sightings.skip(first);
+        if fixed {
+            path.run(Fixed { sightings, out });
+        } else {
+            path.run(Sums { sightings, out });
         }
-        // Blocks of (xx, xy, yy) times the powers 0, 1, 2 of time.
-        for i in 0..n {
-            for j in 0..n {
-                out[i * n + j] = sums[i % 2 + j % 2 + 3 * (i / 2 + j / 2)];
+        for (trial, out) in out.chunks_exact_mut(n * n).enumerate() {
+            // Zero ranges divide to infinity or NaN, and what is not finite stays so.
+            if !all_finite(out) {
+                sightings
+                    .at(trial)
+                    .row_by_row(out)
+                    .map_err(|error| (first + trial, error))?;
             }
         }
         Ok(())
     })
 }
 
-/// Sums of a a, a b, b b over the rows (a, b), times 1, time and its square.
-struct Sums<'a>(Sighting<'a>);
+/// Sums of a a, a b, b b over the rows (a, b) of fixed targets, one deviation for all
+/// bearings of a trial: positions go straight from memory into vectors.
+struct Fixed<'a> {
+    sightings: Sightings<'a>,
+    out: &'a mut [f64],
+}
 
-impl pulp::WithSimd for Sums<'_> {
-    type Output = [f64; 9];
+impl pulp::WithSimd for Fixed<'_> {
+    type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> [f64; 9] {
-        let sighting = self.0;
+    fn with_simd<S: Simd>(self, simd: S) {
+        for (trial, out) in self.out.as_chunks_mut::<4>().0.iter_mut().enumerate() {
+            let Sighting { target, sigma, .. } = self.sightings.at(trial);
+            let target = [simd.splat_f64s(target[0]), simd.splat_f64s(target[1])];
+            let noise = simd.splat_f64s(sigma[0]);
+            let (whole, rest) = pairs::<S>(self.sightings.positions.get(trial));
+            let mut sums = [simd.splat_f64s(0.0); 3];
+            for &pair in whole {
+                add_rows(simd, apart(simd, pair), target, noise, &mut sums);
+            }
+            if !rest.is_empty() {
+                // An infinite deviation adds nothing.
+                let (places, noise) = last_pairs(simd, rest, sigma[0], f64::INFINITY);
+                add_rows(simd, places, target, noise, &mut sums);
+            }
+            let [xx, xy, yy] = lane_sums(simd, &sums);
+            *out = [xx, xy, xy, yy];
+        }
+    }
+}
+
+#[inline(always)]
+fn add_rows<S: Simd>(
+    simd: S,
+    places: [S::f64s; 2],
+    target: [S::f64s; 2],
+    noise: S::f64s,
+    sums: &mut [S::f64s; 3],
+) {
+    let x = simd.sub_f64s(target[0], places[0]);
+    let y = simd.sub_f64s(target[1], places[1]);
+    let square = simd.mul_add_e_f64s(x, x, simd.mul_f64s(y, y));
+    let weight = simd.div_f64s(simd.splat_f64s(1.0), simd.mul_f64s(square, noise));
+    let a = simd.mul_f64s(y, weight);
+    let b = simd.mul_f64s(x, weight);
+    sums[0] = simd.mul_add_e_f64s(a, a, sums[0]);
+    sums[1] = simd.negate_mul_add_e_f64s(a, b, sums[1]);
+    sums[2] = simd.mul_add_e_f64s(b, b, sums[2]);
+}
+
+/// Sums of a a, a b, b b over the rows (a, b), times 1, time and its square.
+struct Sums<'a> {
+    sightings: Sightings<'a>,
+    out: &'a mut [f64],
+}
+
+impl pulp::WithSimd for Sums<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let n = self.sightings.states();
+        for (trial, out) in self.out.chunks_exact_mut(n * n).enumerate() {
+            let sums = self.sightings.at(trial).sums(simd);
+            // Blocks of (xx, xy, yy) times the powers 0, 1, 2 of time.
+            for i in 0..n {
+                for j in 0..n {
+                    out[i * n + j] = sums[i % 2 + j % 2 + 3 * (i / 2 + j / 2)];
+                }
+            }
+        }
+    }
+}
+
+impl Sighting<'_> {
+    #[inline(always)]
+    fn sums<S: Simd>(self, simd: S) -> [f64; 9] {
+        let sighting = self;
         let moves = sighting.target.len() == 4;
         let mut sums = [simd.splat_f64s(0.0); 9];
         // Samples beyond the last: far away, so that they add nothing.
@@ -260,6 +356,84 @@ mod tests {
     use super::*;
     use alloc::vec;
     use alloc::vec::Vec;
+
+    #[test]
+    fn one_deviation_for_all_bearings_gives_the_sum_of_the_rows() {
+        let mut stream = crate::batch::Stream::new(6, 0);
+        let trials = 11;
+        for m in [1, 2, 3, 7, 8, 9, 16, 100, 149] {
+            let mut draw = |count: usize, size: f64, middle: f64| -> Vec<f64> {
+                (0..count)
+                    .map(|_| middle + size * stream.normal())
+                    .collect()
+            };
+            let positions = draw(2 * m * trials, 100.0, 0.0);
+            let target = draw(2 * trials, 50.0, 900.0);
+            let sigma = [0.03];
+            let sightings = Sightings {
+                positions: Items::each(&positions, 2 * m),
+                target: Items::each(&target, 2),
+                times: Items::shared(&[]),
+                sigma: Items::shared(&sigma),
+            };
+            let mut plain = vec![0.0; 4 * trials];
+            for (trial, out) in plain.chunks_exact_mut(4).enumerate() {
+                assert_eq!(sightings.at(trial).row_by_row(out), Ok(()));
+            }
+            for path in Path::available() {
+                let mut out = vec![0.0; 4 * trials];
+                assert_eq!(fisher(sightings, Threads::One, path, &mut out), Ok(()));
+                for (found, wanted) in out.chunks(4).zip(plain.chunks(4)) {
+                    let size = wanted[0].max(wanted[3]);
+                    for (a, b) in found.iter().zip(wanted) {
+                        assert!((a - b).abs() <= 1e-14 * size, "{path:?} {m}: {a} {b}");
+                    }
+                }
+                // Without anything left over from a trial's neighbours.
+                let mut alone = [0.0; 4];
+                let last = sightings.skip(trials - 1);
+                assert_eq!(fisher(last, Threads::One, path, &mut alone), Ok(()));
+                assert_eq!(out[4 * (trials - 1)..], alone);
+            }
+        }
+    }
+
+    #[test]
+    fn what_the_vectors_cannot_hold_is_summed_row_by_row_or_refused() {
+        let sigma = [1.0];
+        for path in Path::available() {
+            let one = |place: f64, target: f64| {
+                let mut positions = [5.0; 22];
+                (positions[12], positions[13]) = (place, 7.0);
+                let target = [target, 7.0];
+                let sightings = Sightings {
+                    positions: Items::shared(&positions),
+                    target: Items::shared(&target),
+                    times: Items::shared(&[]),
+                    sigma: Items::shared(&sigma),
+                };
+                let mut out = [0.0; 4];
+                fisher(sightings, Threads::One, path, &mut out).map(|()| out)
+            };
+            assert_eq!(one(3.0, 3.0), Err((0, Error::OnTarget { index: 6 })));
+            for wrong in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+                assert!(
+                    matches!(
+                        one(wrong, 3.0),
+                        Err((0, Error::Number(NumberError::NotFinite { index: 6, .. })))
+                    ),
+                    "{path:?} {wrong}"
+                );
+            }
+            // At 1e-170 m the square vanishes, at 1e-150 m it does not.
+            assert!(matches!(
+                one(0.0, 1e-170),
+                Err((0, Error::Number(NumberError::Overflow { .. })))
+            ));
+            let near = one(0.0, 1e-150).map(|out| out[3]);
+            assert!(near.is_ok_and(|yy| (yy * 1e-300 - 1.0).abs() < 1e-14));
+        }
+    }
 
     #[test]
     fn every_path_gives_the_sum_of_the_rows() {

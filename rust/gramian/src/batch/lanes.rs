@@ -23,6 +23,18 @@ pub struct Lanes<S: Simd> {
 }
 
 impl<S: Simd> Lanes<S> {
+    /// A register as it is.
+    #[inline(always)]
+    pub fn new(simd: S, value: S::f64s) -> Self {
+        Self { simd, value }
+    }
+
+    /// The sum of the lanes.
+    #[inline(always)]
+    pub fn sum(self) -> f64 {
+        self.simd.reduce_sum_f64s(self.value)
+    }
+
     /// How many registers make a block.
     pub const PARTS: usize = LANES / S::F64_LANES;
 

@@ -20,6 +20,7 @@ mod gram;
 mod lanes;
 mod linear;
 mod maneuver;
+mod maneuver_paths;
 pub mod moments;
 pub mod plan;
 mod posterior;
@@ -49,7 +50,8 @@ pub use gram::gram;
 pub use linear::{
     Span, gramian_cost, linear_cost, linear_gramian, linear_levels, observability_matrix,
 };
-pub use maneuver::{Paths, headings, path_size, trajectories};
+pub use maneuver::headings;
+pub use maneuver_paths::{Paths, path_size, trajectories};
 pub use posterior::{Recursion, posterior};
 pub use random::{Stream, normals};
 pub use spine::{Target, bearing_rows, crlb_std};

@@ -4,11 +4,13 @@ use alloc::vec;
 use alloc::vec::Vec;
 use core::convert::Infallible;
 
-use super::simd::{Path, lane_sums};
+use super::lanes::Lanes;
+use super::simd::{Path, apart, last_pairs, pairs};
 use super::{Items, Stream, Threads};
 use crate::registration::estimate::{Answer, Estimator, Question, Status};
 use crate::registration::pair::Plane;
 use crate::registration::{Error, Layout, look, unchecked_report};
+use crate::scalar::{NumberError, all_finite};
 use crate::square_root::{rotate_in, triangularize};
 
 /// Sensors, noise and targets of a batch.
@@ -88,7 +90,8 @@ impl<'a> Scene<'a> {
         )
     }
 
-    fn cost(&self) -> f64 {
+    /// What a trial's rows take, in nanoseconds, roughly.
+    pub fn cost(&self) -> f64 {
         let layout = self.layout;
         let lines = layout.sensors * layout.size();
         let look = 50.0 + 2.0 * (lines * look::width(&layout) * layout.size()) as f64;
@@ -114,6 +117,28 @@ impl Pair<'_> {
             &sigma[1],
         )
         .map_err(|error| error.at(look))
+    }
+
+    /// The sum of the projectors over the deviations, for what exceeds the numbers of
+    /// the vectors on its way; or which look is wrong.
+    fn look_by_look(&self, out: &mut [f64]) -> Result<(), Error> {
+        let sigma = self.sigma.as_flattened();
+        out.fill(0.0);
+        for look in 0..self.positions.len() {
+            let projector = self.plane(look, &self.sigma)?.projector();
+            for i in 0..4 {
+                for j in 0..4 {
+                    out[4 * i + j] += projector[i][j] / (sigma[i] * sigma[j]);
+                }
+            }
+        }
+        if all_finite(out) {
+            return Ok(());
+        }
+        Err(NumberError::Overflow {
+            result: "information",
+        }
+        .into())
     }
 }
 
@@ -163,16 +188,23 @@ pub fn fisher(
 ) -> Result<(), (usize, Error)> {
     let n = scene.layout.states();
     if scene.layout == Layout::PAIR {
-        let cost = 4.0 * scene.looks() as f64;
-        return threads.over(out, 16, cost, |trial, out| {
-            scene.check(trial)?;
-            let pair = scene.pair(trial);
-            path.run(Sum { pair: &pair, out });
-            if out.iter().all(|x| x.is_finite()) {
-                return Ok(());
+        let cost = 5.0 * scene.looks() as f64;
+        return threads.over_groups(out, 16, GROUP, cost, |first, out| {
+            let scene = scene.skip(first);
+            let count = out.len() / 16;
+            // What all trials share is checked once.
+            let shared = scene.sensors.is_shared() && scene.sigma.is_shared();
+            for trial in 0..if shared { 1 } else { count } {
+                scene.check(trial).map_err(|(_, e)| (first + trial, e))?;
             }
-            for k in 0..pair.positions.len() {
-                pair.plane(k, &pair.sigma).map_err(|error| (trial, error))?;
+            path.run(Sum { scene, out });
+            for (trial, out) in out.chunks_exact_mut(16).enumerate() {
+                if !all_finite(out) {
+                    scene
+                        .pair(trial)
+                        .look_by_look(out)
+                        .map_err(|error| (first + trial, error))?;
+                }
             }
             Ok(())
         });
@@ -196,12 +228,12 @@ pub fn fisher(
     )
 }
 
-/// Looks whose coordinates are taken apart together.
-const BLOCK: usize = 64;
+/// Trials of one call of a kernel: choosing a path takes as long as some looks.
+const GROUP: usize = 8;
 
-/// The sum of the looks' projectors over the deviations.
+/// The sum of the looks' projectors over the deviations, trial by trial.
 struct Sum<'a> {
-    pair: &'a Pair<'a>,
+    scene: Scene<'a>,
     out: &'a mut [f64],
 }
 
@@ -210,96 +242,100 @@ impl pulp::WithSimd for Sum<'_> {
 
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, simd: S) {
-        let Pair {
-            positions,
-            sensors,
-            sigma,
-        } = self.pair;
-        let splat = |x: f64| simd.splat_f64s(x);
-        let mul = |a: S::f64s, b: S::f64s| simd.mul_f64s(a, b);
-        let fma = |a: S::f64s, b: S::f64s, c: S::f64s| simd.mul_add_e_f64s(a, b, c);
-        let less = |a: S::f64s, b: S::f64s, c: S::f64s| simd.negate_mul_add_e_f64s(a, b, c);
-        let one = splat(1.0);
-        let [[ax, ay], [bx, by]] = sensors.map(|s| s.map(splat));
-        let [[ra, ta], [rb, tb]] = *sigma;
-        let scales = [ra * ta, ra * rb, ra * tb, ta * rb, ta * tb, rb * tb].map(splat);
-        let mut sums = [splat(0.0); 10];
-        // East and north apart by blocks: one vector at a time each would wait for
-        // the stores of its parts.
-        let (mut east, mut north) = ([0.0; BLOCK], [0.0; BLOCK]);
-        let mut left = 0;
-        for block in positions.chunks(BLOCK) {
-            for (place, &[x, y]) in block.iter().enumerate() {
-                (east[place], north[place]) = (x, y);
+        for (trial, out) in self.out.as_chunks_mut::<16>().0.iter_mut().enumerate() {
+            let Pair { sensors, sigma, .. } = self.scene.pair(trial);
+            let constants = Constants::new(simd, &sensors, &sigma);
+            let (whole, rest) = pairs::<S>(self.scene.positions.get(trial));
+            let (zero, one) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 1.0));
+            let mut sums = [zero; 10];
+            for &pair in whole {
+                let [x, y] = apart(simd, pair);
+                constants.add(Lanes::new(simd, x), Lanes::new(simd, y), one, &mut sums);
             }
-            left = block.len() % S::F64_LANES;
-            let (xs, _) = S::as_simd_f64s(&east[..block.len() - left]);
-            let (ys, _) = S::as_simd_f64s(&north[..block.len() - left]);
-            for (&x, &y) in xs.iter().zip(ys) {
-                let (x1, y1) = (simd.sub_f64s(x, ax), simd.sub_f64s(y, ay));
-                let (x2, y2) = (simd.sub_f64s(x, bx), simd.sub_f64s(y, by));
-                let r1 = simd.sqrt_f64s(fma(x1, x1, mul(y1, y1)));
-                let r2 = simd.sqrt_f64s(fma(x2, x2, mul(y2, y2)));
-                let both = mul(r1, r2);
-                let cross = less(y1, x2, mul(x1, y2));
-                let dot = fma(y1, y2, mul(x1, x2));
-                // The minors of `Plane::new`, all times r1 r2, which the projector
-                // does not see and which saves a division; signs go into the products.
-                let m0 = mul(scales[0], mul(r1, both));
-                let m1 = mul(scales[1], cross);
-                let m2 = mul(scales[2], mul(r2, dot));
-                let m3 = mul(scales[3], mul(r1, dot));
-                let m4 = mul(scales[4], mul(both, cross));
-                let m5 = mul(scales[5], mul(r2, both));
-                let (s0, s1, s2) = (mul(m0, m0), mul(m1, m1), mul(m2, m2));
-                let (s3, s4, s5) = (mul(m3, m3), mul(m4, m4), mul(m5, m5));
-                let add = |a: S::f64s, b: S::f64s| simd.add_f64s(a, b);
-                let p00 = add(s0, add(s1, s2));
-                let p33 = add(s2, add(s4, s5));
-                let size = add(add(p00, s3), add(s4, s5));
-                let w = simd.div_f64s(one, size);
-                let values = [
-                    p00,
-                    simd.sub_f64s(mul(m1, m3), mul(m2, m4)),
-                    simd.sub_f64s(splat(0.0), fma(m0, m3, mul(m2, m5))),
-                    simd.sub_f64s(splat(0.0), fma(m0, m4, mul(m1, m5))),
-                    add(s0, add(s3, s4)),
-                    fma(m0, m1, mul(m4, m5)),
-                    simd.sub_f64s(splat(0.0), fma(m0, m2, mul(m3, m5))),
-                    add(s1, add(s3, s5)),
-                    simd.sub_f64s(mul(m3, m4), mul(m1, m2)),
-                    p33,
-                ];
-                for (sum, value) in sums.iter_mut().zip(values) {
-                    *sum = fma(value, w, *sum);
-                }
+            if !rest.is_empty() {
+                let ([x, y], weight) = last_pairs(simd, rest, 1.0, 0.0);
+                let weight = Lanes::new(simd, weight);
+                constants.add(Lanes::new(simd, x), Lanes::new(simd, y), weight, &mut sums);
             }
-        }
-        let mut total = lane_sums(simd, &sums);
-        for k in positions.len() - left..positions.len() {
-            let Ok(plane) = self.pair.plane(k, sigma) else {
-                total = [f64::NAN; 10];
-                break;
-            };
-            let p = plane.projector();
+            let mut total = [0.0; 10];
+            for k in 0..10 {
+                total[k] = sums[k].sum();
+            }
+            let scale = [sigma[0][0], sigma[0][1], sigma[1][0], sigma[1][1]];
             let mut place = 0;
             for i in 0..4 {
                 for j in i..4 {
-                    total[place] += p[i][j];
+                    let value = total[place] / (scale[i] * scale[j]);
+                    out[i * 4 + j] = value;
+                    out[j * 4 + i] = value;
                     place += 1;
                 }
             }
         }
-        let scale = [ra, ta, rb, tb];
-        let mut place = 0;
-        for i in 0..4 {
-            for j in i..4 {
-                let value = total[place] / (scale[i] * scale[j]);
-                self.out[i * 4 + j] = value;
-                self.out[j * 4 + i] = value;
-                place += 1;
-            }
+    }
+}
+
+/// What the looks of a trial have in common, in all lanes.
+struct Constants<S: pulp::Simd> {
+    sensors: [[Lanes<S>; 2]; 2],
+    /// Products of two deviations, in the order of the minors.
+    scales: [Lanes<S>; 6],
+}
+
+impl<S: pulp::Simd> Constants<S> {
+    #[inline(always)]
+    fn new(simd: S, sensors: &[[f64; 2]; 2], sigma: &[[f64; 2]; 2]) -> Self {
+        let [[ra, ta], [rb, tb]] = *sigma;
+        let [[ax, ay], [bx, by]] = *sensors;
+        Self {
+            sensors: [
+                [Lanes::splat(simd, ax), Lanes::splat(simd, ay)],
+                [Lanes::splat(simd, bx), Lanes::splat(simd, by)],
+            ],
+            scales: [
+                Lanes::splat(simd, ra * ta),
+                Lanes::splat(simd, ra * rb),
+                Lanes::splat(simd, ra * tb),
+                Lanes::splat(simd, ta * rb),
+                Lanes::splat(simd, ta * tb),
+                Lanes::splat(simd, rb * tb),
+            ],
         }
+    }
+
+    /// Adds `weight` times the upper triangles of the projectors of looks at (x, y).
+    #[inline(always)]
+    fn add(&self, x: Lanes<S>, y: Lanes<S>, weight: Lanes<S>, sums: &mut [Lanes<S>; 10]) {
+        let [[ax, ay], [bx, by]] = self.sensors;
+        let scales = &self.scales;
+        let (x1, y1, x2, y2) = (x - ax, y - ay, x - bx, y - by);
+        let r1 = x1.mul_add(x1, y1 * y1).sqrt();
+        let r2 = x2.mul_add(x2, y2 * y2).sqrt();
+        let both = r1 * r2;
+        let cross = y1.mul_from(x2, x1 * y2);
+        let dot = y1.mul_add(y2, x1 * x2);
+        // The minors of `Plane::new`, all times r1 r2, which the projector
+        // does not see and which saves a division; signs go into the products.
+        let m0 = scales[0] * (r1 * both);
+        let m1 = scales[1] * cross;
+        let m2 = scales[2] * (r2 * dot);
+        let m3 = scales[3] * (r1 * dot);
+        let m4 = scales[4] * (both * cross);
+        let m5 = scales[5] * (r2 * both);
+        let (s0, s1, s2) = (m0 * m0, m1 * m1, m2 * m2);
+        let (s3, s4, s5) = (m3 * m3, m4 * m4, m5 * m5);
+        let p00 = s0 + (s1 + s2);
+        let w = weight / ((p00 + s3) + (s4 + s5));
+        sums[0] = p00.mul_add(w, sums[0]);
+        sums[1] = m2.mul_from(m4, m1 * m3).mul_add(w, sums[1]);
+        sums[2] = m0.mul_add(m3, m2 * m5).mul_from(w, sums[2]);
+        sums[3] = m0.mul_add(m4, m1 * m5).mul_from(w, sums[3]);
+        sums[4] = (s0 + (s3 + s4)).mul_add(w, sums[4]);
+        sums[5] = m0.mul_add(m1, m4 * m5).mul_add(w, sums[5]);
+        sums[6] = m0.mul_add(m2, m3 * m5).mul_from(w, sums[6]);
+        sums[7] = (s1 + (s3 + s5)).mul_add(w, sums[7]);
+        sums[8] = m1.mul_from(m2, m3 * m4).mul_add(w, sums[8]);
+        sums[9] = (s2 + (s4 + s5)).mul_add(w, sums[9]);
     }
 }
 
@@ -659,6 +695,40 @@ mod tests {
                         "{path:?} {looks} looks, entry {i}: {} {}",
                         out[i],
                         expected[i]
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn looks_beyond_the_range_of_the_vectors_are_summed_one_by_one() {
+        // Products of three distances and two deviations exceed the numbers, or vanish;
+        // what they make does not.
+        for unit in [1e-100, 1e100] {
+            let sigma = [50.0, 2e-3, 30.0, 1e-3];
+            let scaled = [50.0 * unit, 2e-3, 30.0 * unit, 1e-3];
+            let (sensors, positions) = ([0.0, 0.0, 60e3, 0.0], [20e3, 30e3, 5e3, 4e4]);
+            let times = |values: &[f64; 4]| values.map(|x| x * unit);
+            let scene = |sensors, sigma, positions| Scene {
+                layout: Layout::PAIR,
+                sensors: Items::shared(sensors),
+                sigma: Items::shared(sigma),
+                biases: Items::shared(&[0.0; 4]),
+                positions: Items::shared(positions),
+            };
+            let (far, wide) = (times(&sensors), times(&positions));
+            for path in Path::available() {
+                let (mut near, mut out) = ([0.0; 16], [0.0; 16]);
+                let plain = scene(&sensors, &sigma, &positions);
+                fisher(plain, Threads::One, path, &mut near).unwrap();
+                fisher(scene(&far, &scaled, &wide), Threads::One, path, &mut out).unwrap();
+                for i in 0..16 {
+                    let wanted = near[i] * sigma[i / 4] * sigma[i % 4];
+                    let found = out[i] * scaled[i / 4] * scaled[i % 4];
+                    assert!(
+                        (found - wanted).abs() < 1e-13,
+                        "{path:?} {i} {found} {wanted}"
                     );
                 }
             }

@@ -123,6 +123,42 @@ pub fn lane_sums<S: pulp::Simd, const N: usize>(simd: S, vectors: &[S::f64s; N])
     sums
 }
 
+/// Vectors of pairs (x, y) that follow each other in memory, from a slice whose
+/// length is even, and the numbers left over.
+#[inline(always)]
+pub fn pairs<S: pulp::Simd>(flat: &[f64]) -> (&[[S::f64s; 2]], &[f64]) {
+    let (vectors, _) = S::as_simd_f64s(flat);
+    let (pairs, _) = vectors.as_chunks::<2>();
+    (pairs, &flat[2 * S::F64_LANES * pairs.len()..])
+}
+
+/// The first numbers of pairs, and the second ones. The lanes are in an order of
+/// their own, the same for both.
+#[inline(always)]
+pub fn apart<S: pulp::Simd>(simd: S, pairs: [S::f64s; 2]) -> [S::f64s; 2] {
+    simd.deinterleave_shfl_f64s(pairs)
+}
+
+/// [`apart`] of the fewer pairs than lanes that are left over, the lanes beyond them
+/// filled with the first pair, and a vector that is `inside` in the lanes of pairs and
+/// `beyond` in the others. The widest vector has 8 lanes.
+#[inline(always)]
+pub fn last_pairs<S: pulp::Simd>(
+    simd: S,
+    rest: &[f64],
+    inside: f64,
+    beyond: f64,
+) -> ([S::f64s; 2], S::f64s) {
+    let (mut filled, mut inner) = ([0.0; 16], [beyond; 16]);
+    filled[..rest.len()].copy_from_slice(rest);
+    inner[..rest.len()].fill(inside);
+    for pair in filled[rest.len()..].as_chunks_mut::<2>().0 {
+        pair.copy_from_slice(&rest[..2]);
+    }
+    let (filled, inner) = (pairs::<S>(&filled).0[0], pairs::<S>(&inner).0[0]);
+    (apart(simd, filled), apart(simd, inner)[0])
+}
+
 /// Sine and cosine of each lane, within 1.5 units in the last place.
 ///
 /// A kernel calls this between its own vector operations; [`sin_cos_slice`] is

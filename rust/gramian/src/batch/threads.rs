@@ -11,10 +11,12 @@ pub enum Threads {
 }
 
 /// Below this much work on a thread, starting it costs more than it saves.
-#[cfg(feature = "parallel")]
 const NANOSECONDS_A_THREAD: f64 = 2e5;
 
 impl Threads {
+    /// Work, in nanoseconds, that is done on the calling thread in any case.
+    pub const LEAST_WORK: f64 = 2.0 * NANOSECONDS_A_THREAD;
+
     /// Calls `each(trial, out)` for every trial with its own `size` entries of
     /// `out`. `cost` is what one trial takes, in nanoseconds, roughly.
     ///
@@ -30,7 +32,35 @@ impl Threads {
         self.over_with(out, size, cost, || (), |(), trial, out| each(trial, out))
     }
 
-    /// The same with scratch space that `scratch` makes once a thread and task.
+    /// Calls `each(first, out)` for groups of `group` trials that follow each other,
+    /// the last group with what is left: for kernels that take several trials at
+    /// once. `cost` is of one trial.
+    ///
+    /// # Errors
+    /// The error of the first group that fails.
+    pub fn over_groups<E: Send>(
+        self,
+        out: &mut [f64],
+        size: usize,
+        group: usize,
+        cost: f64,
+        each: impl Fn(usize, &mut [f64]) -> Result<(), E> + Sync,
+    ) -> Result<(), E> {
+        if size == 0 || group == 0 {
+            return Ok(());
+        }
+        let groups = out.len() / (size * group);
+        let (whole, rest) = out.split_at_mut(groups * size * group);
+        self.over(whole, size * group, cost * group as f64, |index, out| {
+            each(index * group, out)
+        })?;
+        if rest.is_empty() {
+            return Ok(());
+        }
+        each(groups * group, rest)
+    }
+
+    /// [`over`](Self::over) with scratch space that `scratch` makes once a thread and task.
     ///
     /// # Errors
     /// The error of the first trial (by index) that fails.
@@ -50,7 +80,7 @@ impl Threads {
             use rayon::prelude::*;
             let trials = out.len() / size;
             let work = cost * trials as f64;
-            if self == Self::Auto && work > 2.0 * NANOSECONDS_A_THREAD {
+            if self == Self::Auto && work > Self::LEAST_WORK {
                 // Tasks of equal trials; more tasks than threads, so that a slow
                 // core does not hold up the rest.
                 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
