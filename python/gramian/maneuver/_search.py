@@ -62,13 +62,18 @@ def free_guesses(task: Task, seed: int) -> list[Found]:
             families.append((name, *task.steered(law, [[side]], MARGIN)))
     # Angles dense near the line of sight, where a path that goes in is decided.
     offsets = np.pi * np.linspace(0.02, 0.98, 13) ** 1.5
-    for share in (1.0, 0.95, 0.9, 0.85, 0.8, 0.7, 0.6, 0.5, 0.35, 0.2):
-        back = round(share * task.moves)
-        for side in (1.0, -1.0):
-            arcs = np.stack([offsets, np.full(13, side), np.full(13, float(back))], axis=1)
-            turn = "" if share == 1 else f", back at step {back}"
-            name = f"straight then round, {_side(side)}{turn}"
-            families.append((name, *task.steered("arcs", arcs, MARGIN)))
+    kinds = [
+        (side, float(round(share * task.moves)))
+        for share in (1.0, 0.95, 0.9, 0.85, 0.8, 0.7, 0.6, 0.5, 0.35, 0.2)
+        for side in (1.0, -1.0)
+    ]
+    arcs = np.array([[offset, side, back] for side, back in kinds for offset in offsets])
+    groups, clear = task.steered("arcs", arcs, MARGIN)
+    for k, (side, back) in enumerate(kinds):
+        turn = "" if k < 2 else f", back at step {back:.0f}"
+        name = f"straight then round, {_side(side)}{turn}"
+        group = slice(k * offsets.size, (k + 1) * offsets.size)
+        families.append((name, groups[group], clear[group]))
     if len(task.names) == 4:
         # A moving target wants legs to either side, near or far.
         aim = task.weights @ task.targets[:, :2] - task.start
@@ -84,7 +89,7 @@ def free_guesses(task: Task, seed: int) -> list[Found]:
     families.append(("random legs", *task.steered("headings", wild, MARGIN)))
     names = [name for name, group, _ in families for _ in group]
     every = np.concatenate([group for _, group, _ in families])
-    kept = np.concatenate([clear for _, _, clear in families])
+    kept = np.concatenate([good for _, _, good in families])
     counts = np.ones(task.moves, dtype=np.intp)
     lengths = np.full(task.moves, task.fast * task.dt)
     return _ordered(task, names, counts, every, lengths, np.where(kept, 0.0, 1.0))
@@ -249,59 +254,32 @@ class Limits:
     """
 
     def __init__(self, task: Task, counts: NDArray[np.intp]) -> None:
-        self.start = task.start
         self.max_turn, self.before = task.max_turn, task.heading
-        self.leg = np.repeat(np.arange(len(counts)), counts)
-        #: Steps to legs.
-        self.sum = np.zeros((task.moves, len(counts)))
-        self.sum[np.arange(task.moves), self.leg] = 1.0
         self.free = len(counts) == task.moves
-        reach = task.fast * task.dt * np.arange(1, task.moves + 1)
-        # Only what the path can reach at all is a limit.
-        centers, rows = [], []
+        ends = np.arange(1, task.moves + 1)
+        reach = task.fast * task.dt * ends
+        circles = []
+
+        def add(x: Array, y: Array, radius: float, whole: float) -> None:
+            # Only what the path can reach at all is a limit.
+            near = np.hypot(x - task.start[0], y - task.start[1]) < radius + reach
+            columns = (ends - 1.0, x, y, np.full(task.moves, radius), np.full(task.moves, whole))
+            circles.append(np.stack(columns, axis=1)[near])
+
         if task.standoff > 0:
-            tracks = moved(task.targets, task.dt * np.arange(1, task.moves + 1))
-            for track in tracks:
-                near = np.hypot(*(track - task.start).T) < task.standoff + reach
-                rows.append(np.flatnonzero(near))
-                centers.append(track[near])
-        self.ends = np.concatenate(rows) if rows else np.zeros(0, dtype=np.intp)
-        self.centers = np.concatenate(centers) if centers else np.zeros((0, 2))
-        self.standoff = task.standoff
-        self.discs = [
-            (np.flatnonzero(np.hypot(x - self.start[0], y - self.start[1]) < r + reach), x, y, r)
-            for x, y, r in task.keep_out
-        ]
-        self.discs = [disc for disc in self.discs if disc[0].size]
+            for track in moved(task.targets, task.dt * ends):
+                add(track[:, 0], track[:, 1], task.standoff, 0.0)
+        for x, y, radius in task.keep_out:
+            add(np.full(task.moves, x), np.full(task.moves, y), radius, 1.0)
+        every = np.concatenate(circles) if circles else np.zeros((0, 5))
+        self.radii = every[:, 3]
+        self._near = _core.PlanClearance(task.start, counts.tolist(), every)
 
     def __len__(self) -> int:
-        return int(self.ends.size + sum(disc[0].size for disc in self.discs))
-
-    def _walk(self, headings: Array, lengths: Array) -> tuple[Array, Array]:
-        heading, length = headings[self.leg], lengths[self.leg]
-        moves = length[:, None] * np.stack([np.sin(heading), np.cos(heading)], axis=1)
-        return self.start + np.cumsum(moves, axis=0), moves
-
-    def _offsets(self, headings: Array, lengths: Array) -> list[tuple[Any, Any, Any, float]]:
-        """Offsets from the centres: of which steps' ends, by which share of the step."""
-        ends, moves = self._walk(headings, lengths)
-        groups: list[tuple[Any, Any, Any, float]] = []
-        if self.ends.size:
-            away = ends[self.ends] - self.centers
-            groups.append((self.ends, np.ones(self.ends.size), away, self.standoff))
-        for steps, x, y, radius in self.discs:
-            step = moves[steps]
-            from_center = ends[steps] - step - (x, y)
-            along = -(from_center * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-300)
-            share = np.clip(along, 0.0, 1.0)
-            groups.append((steps, share, from_center + share[:, None] * step, radius))
-        return groups
+        return len(self._near)
 
     def values(self, headings: Array, lengths: Array) -> Array:
-        groups = self._offsets(headings, lengths)
-        parts = [(away**2).sum(axis=1) / radius**2 - 1 for _, _, away, radius in groups]
-        values: Array = np.concatenate(parts) if parts else np.zeros(0)
-        return values
+        return self._near.values(headings, lengths)
 
     def least(self, headings: Array, lengths: Array) -> float:
         return float(self.values(headings, lengths).min(initial=np.inf))
@@ -316,31 +294,14 @@ class Limits:
 
     def clearance(self, headings: Array, lengths: Array) -> float:
         """Return the least distance from an edge, metres."""
-        groups = self._offsets(headings, lengths)
-        return min(
-            (float((np.hypot(*away.T) - radius).min()) for _, _, away, radius in groups),
-            default=np.inf,
-        )
+        values = self.values(headings, lengths)
+        # The root of 1 + value, less 1, without the loss of taking it.
+        distances = self.radii * values / (1 + np.sqrt(1 + np.maximum(values, -1.0)))
+        return float(distances.min(initial=np.inf))
 
     def gradient(self, headings: Array, lengths: Array) -> tuple[Array, Array]:
         """Return the derivatives by headings and by step lengths, (limits, legs) each."""
-        heading, length = headings[self.leg], lengths[self.leg]
-        sin, cos = np.sin(heading), np.cos(heading)
-        turn = length[:, None] * np.stack([cos, -sin], axis=1)
-        stretch = np.stack([sin, cos], axis=1)
-        by_heading, by_length = [], []
-        for steps, share, away, radius in self._offsets(headings, lengths):
-            # A step moves its own point by `share` and all later ones whole.
-            weight = (np.arange(self.leg.size) < steps[:, None]).astype(float)
-            weight[np.arange(steps.size), steps] = share
-            pull = 2 / radius**2 * away
-            by_heading.append((pull @ turn.T) * weight)
-            by_length.append((pull @ stretch.T) * weight)
-        heading_rows = np.concatenate(by_heading)
-        length_rows = np.concatenate(by_length)
-        if self.free:
-            return heading_rows, length_rows
-        return heading_rows @ self.sum, length_rows @ self.sum
+        return self._near.gradient(headings, lengths)
 
 
 def _refine(

@@ -6,7 +6,7 @@ use gramian::batch::{Items, Threads};
 use gramian::maneuver::plan::Criterion;
 use gramian::maneuver::steer::Limits;
 use gramian::maneuver::{Law, Side};
-use numpy::{PyArray1, PyArrayDyn, PyArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 
 use crate::convert::{Batch, Input};
@@ -212,6 +212,106 @@ impl Given<'_> {
     }
 }
 
+/// The clearance of a path from circles: see `gramian::batch::plan::Clearance`.
+#[pyclass(frozen, module = "gramian._core")]
+pub struct PlanClearance(plan::Clearance);
+
+type Gradients<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>);
+
+#[pymethods]
+impl PlanClearance {
+    /// `circles` (n, 5): step, east, north, radius, and 1 where the whole step is to
+    /// stay clear.
+    #[new]
+    fn new(
+        start: &Bound<'_, PyAny>,
+        counts: Vec<usize>,
+        circles: &Bound<'_, PyAny>,
+    ) -> PyResult<Self> {
+        let circles = Input::new(circles, "circles", 2)?;
+        circles.expect(&[None, Some(5)], "step, east, north, radius, whole")?;
+        let (rows, _) = circles.slice()?.as_chunks::<5>();
+        let steps: usize = counts.iter().sum();
+        let mut near = Vec::with_capacity(rows.len());
+        for &[step, east, north, radius, whole] in rows {
+            if !(0.0..steps as f64).contains(&step) {
+                return Err(InputError::new_err(format!(
+                    "circles: step {step} is not one of {steps}"
+                )));
+            }
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+            near.push(plan::Near {
+                step: step as usize,
+                center: [east, north],
+                radius,
+                whole: whole != 0.0,
+            });
+        }
+        let start = pair(start, "start")?;
+        Ok(Self(plan::Clearance::new(start, &counts, near)))
+    }
+
+    fn __len__(&self) -> usize {
+        self.0.len()
+    }
+
+    fn values<'py>(
+        &self,
+        py: Python<'py>,
+        headings: &Bound<'py, PyAny>,
+        lengths: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let (headings, lengths) = (
+            self.legs(headings, "headings")?,
+            self.legs(lengths, "lengths")?,
+        );
+        let mut out = vec![0.0; self.0.len()];
+        self.0.values(headings.slice()?, lengths.slice()?, &mut out);
+        Ok(PyArray1::from_vec(py, out))
+    }
+
+    fn gradient<'py>(
+        &self,
+        py: Python<'py>,
+        headings: &Bound<'py, PyAny>,
+        lengths: &Bound<'py, PyAny>,
+    ) -> PyResult<Gradients<'py>> {
+        let (headings, lengths) = (
+            self.legs(headings, "headings")?,
+            self.legs(lengths, "lengths")?,
+        );
+        let shape = [self.0.len(), headings.core_shape()[0]];
+        let (by_heading, by_length) = (
+            PyArray2::zeros(py, shape, false),
+            PyArray2::zeros(py, shape, false),
+        );
+        {
+            let (mut turn, mut stretch) = (by_heading.readwrite(), by_length.readwrite());
+            self.0.gradient(
+                headings.slice()?,
+                lengths.slice()?,
+                turn.as_slice_mut()?,
+                stretch.as_slice_mut()?,
+            );
+        }
+        Ok((by_heading, by_length))
+    }
+}
+
+impl PlanClearance {
+    /// Not checked for what is not finite: an optimiser may try such a path.
+    fn legs<'py>(&self, value: &Bound<'py, PyAny>, name: &'static str) -> PyResult<Input<'py>> {
+        let input = Input::unchecked(value, name, 1)?;
+        input.expect(&[Some(self.0.legs())], "one for each leg")?;
+        if input.batch_shape().is_empty() {
+            return Ok(input);
+        }
+        Err(InputError::new_err(format!(
+            "{name} is of several paths: must be of one"
+        )))
+    }
+}
+
 /// Headings (paths, steps + 1) that keep the limits: the last entry counts the
 /// steps that could not. `wish` is "headings" (paths, steps), "arcs" (paths, 3)
 /// or a law, for which `wanted` is (1, 1): the side.
@@ -404,5 +504,6 @@ fn pair(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<[f64; 2]> {
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(maneuver_closed_loop, module)?)?;
     module.add_function(wrap_pyfunction!(plan_steered, module)?)?;
+    module.add_class::<PlanClearance>()?;
     module.add_class::<PlanObjective>()
 }

@@ -165,6 +165,153 @@ impl<const N: usize> Objective<N> {
     }
 }
 
+/// How clear the steps of a path are of circles, with derivatives.
+///
+/// A clearance is (distance / radius)^2 - 1, at least zero outside: of the end of a
+/// step, where a bearing is taken, or of the point of the step that is nearest.
+#[derive(Clone, Debug)]
+pub struct Clearance {
+    start: [f64; 2],
+    /// Of each step.
+    legs: Vec<usize>,
+    circles: Vec<Near>,
+}
+
+/// A circle that a step can come near.
+#[derive(Clone, Copy, Debug)]
+pub struct Near {
+    /// Which step, from 0.
+    pub step: usize,
+    /// Its centre when the step ends.
+    pub center: [f64; 2],
+    /// Its radius.
+    pub radius: f64,
+    /// Whether the whole step is to stay clear, or its end alone.
+    pub whole: bool,
+}
+
+/// Where a circle is nearest to its step.
+struct Nearest {
+    /// From the centre.
+    away: [f64; 2],
+    /// Which share of the step leads there.
+    share: f64,
+}
+
+impl Clearance {
+    /// `counts` has the number of steps of each leg; steps of circles are less than
+    /// their sum.
+    pub fn new(start: [f64; 2], counts: &[usize], mut circles: Vec<Near>) -> Self {
+        let mut legs = Vec::new();
+        for (leg, &count) in counts.iter().enumerate() {
+            legs.extend(core::iter::repeat_n(leg, count));
+        }
+        circles.retain(|circle| circle.step < legs.len());
+        Self {
+            start,
+            legs,
+            circles,
+        }
+    }
+
+    /// Number of circles.
+    pub fn len(&self) -> usize {
+        self.circles.len()
+    }
+
+    /// Whether there is nothing to keep clear of.
+    pub fn is_empty(&self) -> bool {
+        self.circles.is_empty()
+    }
+
+    /// Number of legs.
+    pub fn legs(&self) -> usize {
+        self.legs.last().map_or(0, |leg| leg + 1)
+    }
+
+    /// The clearance (circles) of a path with these headings and step lengths (legs).
+    pub fn values(&self, headings: &[f64], lengths: &[f64], out: &mut [f64]) {
+        let walk = self.walk(headings, lengths);
+        for (circle, out) in self.circles.iter().zip(out) {
+            let [x, y] = nearest(circle, &walk).away;
+            *out = (x * x + y * y) / (circle.radius * circle.radius) - 1.0;
+        }
+    }
+
+    /// Derivatives (circles, legs) of the values by the headings and by the lengths.
+    pub fn gradient(
+        &self,
+        headings: &[f64],
+        lengths: &[f64],
+        by_heading: &mut [f64],
+        by_length: &mut [f64],
+    ) {
+        let walk = self.walk(headings, lengths);
+        let directions: Vec<[f64; 2]> = headings
+            .iter()
+            .map(|heading| [heading.sin(), heading.cos()])
+            .collect();
+        by_heading.fill(0.0);
+        by_length.fill(0.0);
+        let legs = self.legs().max(1);
+        let rows = by_heading
+            .chunks_exact_mut(legs)
+            .zip(by_length.chunks_exact_mut(legs));
+        for (circle, (by_heading, by_length)) in self.circles.iter().zip(rows) {
+            let Nearest { away, share } = nearest(circle, &walk);
+            let factor = 2.0 / (circle.radius * circle.radius);
+            let [x, y] = away.map(|part| part * factor);
+            // A step moves its own point by its share and all later ones whole.
+            for (step, &leg) in self.legs[..=circle.step].iter().enumerate() {
+                let weight = if step == circle.step { share } else { 1.0 };
+                let [sin, cos] = directions[leg];
+                by_heading[leg] += weight * lengths[leg] * (x * cos - y * sin);
+                by_length[leg] += weight * (x * sin + y * cos);
+            }
+        }
+    }
+
+    /// The positions at the start and after each step.
+    fn walk(&self, headings: &[f64], lengths: &[f64]) -> Vec<[f64; 2]> {
+        let mut at = self.start;
+        let mut walk = Vec::with_capacity(self.legs.len() + 1);
+        walk.push(at);
+        let mut last = None;
+        let mut step = [0.0; 2];
+        for &leg in &self.legs {
+            if last != Some(leg) {
+                let (sin, cos) = headings[leg].sin_cos();
+                step = [lengths[leg] * sin, lengths[leg] * cos];
+                last = Some(leg);
+            }
+            at = [at[0] + step[0], at[1] + step[1]];
+            walk.push(at);
+        }
+        walk
+    }
+}
+
+fn nearest(circle: &Near, walk: &[[f64; 2]]) -> Nearest {
+    let [x, y] = circle.center;
+    let end = walk[circle.step + 1];
+    if !circle.whole {
+        return Nearest {
+            away: [end[0] - x, end[1] - y],
+            share: 1.0,
+        };
+    }
+    let begin = walk[circle.step];
+    let step = [end[0] - begin[0], end[1] - begin[1]];
+    let from = [begin[0] - x, begin[1] - y];
+    let along = -(from[0] * step[0] + from[1] * step[1]);
+    let square = (step[0] * step[0] + step[1] * step[1]).max(1e-300);
+    let share = (along / square).clamp(0.0, 1.0);
+    Nearest {
+        away: [from[0] + share * step[0], from[1] + share * step[1]],
+        share,
+    }
+}
+
 /// What a path that is made step by step starts from and keeps to.
 #[derive(Clone, Copy, Debug)]
 pub struct Course<'a> {
@@ -252,4 +399,65 @@ pub fn prior<const N: usize>(rows: &[f64]) -> SquareRootInformation<f64, N> {
         root.absorb(row);
     }
     root
+}
+
+#[cfg(test)]
+mod tests {
+    use alloc::vec;
+
+    use super::*;
+
+    #[test]
+    fn clearances_change_as_their_gradient_says() {
+        let counts = [2, 1, 3];
+        let near = |step, center, whole| Near {
+            step,
+            center,
+            radius: 3.0,
+            whole,
+        };
+        let clearance = Clearance::new(
+            [0.5, -0.25],
+            &counts,
+            vec![
+                near(5, [3.0, 9.0], false),
+                near(0, [0.0, 4.0], false),
+                // Nearest within the step, at its end and at its beginning.
+                near(2, [6.5, 2.5], true),
+                near(3, [9.0, 30.0], true),
+                near(4, [-3.0, -9.0], true),
+            ],
+        );
+        let (headings, lengths) = ([0.3, 1.2, -0.4], [2.0, 3.0, 1.5]);
+        let at = |headings: &[f64; 3], lengths: &[f64; 3]| {
+            let mut out = [0.0; 5];
+            clearance.values(headings, lengths, &mut out);
+            out
+        };
+        let (mut by_heading, mut by_length) = ([0.0; 15], [0.0; 15]);
+        clearance.gradient(&headings, &lengths, &mut by_heading, &mut by_length);
+        for leg in 0..3 {
+            let h = 1e-6;
+            let shifted = |values: [f64; 3], by: f64| {
+                let mut values = values;
+                values[leg] += by;
+                values
+            };
+            let turned = [h, -h].map(|h| at(&shifted(headings, h), &lengths));
+            let stretched = [h, -h].map(|h| at(&headings, &shifted(lengths, h)));
+            for circle in 0..5 {
+                let by = |pair: [[f64; 5]; 2]| (pair[0][circle] - pair[1][circle]) / (2.0 * h);
+                let (a, b) = (by(turned), by_heading[3 * circle + leg]);
+                assert!((a - b).abs() < 1e-8, "heading {leg} {circle}: {a} {b}");
+                let (a, b) = (by(stretched), by_length[3 * circle + leg]);
+                assert!((a - b).abs() < 1e-8, "length {leg} {circle}: {a} {b}");
+            }
+        }
+        // Steps of legs after a circle do not move it.
+        assert_eq!(by_heading[3 + 1..6], [0.0; 2]);
+        // The first step goes from (0.5, -0.25) by 2 m at 0.3 rad.
+        let end = [0.5 + 2.0 * 0.3_f64.sin(), -0.25 + 2.0 * 0.3_f64.cos()];
+        let wanted = (end[0].powi(2) + (end[1] - 4.0).powi(2)) / 9.0 - 1.0;
+        assert!((at(&headings, &lengths)[1] - wanted).abs() < 1e-15);
+    }
 }
