@@ -248,7 +248,7 @@ impl PlanClearance {
             });
         }
         let start = pair(start, "start")?;
-        Ok(Self(plan::Clearance::new(start, &counts, near)))
+        Ok(Self(plan::Clearance::new(start, counts, near)))
     }
 
     fn __len__(&self) -> usize {

@@ -473,7 +473,6 @@ impl<S: pulp::Simd> Flight<S> {
 }
 
 /// One path by itself: the plain form of the vectors, and for what they do not take.
-
 fn one_path(paths: &Paths<'_>, trial: usize, n: usize, out: &mut [f64]) -> Result<(), Error> {
     let one = |items: Items<'_>| items.get(trial)[0];
     let steering = Steering {

@@ -201,9 +201,9 @@ struct Nearest {
 impl Clearance {
     /// `counts` has the number of steps of each leg; steps of circles are less than
     /// their sum.
-    pub fn new(start: [f64; 2], counts: &[usize], mut circles: Vec<Near>) -> Self {
+    pub fn new(start: [f64; 2], counts: Vec<usize>, mut circles: Vec<Near>) -> Self {
         let mut legs = Vec::new();
-        for (leg, &count) in counts.iter().enumerate() {
+        for (leg, count) in counts.into_iter().enumerate() {
             legs.extend(core::iter::repeat_n(leg, count));
         }
         circles.retain(|circle| circle.step < legs.len());
@@ -409,7 +409,7 @@ mod tests {
 
     #[test]
     fn clearances_change_as_their_gradient_says() {
-        let counts = [2, 1, 3];
+        let counts = vec![2, 1, 3];
         let near = |step, center, whole| Near {
             step,
             center,
@@ -418,7 +418,7 @@ mod tests {
         };
         let clearance = Clearance::new(
             [0.5, -0.25],
-            &counts,
+            counts,
             vec![
                 near(5, [3.0, 9.0], false),
                 near(0, [0.0, 4.0], false),
