@@ -238,17 +238,16 @@ def trajectory(
         0.0 if standoff is None else standoff,
         at_standoff == "circle",
     )
-    ends = np.cumsum([1, 2 * n, n, n, n - 1, 4 * n])
-    count, positions, bearings, ranges, headings, information, det = np.split(packed, ends, axis=-1)
     batch = packed.shape[:-1]
+    # As `path_size` of the extension's crate lists them.
     return Trajectory(
-        positions=positions.reshape(*batch, n, 2),
-        bearings=bearings,
-        ranges=ranges,
-        headings=headings,
-        information=information.reshape(*batch, n, 2, 2),
-        det=det,
-        count=count[..., 0].astype(np.int64),
+        positions=packed[..., 1 : 2 * n + 1].reshape(*batch, n, 2),
+        bearings=packed[..., 2 * n + 1 : 3 * n + 1],
+        ranges=packed[..., 3 * n + 1 : 4 * n + 1],
+        headings=packed[..., 4 * n + 1 : 5 * n],
+        information=packed[..., 5 * n : 9 * n].reshape(*batch, n, 2, 2),
+        det=packed[..., 9 * n :],
+        count=packed[..., 0].astype(np.int64),
         law=law,
     )
 

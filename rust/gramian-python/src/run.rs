@@ -126,16 +126,17 @@ pub fn in_pieces(
 ) -> PyResult<()> {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let piece = ((PIECE / cost.max(1.0)) as usize).max(1);
-    if cost * trials as f64 <= Threads::LEAST_WORK {
-        // Entering the pool would take longer than it saves, or than the work.
-        py.detach(|| kernel(0..trials, Threads::One))?;
-        return py.check_signals();
-    }
+    // Entering the pool would take longer than it saves, or than the work.
+    let small = cost * trials as f64 <= Threads::LEAST_WORK;
     let mut first = 0;
     while first < trials {
         let range = first..trials.min(first + piece);
         first = range.end;
-        detached(py, |threads| kernel(range, threads))??;
+        if small {
+            py.detach(|| kernel(range, Threads::One))?;
+        } else {
+            detached(py, |threads| kernel(range, threads))??;
+        }
         py.check_signals()?;
         let check = WORKER.with_borrow(|worker| worker.as_ref().map(|w| w.check.clone_ref(py)));
         if let Some(check) = check {

@@ -160,15 +160,16 @@ impl pulp::WithSimd for Fixed<'_> {
             let Sighting { target, sigma, .. } = self.sightings.at(trial);
             let target = [simd.splat_f64s(target[0]), simd.splat_f64s(target[1])];
             let noise = simd.splat_f64s(sigma[0]);
-            let (whole, rest) = pairs::<S>(self.sightings.positions.get(trial));
+            let places = self.sightings.positions.get(trial);
+            let (whole, rest) = pairs::<S>(places);
+            let one = simd.splat_f64s(1.0);
             let mut sums = [simd.splat_f64s(0.0); 3];
             for &pair in whole {
-                add_rows(simd, apart(simd, pair), target, noise, &mut sums);
+                add_rows(simd, apart(simd, pair), target, noise, one, &mut sums);
             }
             if !rest.is_empty() {
-                // An infinite deviation adds nothing.
-                let (places, noise) = last_pairs(simd, rest, sigma[0], f64::INFINITY);
-                add_rows(simd, places, target, noise, &mut sums);
+                let (last, new) = last_pairs(simd, places, rest.len());
+                add_rows(simd, last, target, noise, new, &mut sums);
             }
             let [xx, xy, yy] = lane_sums(simd, &sums);
             *out = [xx, xy, xy, yy];
@@ -176,20 +177,22 @@ impl pulp::WithSimd for Fixed<'_> {
     }
 }
 
+/// Adds the products of rows, each row times `weight`.
 #[inline(always)]
 fn add_rows<S: Simd>(
     simd: S,
     places: [S::f64s; 2],
     target: [S::f64s; 2],
     noise: S::f64s,
+    weight: S::f64s,
     sums: &mut [S::f64s; 3],
 ) {
     let x = simd.sub_f64s(target[0], places[0]);
     let y = simd.sub_f64s(target[1], places[1]);
     let square = simd.mul_add_e_f64s(x, x, simd.mul_f64s(y, y));
-    let weight = simd.div_f64s(simd.splat_f64s(1.0), simd.mul_f64s(square, noise));
-    let a = simd.mul_f64s(y, weight);
-    let b = simd.mul_f64s(x, weight);
+    let scale = simd.div_f64s(weight, simd.mul_f64s(square, noise));
+    let a = simd.mul_f64s(y, scale);
+    let b = simd.mul_f64s(x, scale);
     sums[0] = simd.mul_add_e_f64s(a, a, sums[0]);
     sums[1] = simd.negate_mul_add_e_f64s(a, b, sums[1]);
     sums[2] = simd.mul_add_e_f64s(b, b, sums[2]);

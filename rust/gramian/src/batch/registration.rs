@@ -245,7 +245,8 @@ impl pulp::WithSimd for Sum<'_> {
         for (trial, out) in self.out.as_chunks_mut::<16>().0.iter_mut().enumerate() {
             let Pair { sensors, sigma, .. } = self.scene.pair(trial);
             let constants = Constants::new(simd, &sensors, &sigma);
-            let (whole, rest) = pairs::<S>(self.scene.positions.get(trial));
+            let places = self.scene.positions.get(trial);
+            let (whole, rest) = pairs::<S>(places);
             let (zero, one) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 1.0));
             let mut sums = [zero; 10];
             for &pair in whole {
@@ -253,19 +254,20 @@ impl pulp::WithSimd for Sum<'_> {
                 constants.add(Lanes::new(simd, x), Lanes::new(simd, y), one, &mut sums);
             }
             if !rest.is_empty() {
-                let ([x, y], weight) = last_pairs(simd, rest, 1.0, 0.0);
-                let weight = Lanes::new(simd, weight);
+                let ([x, y], new) = last_pairs(simd, places, rest.len());
+                let weight = Lanes::new(simd, new);
                 constants.add(Lanes::new(simd, x), Lanes::new(simd, y), weight, &mut sums);
             }
             let mut total = [0.0; 10];
             for k in 0..10 {
                 total[k] = sums[k].sum();
             }
-            let scale = [sigma[0][0], sigma[0][1], sigma[1][0], sigma[1][1]];
+            let [[ra, ta], [rb, tb]] = sigma;
+            let scale = [1.0 / ra, 1.0 / ta, 1.0 / rb, 1.0 / tb];
             let mut place = 0;
             for i in 0..4 {
                 for j in i..4 {
-                    let value = total[place] / (scale[i] * scale[j]);
+                    let value = total[place] * scale[i] * scale[j];
                     out[i * 4 + j] = value;
                     out[j * 4 + i] = value;
                     place += 1;

@@ -139,24 +139,35 @@ pub fn apart<S: pulp::Simd>(simd: S, pairs: [S::f64s; 2]) -> [S::f64s; 2] {
     simd.deinterleave_shfl_f64s(pairs)
 }
 
-/// [`apart`] of the fewer pairs than lanes that are left over, the lanes beyond them
-/// filled with the first pair, and a vector that is `inside` in the lanes of pairs and
-/// `beyond` in the others. The widest vector has 8 lanes.
-#[inline(always)]
-pub fn last_pairs<S: pulp::Simd>(
-    simd: S,
-    rest: &[f64],
-    inside: f64,
-    beyond: f64,
-) -> ([S::f64s; 2], S::f64s) {
-    let (mut filled, mut inner) = ([0.0; 16], [beyond; 16]);
-    filled[..rest.len()].copy_from_slice(rest);
-    inner[..rest.len()].fill(inside);
-    for pair in filled[rest.len()..].as_chunks_mut::<2>().0 {
-        pair.copy_from_slice(&rest[..2]);
+/// Zeros, then ones, as many as the widest vector has pairs.
+const NEW: [f64; 32] = {
+    let mut new = [0.0; 32];
+    let mut i = 16;
+    while i < 32 {
+        new[i] = 1.0;
+        i += 1;
     }
-    let (filled, inner) = (pairs::<S>(&filled).0[0], pairs::<S>(&inner).0[0]);
-    (apart(simd, filled), apart(simd, inner)[0])
+    new
+};
+
+/// [`apart`] of the last vectors of pairs in `flat`, of whose numbers the last `rest`
+/// are left over (fewer than the vectors take), and a vector that is 1 in the lanes of
+/// those and 0 in the others, which hold other pairs of `flat`.
+#[inline(always)]
+pub fn last_pairs<S: pulp::Simd>(simd: S, flat: &[f64], rest: usize) -> ([S::f64s; 2], S::f64s) {
+    let width = 2 * S::F64_LANES;
+    let known = width - rest;
+    let new = apart(simd, pairs::<S>(&NEW[16 - known..32 - known]).0[0])[0];
+    if flat.len() >= width {
+        let last = pairs::<S>(&flat[flat.len() - width..]).0[0];
+        return (apart(simd, last), new);
+    }
+    let mut filled = [0.0; 16];
+    for pair in filled[..known].as_chunks_mut::<2>().0 {
+        pair.copy_from_slice(&flat[..2]);
+    }
+    filled[known..width].copy_from_slice(flat);
+    (apart(simd, pairs::<S>(&filled).0[0]), new)
 }
 
 /// Sine and cosine of each lane, within 1.5 units in the last place.
