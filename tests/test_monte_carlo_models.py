@@ -3,6 +3,11 @@
 import concurrent.futures as cf
 import json
 import multiprocessing
+import re
+import signal
+import subprocess
+import sys
+import time
 import tracemalloc
 
 import numpy as np
@@ -285,6 +290,24 @@ def test_gramian_simulate_is_resumed_and_refuses_nonsense(file, tmp_path):
     (tmp_path / "prior.toml").write_text(text)
     prior = runner.invoke(app, ["simulate", str(tmp_path / "prior.toml")])
     assert "prior.speed: simulate takes" in str(prior.exception)
+
+
+def test_ctrl_c_ends_gramian_simulate_with_a_word_of_what_is_kept(file, tmp_path):
+    kept = tmp_path / "kept"
+    command = [sys.executable, "-m", "gramian", "simulate", str(file)]
+    process = subprocess.Popen(
+        [*command, "--trials", "2000000000", "--resume", str(kept)],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    end = time.monotonic() + 60
+    while not list(kept.glob("chunk-*.parquet")):
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=10)
+    assert process.returncode == 130
+    assert re.fullmatch(rf"stopped after \d+ of 2000000000 trials; kept in {kept}\n", said)
 
 
 def test_a_report_of_a_run_with_failures_counts_them():

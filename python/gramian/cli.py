@@ -106,7 +106,12 @@ def simulate(
     """Estimate in many simulated trials and set the errors beside the bound."""
     from gramian.scenario import load
 
-    report = load(file).simulate(trials, seed, resume=resume, progress=not json)
+    try:
+        report = load(file).simulate(trials, seed, resume=resume, progress=not json)
+    except KeyboardInterrupt as stop:
+        for note in getattr(stop, "__notes__", ()):
+            Console(stderr=True, soft_wrap=True).print(_plain(note), highlight=False)
+        raise
     _finish(report, out, json)
 
 
@@ -184,7 +189,7 @@ def _finish(report: Report, out: Path | None, json: bool) -> None:
 
 
 def main() -> None:
-    """Run the command: exit status 0, 1 on bad input, 2 on wrong usage."""
+    """Run the command: exit status 0, 1 on bad input, 2 on wrong usage, 130 on Ctrl-C."""
     run: Callable[[], None] = app
     try:
         run()
