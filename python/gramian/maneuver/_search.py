@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cache
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -153,12 +154,10 @@ def _ordered(
     lengths: Array,
     short: Array,
 ) -> list[Found]:
-    values = task.objective(counts, SHARPNESS[1]).values(headings, lengths)
+    values = task.objective(counts, SHARPNESS[1]).values(headings, lengths).tolist()
     found = [
-        Found(
-            name, counts, headings[i], lengths, float(values[i]), float(values[i]), float(short[i])
-        )
-        for i, name in enumerate(names)
+        Found(name, counts, line, lengths, value, value, broken)
+        for name, line, value, broken in zip(names, headings, values, short.tolist(), strict=True)
     ]
     return sorted(found, key=lambda guess: merit(task, guess))
 
@@ -166,7 +165,7 @@ def _ordered(
 def merit(task: Task, found: Found) -> float:
     """Return the cost, and for a broken limit more than any cost gains."""
     cost = task.cost(found.value)
-    return (cost if np.isfinite(cost) else 1e6) + 1e3 * found.short
+    return (cost if isfinite(cost) else 1e6) + 1e3 * found.short
 
 
 def _different(task: Task, guesses: list[Found], count: int) -> list[Found]:
@@ -176,7 +175,7 @@ def _different(task: Task, guesses: list[Found], count: int) -> list[Found]:
     costs: list[float] = []
     for guess in guesses:
         cost = task.cost(guess.value)
-        if not np.isfinite(cost) or any(abs(cost - c) < 1e-7 * (1 + abs(c)) for c in costs):
+        if not isfinite(cost) or any(abs(cost - c) < 1e-7 * (1 + abs(c)) for c in costs):
             continue
         if taken.get(guess.name, 0) >= (count if task.legs else 2):
             continue
@@ -340,13 +339,13 @@ def _descend(task: Task, found: Found, iterations: int, sharpness: float) -> Fou
             return by_heading
         return np.concatenate([by_heading, longest * by_length], axis=-1)
 
-    def cost(x: Array) -> tuple[float, Array]:
+    def cost_and_slope(x: Array) -> tuple[float, Array]:
         try:
             value, by_heading, by_length = objective.gradient(*unpack(x))
         except InputError:  # a bearing on the target, on the way only
             return 1e6, np.zeros_like(x)
         result = task.cost(value)
-        if not np.isfinite(result):
+        if not isfinite(result):
             return 1e6, np.zeros_like(x)
         return result, task.slope(value) * pack(by_heading, by_length)
 
@@ -372,10 +371,11 @@ def _descend(task: Task, found: Found, iterations: int, sharpness: float) -> Fou
                 "jac": lambda x: pack(*limits.gradient(*unpack(x))),
             }
         ]
+    cost, slope = _by_turns(cost_and_slope)
     done = minimize(
         cost,
         first,
-        jac=True,
+        jac=slope,
         method="SLSQP",
         bounds=bounds if turning or free_speed else None,
         constraints=constraints,
@@ -403,6 +403,27 @@ def _descend(task: Task, found: Found, iterations: int, sharpness: float) -> Fou
         return result
     # It began at the end: nothing was gained but the verdict.
     return replace(found, converged=result.converged, message=result.message)
+
+
+def _by_turns(
+    both: Callable[[Array], tuple[float, Array]],
+) -> tuple[Callable[[Array], float], Callable[[Array], Array]]:
+    """Return value and slope as functions of their own, for one that gives both at once.
+
+    The optimiser asks for the slope where it has just asked for the value.
+    """
+    slopes: dict[bytes, Array] = {}
+
+    def value(x: Array) -> float:
+        slopes.clear()
+        found, slopes[x.tobytes()] = both(x)
+        return found
+
+    def slope(x: Array) -> Array:
+        known = slopes.get(x.tobytes())
+        return both(x)[1] if known is None else known
+
+    return value, slope
 
 
 def _side(side: float) -> str:

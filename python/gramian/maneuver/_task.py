@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -156,13 +157,15 @@ class Task:
         """Return what the optimiser makes small."""
         if self.kind == "D":
             return -value
-        with np.errstate(divide="ignore"):
-            log = float(np.log(value))
+        # Nothing is determined: an eigenvalue of 0, a bound of infinity.
+        log = math.log(value) if value > 0 else -math.inf if value == 0 else math.nan
         return -log if self.kind == "E" else log
 
     def slope(self, value: float) -> float:
         """Return the derivative of the cost by the value."""
-        return {"D": -1.0, "E": -1.0 / value}.get(self.kind, 1.0 / value)
+        if self.kind == "D":
+            return -1.0
+        return -1.0 / value if self.kind == "E" else 1.0 / value
 
     def steered(
         self, wish: str, wanted: ArrayLike, margin: float
