@@ -327,6 +327,11 @@ def _descend(task: Task, found: Found, iterations: int, sharpness: float) -> Fou
     free_speed = task.slow < task.fast
     turning = np.isfinite(task.max_turn)
     base = task.heading if task.heading is not None else 0.0
+    # The optimiser begins with a curvature of 1 by every unknown. By a heading it is about
+    # 2 over the number of headings, by a turn, which moves all headings after it, about a
+    # third: so scaled it takes a third of the iterations. Limits go along, so that they
+    # are kept as closely as without.
+    scale = 3.0 if turning else max(1.0, 0.5 * legs)
 
     def unpack(x: Array) -> tuple[Array, Array]:
         headings = base + np.cumsum(x[:legs]) if turning else x[:legs]
@@ -347,7 +352,7 @@ def _descend(task: Task, found: Found, iterations: int, sharpness: float) -> Fou
         result = task.cost(value)
         if not isfinite(result):
             return 1e6, np.zeros_like(x)
-        return result, task.slope(value) * pack(by_heading, by_length)
+        return scale * result, scale * task.slope(value) * pack(by_heading, by_length)
 
     first = np.unwrap(found.headings)
     if turning:
@@ -367,8 +372,8 @@ def _descend(task: Task, found: Found, iterations: int, sharpness: float) -> Fou
         constraints = [
             {
                 "type": "ineq",
-                "fun": lambda x: limits.values(*unpack(x)) - MARGIN,
-                "jac": lambda x: pack(*limits.gradient(*unpack(x))),
+                "fun": lambda x: scale * (limits.values(*unpack(x)) - MARGIN),
+                "jac": lambda x: scale * pack(*limits.gradient(*unpack(x))),
             }
         ]
     cost, slope = _by_turns(cost_and_slope)
@@ -379,7 +384,7 @@ def _descend(task: Task, found: Found, iterations: int, sharpness: float) -> Fou
         method="SLSQP",
         bounds=bounds if turning or free_speed else None,
         constraints=constraints,
-        options={"maxiter": iterations, "ftol": 1e-7},
+        options={"maxiter": iterations, "ftol": 1e-7 * scale},
     )
     headings, lengths = unpack(np.asarray(done.x))
     if not (np.isfinite(headings).all() and np.isfinite(lengths).all()):
