@@ -272,6 +272,23 @@ def test_a_kalman_filter_reaches_the_bound():
     np.testing.assert_allclose(rmse, bound.std[-1], rtol=0.05)
 
 
+def test_process_noise_of_few_sources_is_taken_whatever_its_rounding():
+    """G G^T is singular but for rounding, of either sign; it comes back within that."""
+    rng = np.random.default_rng(3)
+    for _ in range(2000):
+        n = int(rng.integers(2, 8))
+        sources = rng.normal(size=(n, int(rng.integers(1, n)))) * 10.0 ** rng.uniform(-3, 3, (n, 1))
+        noise = sources @ sources.T * 10.0 ** rng.uniform(-12, 3)
+        # Known exactly before, not measured: what the noise adds is all there is.
+        bound = gm.bounds.posterior(
+            np.zeros((2, 1, n)), np.eye(n), noise, np.zeros((n, n)), keep="all"
+        )
+        size = np.sqrt(np.diag(noise))
+        np.testing.assert_allclose(bound.std[-1], size, rtol=1e-13)
+        root = bound.roots[-1] / size
+        np.testing.assert_allclose(root.T @ root, noise / np.outer(size, size), atol=1e-13)
+
+
 GOOD = {
     "rows": np.ones((3, 1, 2)),
     "transition": np.eye(2),

@@ -244,10 +244,7 @@ pub fn semidefinite_root<T: Real>(covariance: &[T], n: usize, out: &mut [T]) -> 
         check_length(array, given, n.saturating_mul(n))?;
     }
     check_finite("covariance", covariance)?;
-    let slack = T::EPSILON * T::of(16.0 * n as f64);
-    out[..n * n].fill(T::zero());
     for j in 0..n {
-        let diagonal = covariance[j * n + j];
         for i in 0..j {
             let (above, below) = (covariance[i * n + j], covariance[j * n + i]);
             let size = above.abs().max(below.abs());
@@ -256,29 +253,112 @@ pub fn semidefinite_root<T: Real>(covariance: &[T], n: usize, out: &mut [T]) -> 
                 return Err(Error::Asymmetric { row: i, column: j });
             }
         }
+        if covariance[j * n + j] < T::zero() {
+            return Err(Error::Indefinite { index: j });
+        }
+    }
+    let slack = T::EPSILON * T::of(16.0 * n as f64);
+    if !definite_root(covariance, n, slack, out) {
+        pivoted_root(covariance, n, slack, out)?;
+    }
+    Ok(())
+}
+
+/// The factor of a covariance whose every state has a variance of its own, given
+/// those before it; false where one has none left.
+fn definite_root<T: Real>(covariance: &[T], n: usize, slack: T, out: &mut [T]) -> bool {
+    out[..n * n].fill(T::zero());
+    for j in 0..n {
+        let diagonal = covariance[j * n + j];
         let mut pivot = diagonal;
         for i in 0..j {
             pivot -= out[i * n + j] * out[i * n + j];
         }
         // NaN too: of an entry far larger than its variances allow.
-        if !(pivot >= -slack * diagonal.abs() && diagonal >= T::zero()) {
-            return Err(Error::Indefinite { index: j });
+        if !(pivot > slack * diagonal) {
+            return false;
         }
-        let negligible = pivot <= slack * diagonal;
-        let root = if negligible { T::zero() } else { pivot.sqrt() };
+        let root = pivot.sqrt();
         out[j * n + j] = root;
         for k in j + 1..n {
             let mut rest = covariance[j * n + k];
             for i in 0..j {
                 rest -= out[i * n + j] * out[i * n + k];
             }
-            if !negligible {
-                out[j * n + k] = rest / root;
-            } else if rest.abs()
-                > slack.sqrt() * (diagonal.abs().sqrt() * covariance[k * n + k].abs().sqrt())
-            {
+            out[j * n + k] = rest / root;
+        }
+    }
+    true
+}
+
+/// The factor of any covariance: the state with the largest part of its variance
+/// left goes next, so that rounding never grows into a variance below zero.
+///
+/// # Source
+/// Higham, Accuracy and Stability of Numerical Algorithms, section 10.3.
+fn pivoted_root<T: Real>(covariance: &[T], n: usize, slack: T, out: &mut [T]) -> Result<(), Error> {
+    out[..n * n].fill(T::zero());
+    // What the first `rank` rows leave of an entry.
+    let rest = |out: &[T], rank: usize, i: usize, j: usize| {
+        let mut left = covariance[i.min(j) * n + i.max(j)];
+        for row in out[..rank * n].chunks_exact(n) {
+            left -= row[i] * row[j];
+        }
+        left
+    };
+    let mut rank = 0;
+    while rank < n {
+        let mut next = (T::zero(), 0);
+        for j in 0..n {
+            let diagonal = covariance[j * n + j];
+            if diagonal == T::zero() {
+                continue;
+            }
+            let part = rest(out, rank, j, j) / diagonal;
+            // NaN too: of an entry far larger than its variances allow.
+            if !(part >= -slack) {
+                return Err(Error::Indefinite { index: j });
+            }
+            if part > next.0 {
+                next = (part, j);
+            }
+        }
+        let (part, pivot) = next;
+        if part <= slack {
+            break;
+        }
+        let root = (part * covariance[pivot * n + pivot]).sqrt();
+        for k in 0..n {
+            out[rank * n + k] = rest(out, rank, pivot, k) / root;
+        }
+        out[rank * n + pivot] = root;
+        rank += 1;
+    }
+    for k in 0..n {
+        for j in 0..k {
+            let (a, b) = (covariance[j * n + j], covariance[k * n + k]);
+            let allowed = (slack + slack) * (a.sqrt() * b.sqrt());
+            if !(rest(out, rank, j, k).abs() <= allowed) {
                 return Err(Error::Indefinite { index: k });
             }
+        }
+    }
+    // Rows in the order of the pivots: rotated into a triangle.
+    for row in 1..n {
+        let (triangle, tail) = out.split_at_mut(row * n);
+        for (k, upper) in triangle.chunks_exact_mut(n).enumerate() {
+            let (a, b) = (upper[k], tail[k]);
+            if b == T::zero() {
+                continue;
+            }
+            let h = crate::scalar::hypot(a, b);
+            let (c, s) = (a / h, b / h);
+            for j in k..n {
+                let (x, y) = (upper[j], tail[j]);
+                upper[j] = c * x + s * y;
+                tail[j] = c * y - s * x;
+            }
+            tail[k] = T::zero();
         }
     }
     Ok(())
