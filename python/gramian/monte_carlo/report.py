@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from functools import partial
+from statistics import NormalDist
 
 import numpy as np
 
@@ -72,12 +73,16 @@ def _facts(result: MonteCarloResult) -> list[tuple[str, str]]:
                 f"{100 * result.nees.inside:.3g} % of the errors within the 95 % ellipsoid",
             )
         )
+    # 95 % for all states together (Bonferroni): of each alone, one honest run in five
+    # would be called biased.
+    normal = NormalDist()
+    wider = normal.inv_cdf(1 - 0.025 / max(len(result.names), 1)) / normal.inv_cdf(0.975)
     biased = [
         f"{name} {bias:+.3g} {unit}".rstrip()
         for name, unit, bias, (low, high) in zip(
             result.names, result.units, result.bias, result.bias_interval, strict=True
         )
-        if low > 0 or high < 0
+        if abs(bias) > wider * (high - low) / 2
     ]
     if result.used:
         facts.append(("is it unbiased?", f"NO: {', '.join(biased)}" if biased else "yes, at 95 %"))
