@@ -99,7 +99,8 @@ def of_dipoles(name: str) -> Work:
 def monte_carlo(trials: int) -> Callable[[], Any]:
     import bench_monte_carlo as m
 
-    return lambda: m.maximum_likelihood(trials)
+    scene = m.bearings_scene(m.TRACK.sigma)
+    return lambda: m.run((scene, trials))
 
 
 #: Title: trials, what is given (MiB) and the works by name.

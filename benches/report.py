@@ -63,24 +63,27 @@ def growth(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
     return found
 
 
+INTRODUCTION = """# Benchmarks
+
+Written by `{command}`. All contestants of a table take turns within the run, on the same
+data, so the ratios hold where the machine's speed drifts. `x ours` is a contestant's median
+over ours: above 1, ours is faster. Errors are relative if nothing else is said, against
+arithmetic of 30 to 60 digits; *no digit* is an error of one or more. *Of the limit*: the time
+that the operations of the method take at the rates below, over the time taken.
+"""
+
+
 def document(
     about: dict[str, object],
     limits: Rates,
     parts: dict[str, Any],
     rows: Sequence[Row],
-    beside: str = "",
+    drawn: Sequence[str] = (),
 ) -> str:
-    """Return the whole run as Markdown; `beside` is where its pictures are."""
-    text = "# Benchmarks\n\n"
-    text += f"Written by `{about['command']}`. All contestants of a table take turns within the\n"
-    text += "run, on the same data, so the ratios hold where the machine's speed drifts. `x ours`\n"
-    text += "is a contestant's median over ours: above 1, ours is faster. Errors are relative,\n"
-    text += "against 50-digit arithmetic; *no digit* is an error of one or more. *Of the limit*:\n"
-    text += (
-        "the time that the operations of the method take at the rates below, over the time taken.\n"
-    )
-    for name, what in PICTURES.items():
-        text += f"\n![{what}]({beside}{name})\n"
+    """Return the whole run as Markdown; `drawn` are the paths of its pictures."""
+    text = INTRODUCTION.format(**about)
+    for path in drawn:
+        text += f"\n![{PICTURES[Path(path).name]}]({path})\n"
     text += "\n## Machine and versions\n\n| | |\n|---|---|\n"
     text += "".join(f"| {key} | {value} |\n" for key, value in about.items())
     if limits:
@@ -91,9 +94,7 @@ def document(
             text += f"| {kind}: {meaning} | {one:.3g} | {together:.3g} |\n"
     text += worst(rows)
     if slopes := growth(rows):
-        text += (
-            "\n## Growth\n\nSlope of log time of a call against log size, at the largest sizes.\n\n"
-        )
+        text += "\n## Growth\n\nSlope of log time against log size, at the largest sizes.\n\n"
         text += "| series | gramian | others |\n|---|---|---|\n"
         for series, of in slopes.items():
             others = [f"{name} {slope:.2f}" for name, slope in of.items() if name != OURS]
@@ -116,7 +117,7 @@ def worst(rows: Sequence[Row]) -> str:
         for row in rows
         if row.ratio and row.ratio < 0.95 and OURS not in row.contestant and not row.message
     ]
-    # Another question, or one answered with fewer digits, is not the same work.
+    # Another question is not the same work; one answered with fewer digits shows them.
     same = [row for row in ahead if not row.contestant.startswith(("law ", "nothing"))]
     if same:
         text += "\n## Where others are faster\n\n| contest | contestant | x ours | error |\n"
@@ -136,14 +137,15 @@ def worst(rows: Sequence[Row]) -> str:
     return text
 
 
-def pictures(rows: Sequence[Row], place: Path) -> None:
-    """Draw time against size, the fraction of the limit, and speed against accuracy."""
+def pictures(rows: Sequence[Row], place: Path) -> list[str]:
+    """Draw what the rows are enough for, and return the names of the pictures."""
     place.mkdir(exist_ok=True)
     for name in PICTURES:
         (place / name).unlink(missing_ok=True)  # of another run
     _size(rows, place / "size.png")
     _limit(rows, place / "limit.png")
     _accuracy(rows, place / "accuracy.png")
+    return [name for name in PICTURES if (place / name).exists()]
 
 
 def _figure(width: float, height: float) -> Any:

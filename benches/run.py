@@ -23,7 +23,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -77,16 +77,10 @@ class Run:
         except KeyboardInterrupt:
             stopped = True
             self.about["stopped"] = "before its end"
-        self._write()
-        places = [RESULTS]
+        self._write(drawn=self._draw(RESULTS))
         if self.record and not stopped:
-            self._write(HERE / "RESULTS.md", "img/")
-            places.append(HERE / "img")
-        for place in places:
-            try:
-                pictures(self.rows, place)
-            except ImportError as error:
-                self.console.print(f"No pictures: {error}", markup=False)
+            drawn = self._draw(HERE / "img")
+            self._write(HERE / "RESULTS.md", [f"img/{name}" for name in drawn])
         self.console.print(f"written to {RESULTS}")
         if stopped:
             sys.exit(130)
@@ -120,13 +114,20 @@ class Run:
         about["seconds"] = round(time.perf_counter() - began, 1)
         self._write()
 
-    def _write(self, path: Path | None = None, beside: str = "") -> None:
+    def _draw(self, place: Path) -> list[str]:
+        try:
+            return pictures(self.rows, place)
+        except ImportError as error:
+            self.console.print(f"No pictures: {error}", markup=False)
+            return []
+
+    def _write(self, path: Path = RESULTS / "latest.md", drawn: Sequence[str] = ()) -> None:
         """Write what there is; fractions by the best rates seen until now."""
         against(self.rows, self.limits)
         RESULTS.mkdir(exist_ok=True)
         self.about["minutes"] = round((time.perf_counter() - self.start) / 60, 1)
-        text = document(self.about, self.limits, self.parts_about, self.rows, beside)
-        (path or RESULTS / "latest.md").write_text(text)
+        text = document(self.about, self.limits, self.parts_about, self.rows, drawn)
+        path.write_text(text)
         data = {
             "about": self.about,
             "limits": self.limits,
