@@ -412,14 +412,13 @@ def localize_contest() -> Contest:
         1.0,
         given(1.0),
         [
-            Contestant(OURS, ours),
+            Contestant(OURS, ours, limit=LOCATE),
             Contestant("differential evolution (SciPy), 200 generations", evolution),
             Contestant(
                 "SciPy least_squares, started near the truth",
                 lambda data: lambda: by_scipy(*data, near=0.7, tolerance=1e-15),
             ),
         ],
-        limit=LOCATE,
         cases={"well": case(1.0), "ill": case(4.0)},
         target="under 50 ms, relative error under 1e-8",
         note="Ill: four times as far away, the path's length the same.",

@@ -31,15 +31,15 @@ def run(data: Any, **options: Any) -> Any:
     return mc.run(scene, trials, 1, progress=False, **options)
 
 
-def ours(**options: Any) -> list[Contestant]:
+def ours(limit: Limit, **options: Any) -> list[Contestant]:
     """A run on one thread and on all."""
 
     def on(workers: int) -> Callable[[Any], Callable[[], Any]]:
         return lambda data: lambda: run(data, workers=workers, **options)
 
     return [
-        Contestant(OURS, on(1)),
-        Contestant("gramian, all threads", on(ALL), threads=ALL),
+        Contestant(OURS, on(1), limit=limit),
+        Contestant("gramian, all threads", on(ALL), threads=ALL, limit=limit),
     ]
 
 
@@ -72,20 +72,20 @@ def log_det_contest(trials: int) -> Contest:
         return Case((scene, FEW), error)
 
     m, scene = TIMES.size, bearings_scene(TRACK.sigma)
+    limit = Limit(
+        {"sincos": m, "fma": 6.0 * m},
+        "a sine, a cosine and six sums for each bearing; random numbers are whole-number work and "
+        "not counted",
+    )
     return Contest(
         f"Monte Carlo of bearings Gram + log det, {trials} trials, m = {m}",
         "trial",
         float(trials),
         (scene, trials),
         [
-            *ours(quantities=["gram_logdet"]),
-            Contestant("gramian, the kernel alone", kernel),
+            *ours(limit, quantities=["gram_logdet"]),
+            Contestant("gramian, the kernel alone", kernel, limit=limit),
         ],
-        limit=Limit(
-            {"sincos": m, "fma": 6.0 * m},
-            "a sine, a cosine and six sums for each bearing; random numbers are whole-number work "
-            "and not counted",
-        ),
         cases={"well": case(scene), "ill": case(bearings_scene(1e-9, turn=1e-3))},
         target="at most 1.2 times the kernel, two threads at least 1.8 times one",
         note="Ill: an almost straight path, bearings of 1e-9 rad.",
@@ -133,13 +133,12 @@ def likelihood_contest(
         float(trials),
         (scenes[0], trials),
         [
-            *ours(),
+            *ours(limit),
             *(
                 Contestant(name, looped(make, few), part=float(few))
                 for name, (make, few) in peers.items()
             ),
         ],
-        limit=limit,
         cases=dict(zip(("well", "ill"), map(case, scenes), strict=True)),
         target=target,
         note=f"Error: distance from the most likely state in deviations of the bound; {note}.",

@@ -153,12 +153,11 @@ def plan_contest(data: tuple[int, float, float]) -> Contest:
         1.0,
         data,
         [
-            Contestant(OURS, planned),
+            Contestant(OURS, planned, limit=search_limit(data)),
             Contestant("SLSQP on numpy, one start", plain),
             Contestant("law max_det", by_law("max_det")),
             Contestant("law hammel_liu", by_law("hammel_liu")),
         ],
-        limit=search_limit(data),
         cases={"well": case(data), "ill": case(FAR)},
         target="under 2 s, within 0.5 % of the best known",
         note="The error is the share of the determinant that is missing to the best known; ill: "

@@ -254,7 +254,7 @@ def likelihood_contest(*, peers: bool) -> Contest:
         return Case(data, lambda x: float(np.abs((x - wanted()[0]) / wanted()[1]).max()))
 
     contestants = [
-        Contestant(OURS, ours),
+        Contestant(OURS, ours, limit=estimate_limit(len(TARGET_A))),
         Contestant(
             "SciPy least_squares, analytic Jacobian",
             lambda data: lambda: scipy_ml(data, sparse=False),
@@ -273,7 +273,6 @@ def likelihood_contest(*, peers: bool) -> Contest:
         1.0,
         reports(BIASES, TARGET_A),
         contestants,
-        limit=estimate_limit(len(TARGET_A)),
         cases={"well": case(TARGET_A[::10]), "ill": case(TARGET_A[::10] + np.array([0, 60e3]))},
         target="100 times SciPy",
         note="Error: distance from the most likely biases in deviations of the bound.",

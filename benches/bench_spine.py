@@ -151,19 +151,15 @@ def bound_contest(trials: int) -> Contest:
 def conversion_contest() -> Contest:
     """The same Gram call on what needs no copy, and on what needs one."""
 
-    def given(change: Callable[[Any], Any]) -> Callable[[Any], Callable[[], Any]]:
+    def on(change: Callable[[Any], Any], call: Callable[[Any], Any]) -> Any:
         def prepare(rows: Any) -> Callable[[], Any]:
             changed = change(rows)
-            return lambda: gm.gram(changed)
+            return lambda: call(changed)
 
         return prepare
 
-    def copied(change: Callable[[Any], Any]) -> Callable[[Any], Callable[[], Any]]:
-        def prepare(rows: Any) -> Callable[[], Any]:
-            changed = change(rows)
-            return lambda: gm.gram(np.array(changed, dtype=float, order="C"))
-
-        return prepare
+    def copied(given: Any) -> Any:
+        return gm.gram(np.array(given, dtype=float, order="C"))
 
     changes: dict[str, Callable[[Any], Any]] = {
         "float32": lambda rows: rows.astype(np.float32),
@@ -171,12 +167,12 @@ def conversion_contest() -> Contest:
         "every other row": lambda rows: np.repeat(rows, 2, axis=1)[:, ::2],
         "lists": lambda rows: rows[:100].tolist(),
     }
-    contestants = [Contestant(OURS, given(lambda rows: rows))]
+    contestants = [Contestant(OURS, on(lambda rows: rows, gm.gram))]
     for name, change in changes.items():
         part = 100.0 if name == "lists" else None
         contestants += [
-            Contestant(f"gramian, {name} given", given(change), part=part),
-            Contestant(f"numpy converts {name}, then gramian", copied(change), part=part),
+            Contestant(f"gramian, {name} given", on(change, gm.gram), part=part),
+            Contestant(f"numpy converts {name}, then gramian", on(change, copied), part=part),
         ]
     return Contest(
         "conversion at the boundary: gram of 2000 x 100 x 4",
