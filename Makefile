@@ -55,6 +55,7 @@ $(VENV)/.peers: $(VENV)/.installed
 
 # Writes benches/results; Ctrl-C keeps what is done.
 bench bench-quick: $(VENV)/.peers
+	cargo bench --quiet -p gramian --bench kernels --no-run
 	$(BIN)/python benches/run.py $(if $(filter bench-quick,$@),--quick)
 
 # What moved since the counts were recorded; `make bench-record` records anew.

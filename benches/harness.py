@@ -327,9 +327,16 @@ def _table(name: str, rows: Sequence[Row]) -> str:
             cells += [seconds(row.median), seconds(row.minimum)]
             cells.append(f"{row.ratio:.3g}" if row.ratio else "")
             cells += [_digits(row.errors.get(case)) for case in cases]
-            cells += [f"{row.fraction:.0%}" if row.fraction else ""] * limited
+            cells += [percent(row.fraction)] * limited
         text += f"| {' | '.join(cells)} |\n"
     return text
+
+
+def percent(fraction: float | None) -> str:
+    """Return a fraction of the limit in two digits."""
+    if not fraction:
+        return ""
+    return "<0.1%" if fraction < 1e-3 else f"{100 * fraction:.2g}%"
 
 
 def _digits(error: float | None) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from harness import OURS, Row, markdown
+from harness import OURS, Row, markdown, percent
 from limits import KINDS, Rates
 
 #: One colour and mark a kind of contestant, the same in every picture.
@@ -46,7 +46,7 @@ def family(contestant: str) -> str:
 def growth(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
     """Return slopes of log time of a whole call against log size: by series and contestant.
 
-    The slope is that of the largest sizes, where fixed costs no longer show.
+    The slope is that of the last factor of ten, where fixed costs no longer show.
     """
     found: dict[str, dict[str, float]] = {}
     for series in dict.fromkeys(row.series for row in rows if row.series):
@@ -56,8 +56,8 @@ def growth(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
             points = sorted(
                 (r.size, r.minimum * whole[r.size]) for r in of if r.contestant == contestant
             )
-            points = points[-3:] if len(points) > 3 else points[-2:]
-            if len({size for size, _ in points}) > 1:
+            points = [(size, time) for size, time in points if size >= points[-1][0] / 10]
+            if len(points) > 1:
                 sizes, times = np.log(points).T
                 found.setdefault(series, {})[contestant] = float(np.polyfit(sizes, times, 1)[0])
     return found
@@ -94,7 +94,9 @@ def document(
             text += f"| {kind}: {meaning} | {one:.3g} | {together:.3g} |\n"
     text += worst(rows)
     if slopes := growth(rows):
-        text += "\n## Growth\n\nSlope of log time against log size, at the largest sizes.\n\n"
+        text += (
+            "\n## Growth\n\nSlope of log time against log size, over the last factor of ten.\n\n"
+        )
         text += "| series | gramian | others |\n|---|---|---|\n"
         for series, of in slopes.items():
             others = [f"{name} {slope:.2f}" for name, slope in of.items() if name != OURS]
@@ -267,7 +269,7 @@ def _limit(rows: Sequence[Row], path: Path) -> None:
                 markersize=8.5 if one is row else 6, markeredgecolor="white", markeredgewidth=0.5,
                 clip_on=False, zorder=3,
             )  # fmt: skip
-        words = f"{row.fraction or 0:.0%} of {row.limit.split(':')[0]}"
+        words = f"{percent(row.fraction)} of {row.limit.split(':')[0]}"
         axes.text(1.02, place, words, va="center", fontsize=8, color=STYLES[0][1],
                   transform=axes.get_yaxis_transform())  # fmt: skip
     axes.set_yticks(range(len(limited)), [row.contest for row in limited], fontsize=7.5)
