@@ -246,6 +246,19 @@ impl Batch {
         PyArrayDyn::zeros(py, shape, false)
     }
 
+    /// A new array that a kernel will write the whole of, `core` for each trial: what
+    /// is in it before is left as it is, which saves a way over the memory.
+    pub fn unset<'py>(
+        &self,
+        py: Python<'py>,
+        core: &[usize],
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let mut shape = self.shape.clone();
+        shape.extend_from_slice(core);
+        let array = py.import("numpy")?.call_method1("empty", (shape,))?;
+        Ok(array.cast_into::<PyArrayDyn<f64>>()?)
+    }
+
     /// "at batch index (2, 5): ", or nothing where there is no batch.
     pub fn place(&self, trial: usize) -> String {
         if self.shape.is_empty() {

@@ -79,7 +79,7 @@ fn posterior<'py>(
         &mut noise,
     ])?;
     let core = steps * n + if every_root { steps } else { 1 } * n * n;
-    let out = batch.zeros(py, &[core]);
+    let out = batch.unset(py, &[core])?;
     {
         let (root, rows, after) = (root.items()?, rows.items()?, after.items()?);
         let (transition, noise) = (transition.items()?, noise.items()?);

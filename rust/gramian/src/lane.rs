@@ -22,7 +22,10 @@ pub trait Lane: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Se
     /// The square root of a number that is not below zero.
     #[must_use]
     fn root(self) -> Self;
-    /// 1 / self; 0 where self is 0.
+    /// 1 / self of a number that is not zero.
+    #[must_use]
+    fn inverse(self) -> Self;
+    /// 1 / self of a number that is not below zero; 0 where that would overflow.
     #[must_use]
     fn recip_or_zero(self) -> Self;
 }
@@ -45,8 +48,12 @@ impl<T: Real> Lane for T {
         self.sqrt()
     }
     #[inline(always)]
+    fn inverse(self) -> Self {
+        T::one() / self
+    }
+    #[inline(always)]
     fn recip_or_zero(self) -> Self {
-        if self == T::zero() {
+        if self <= T::one() / T::MAX {
             T::zero()
         } else {
             T::one() / self

@@ -5,7 +5,8 @@
 //! noise, which loses every digit when that noise is small. Here neither the
 //! information J nor the covariance P is formed. One factor is kept,
 //! P = C^T C or J = R^T R, and everything is done to it by orthogonal
-//! transformations. Two primitives serve both forms:
+//! transformations; in a batch without square roots, as C = D^(1/2) V. Two primitives
+//! serve both forms:
 //!
 //! | | `absorb`: rows are added | `shrink`: a row is measured |
 //! |---|---|---|
@@ -36,129 +37,6 @@ pub enum Form {
     Information,
 }
 
-/// Numbers of scratch space that [`predict`] and [`update`] need for `n` states
-/// and at most `rows` rows at once.
-#[cfg(feature = "std")]
-pub(crate) const fn scratch(n: usize, rows: usize) -> usize {
-    let extra = if rows > n { rows } else { n };
-    (n + extra) * n + n
-}
-
-/// Moves the factor one step in time.
-///
-/// `root` is the n x n upper triangular factor, row-major. `transition` is F^T in
-/// covariance form and F^-1 in information form. `noise` is the n x n upper
-/// triangular factor of the process noise, Q = noise^T noise. `used[j n + k]`
-/// tells whether entry (j, k) of `transition` is ever other than zero.
-#[cfg(feature = "std")]
-#[inline(always)]
-pub(crate) fn predict<L: Lane>(
-    form: Form,
-    root: &mut [L],
-    n: usize,
-    transition: &[L],
-    used: &[bool],
-    noise: &[L],
-    work: &mut [L],
-) {
-    let (a, work) = work.split_at_mut(2 * n * n);
-    multiply(root, n, transition, used, a);
-    match form {
-        Form::Covariance => {
-            a[n * n..].copy_from_slice(&noise[..n * n]);
-            absorb(a, n, true, root);
-        }
-        Form::Information => {
-            absorb(&mut a[..n * n], n, false, root);
-            for row in noise.chunks_exact(n) {
-                shrink(root, n, row, work);
-            }
-        }
-    }
-}
-
-/// Takes in whitened measurement rows (k x n, row-major).
-#[cfg(feature = "std")]
-#[inline(always)]
-pub(crate) fn update<L: Lane>(form: Form, root: &mut [L], n: usize, rows: &[L], work: &mut [L]) {
-    match form {
-        Form::Covariance => {
-            for row in rows.chunks_exact(n) {
-                shrink(root, n, row, work);
-            }
-        }
-        Form::Information => {
-            let k = rows.len() / n;
-            let a = &mut work[..(n + k) * n];
-            a[..n * n].copy_from_slice(root);
-            a[n * n..].copy_from_slice(&rows[..k * n]);
-            absorb(a, n, false, root);
-        }
-    }
-}
-
-/// out = root transition, with `root` upper triangular.
-#[cfg(feature = "std")]
-#[inline(always)]
-fn multiply<L: Lane>(root: &[L], n: usize, transition: &[L], used: &[bool], out: &mut [L]) {
-    let zero = root[0].splat(0.0);
-    let out = &mut out[..n * n];
-    out.fill(zero);
-    for j in 0..n {
-        for k in 0..n {
-            if used[j * n + k] {
-                let m = transition[j * n + k];
-                for i in 0..=j {
-                    out[i * n + k] = root[i * n + j].mul_add(m, out[i * n + k]);
-                }
-            }
-        }
-    }
-}
-
-/// The upper triangular factor `root` of the sum of row^T row over the rows of
-/// `a`: n rows, and more below them. What is left in `a` is of no use.
-///
-/// `stepped` says that the rows below the first n are an upper triangle.
-///
-/// Modified Gram-Schmidt rather than reflections: rows may differ in size by many
-/// orders (a speed hardly known beside a position well known), and reflections
-/// keep the digits of the small ones only if the rows are sorted first.
-///
-/// # Source
-/// Golub & Van Loan, section 5.2.8; Thornton 1976 for its use on covariances.
-#[cfg(feature = "std")]
-#[inline(always)]
-pub(crate) fn absorb<L: Lane>(a: &mut [L], n: usize, stepped: bool, root: &mut [L]) {
-    let rows = a.len() / n;
-    for k in 0..n {
-        let last = if stepped { n + k + 1 } else { rows };
-        let mut sum = a[k] * a[k];
-        for i in 1..last {
-            let x = a[i * n + k];
-            sum = x.mul_add(x, sum);
-        }
-        let norm = sum.root();
-        let inverse = norm.recip_or_zero();
-        root[k * n + k] = norm;
-        for j in 0..k {
-            root[k * n + j] = norm.splat(0.0);
-        }
-        for j in k + 1..n {
-            let mut dot = a[k] * a[j];
-            for i in 1..last {
-                dot = a[i * n + k].mul_add(a[i * n + j], dot);
-            }
-            let along = dot * inverse;
-            root[k * n + j] = along;
-            let along = along * inverse;
-            for i in 0..last {
-                a[i * n + j] = a[i * n + k].negate_mul_add(along, a[i * n + j]);
-            }
-        }
-    }
-}
-
 /// Replaces the upper triangular factor of M by that of (M^-1 + h h^T)^-1, that
 /// is of M - M h h^T M / (1 + h^T M h), without a subtraction that cancels.
 ///
@@ -182,53 +60,13 @@ pub(crate) fn shrink<L: Lane>(root: &mut [L], n: usize, h: &[L], work: &mut [L])
         sum = a.mul_add(a, sum);
         // The square root is at least 1.
         let after = sum.root();
-        let inverse = after.recip_or_zero();
+        let inverse = after.inverse();
         let (c, s) = (before * inverse, a * inverse);
         before = after;
         for j in i..n {
             let x = root[i * n + j];
             root[i * n + j] = s.negate_mul_add(q[j], c * x);
             q[j] = s.mul_add(x, c * q[j]);
-        }
-    }
-}
-
-/// Variances from a factor of the covariance.
-#[cfg(feature = "std")]
-#[inline(always)]
-pub(crate) fn variances_of_covariance<L: Lane>(root: &[L], n: usize, out: &mut [L]) {
-    for j in 0..n {
-        let mut sum = root[j] * root[j];
-        for i in 1..=j {
-            let x = root[i * n + j];
-            sum = x.mul_add(x, sum);
-        }
-        out[j] = sum;
-    }
-}
-
-/// Variances from a factor of the information that is well conditioned: sums of
-/// squares along the rows of its inverse. `work` holds at least n numbers.
-#[cfg(feature = "std")]
-#[inline(always)]
-pub(crate) fn variances_of_information<L: Lane>(
-    root: &[L],
-    n: usize,
-    out: &mut [L],
-    work: &mut [L],
-) {
-    let zero = root[0].splat(0.0);
-    let x = &mut work[..n];
-    out[..n].fill(zero);
-    for k in 0..n {
-        // Column k of the inverse, from its last entry up.
-        for i in (0..=k).rev() {
-            let mut sum = zero.splat(if i == k { 1.0 } else { 0.0 });
-            for j in i + 1..=k {
-                sum = root[i * n + j].negate_mul_add(x[j], sum);
-            }
-            x[i] = sum * root[i * n + i].recip_or_zero();
-            out[i] = x[i].mul_add(x[i], out[i]);
         }
     }
 }

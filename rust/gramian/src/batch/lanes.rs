@@ -9,6 +9,7 @@ use core::ops::{Add, Div, Mul, Neg, Sub};
 use pulp::Simd;
 
 use super::simd;
+use crate::lane::Lane;
 
 /// Samples in a block.
 pub const LANES: usize = 8;
@@ -43,6 +44,35 @@ impl<S: Simd> Lanes<S> {
     pub fn splat(simd: S, value: f64) -> Self {
         let value = simd.splat_f64s(value);
         Self { simd, value }
+    }
+
+    /// The next lanes of a slice that holds at least as many.
+    #[inline(always)]
+    pub fn of(simd: S, from: &[f64]) -> Self {
+        let value = S::as_simd_f64s(from).0[0];
+        Self { simd, value }
+    }
+
+    /// Writes to the next lanes of a slice that holds at least as many.
+    #[inline(always)]
+    pub fn put(self, to: &mut [f64]) {
+        S::as_mut_simd_f64s(to).0[0] = self.value;
+    }
+
+    /// 1 where self is above `low` and below `high`, 0 elsewhere.
+    #[inline(always)]
+    pub fn inside(self, low: f64, high: f64) -> Self {
+        let simd = self.simd;
+        let above = simd.greater_than_f64s(self.value, simd.splat_f64s(low));
+        let below = simd.less_than_f64s(self.value, simd.splat_f64s(high));
+        let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
+        self.with(simd.select_f64s(above, simd.select_f64s(below, one, zero), zero))
+    }
+
+    /// The least of the lanes.
+    #[inline(always)]
+    pub fn least(self) -> f64 {
+        self.simd.reduce_min_f64s(self.value)
     }
 
     /// The part `part` of a block.
@@ -152,6 +182,37 @@ impl<S: Simd> Neg for Lanes<S> {
     #[inline(always)]
     fn neg(self) -> Self {
         self.with(self.simd.neg_f64s(self.value))
+    }
+}
+
+// As those of its own above; a loop or a closure could be compiled apart.
+impl<S: Simd> Lane for Lanes<S> {
+    #[inline(always)]
+    fn splat(self, value: f64) -> Self {
+        Self::splat(self.simd, value)
+    }
+    #[inline(always)]
+    fn mul_add(self, factor: Self, term: Self) -> Self {
+        Self::mul_add(self, factor, term)
+    }
+    #[inline(always)]
+    fn negate_mul_add(self, factor: Self, term: Self) -> Self {
+        self.mul_from(factor, term)
+    }
+    #[inline(always)]
+    fn root(self) -> Self {
+        self.sqrt()
+    }
+    #[inline(always)]
+    fn inverse(self) -> Self {
+        Self::splat(self.simd, 1.0) / self
+    }
+    #[inline(always)]
+    fn recip_or_zero(self) -> Self {
+        let simd = self.simd;
+        let tiny = simd.less_than_or_equal_f64s(self.value, simd.splat_f64s(1.0 / f64::MAX));
+        let inverse = simd.div_f64s(simd.splat_f64s(1.0), self.value);
+        self.with(simd.select_f64s(tiny, simd.splat_f64s(0.0), inverse))
     }
 }
 

@@ -29,6 +29,7 @@ pub mod registration;
 pub mod simd;
 mod spine;
 mod threads;
+mod turn;
 
 pub use bearings_discriminant::{
     Method, Quadruples, cost as discriminant_cost, discriminant_sum, discriminants,

@@ -3,25 +3,22 @@
 use alloc::vec;
 use alloc::vec::Vec;
 use core::convert::Infallible;
-use core::ops::{Add, Mul, Sub};
+use core::ops::Range;
 
 use pulp::Simd;
 
+use super::lanes::{LANES, Lanes};
 use super::simd::Path;
+use super::turn::{in_all_lanes, into_lanes, out_of_lanes};
 use super::{Items, Threads};
 use crate::bound::standard_deviations;
-use crate::lane::Lane;
-use crate::posterior::{
-    Form, predict, scratch, update, variances_of_covariance, variances_of_information,
-};
+use crate::posterior::Form;
 use crate::spectrum::{decompose, default_rtol, rank, unit_columns};
+use crate::unit_factor::{Factor, Shape, Weighted, absorb, from_root, multiply, reach, shrink};
 
-/// Trials that are packed together; a multiple of the lanes of every path.
+/// Trials of one task; a multiple of the lanes of every path.
 const GROUP: usize = 16;
-/// Vectors in flight for each number. Square roots and divisions follow upon
-/// each other, and a second vector fills their waiting time.
-const UNROLL: usize = 2;
-/// Steps that are packed together: few enough for the first cache.
+/// Steps that are turned into lanes together: few enough for the first cache.
 const BLOCK: usize = 8;
 /// Above this variance inflation the triangular inverse is not trusted, and
 /// rank and bound are decided by singular values.
@@ -66,32 +63,54 @@ pub fn posterior(recursion: Recursion<'_>, threads: Threads, path: Path, out: &m
     if recursion.steps == 0 || n == 0 {
         return;
     }
-    let used = used(recursion.transition, out.len() / size, n);
-    let cost = (recursion.steps * n * n * n) as f64 * 0.3 * GROUP as f64;
-    let whole = out.len() / (size * GROUP) * size * GROUP;
+    let trials = out.len() / size;
+    let used = nonzero(recursion.transition, trials, n * n);
+    let pattern = Pattern {
+        reach: reach(&used, n),
+        noisy: nonzero(recursion.noise, trials, n * n)
+            .chunks_exact(n)
+            .map(|row| row.contains(&true))
+            .collect(),
+        used,
+    };
+    let cost = (recursion.steps * n * n * n) as f64 * 0.2 * GROUP as f64;
+    let whole = trials / GROUP * size * GROUP;
     let (groups, rest) = out.split_at_mut(whole);
     let group = |first: usize, out: &mut [f64]| -> Result<(), Infallible> {
-        path.run(Group {
-            recursion: &recursion,
-            used: &used,
-            first: first * GROUP,
-            out,
-        });
+        run_group(
+            path,
+            Group {
+                recursion: &recursion,
+                pattern: &pattern,
+                first: first * GROUP,
+                out,
+            },
+        );
         Ok(())
     };
     let Ok(()) = threads.over(groups, size * GROUP, cost, group);
     if !rest.is_empty() {
-        let Ok(()) = group(whole / (size * GROUP), rest);
+        let Ok(()) = group(trials / GROUP, rest);
     }
 }
 
-/// Which entries of a transition are ever other than zero, in any trial.
-fn used(transition: Items<'_>, trials: usize, n: usize) -> Vec<bool> {
-    let mut used = vec![false; n * n];
-    let distinct = if transition.is_shared() { 1 } else { trials };
+/// What is zero in every trial and at every step, and so need not be computed.
+struct Pattern {
+    /// Entries of the transition that are ever other than zero.
+    used: Vec<bool>,
+    /// See [`reach`].
+    reach: Vec<usize>,
+    /// Rows of the noise that are.
+    noisy: Vec<bool>,
+}
+
+/// Which of `size` entries are other than zero in any of the arrays.
+fn nonzero(arrays: Items<'_>, trials: usize, size: usize) -> Vec<bool> {
+    let mut used = vec![false; size];
+    let distinct = if arrays.is_shared() { 1 } else { trials };
     for trial in 0..distinct {
-        for matrix in transition.get(trial).chunks_exact(n * n) {
-            for (used, &entry) in used.iter_mut().zip(matrix) {
+        for array in arrays.get(trial).chunks_exact(size) {
+            for (used, &entry) in used.iter_mut().zip(array) {
                 *used |= entry != 0.0;
             }
         }
@@ -101,9 +120,15 @@ fn used(transition: Items<'_>, trials: usize, n: usize) -> Vec<bool> {
 
 struct Group<'a> {
     recursion: &'a Recursion<'a>,
-    used: &'a [bool],
+    pattern: &'a Pattern,
     first: usize,
     out: &'a mut [f64],
+}
+
+/// Compiled once, however often it is called: the text is long.
+#[inline(never)]
+fn run_group(path: Path, group: Group<'_>) {
+    path.run(group);
 }
 
 impl pulp::WithSimd for Group<'_> {
@@ -111,173 +136,349 @@ impl pulp::WithSimd for Group<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let lanes = S::F64_LANES * UNROLL;
-        let size = self.recursion.size();
-        for (i, out) in self.out.chunks_mut(lanes * size).enumerate() {
-            let first = self.first + i * lanes;
-            // A known size lets the compiler unroll.
-            match self.recursion.states {
-                4 => run(simd, 4, self.recursion, self.used, first, out),
-                n => run(simd, n, self.recursion, self.used, first, out),
+        let Self {
+            recursion,
+            pattern,
+            first,
+            out,
+        } = self;
+        let size = recursion.size();
+        let zero = Lanes::splat(simd, 0.0);
+        for (i, out) in out.chunks_mut(S::F64_LANES * size).enumerate() {
+            let trials = Trials {
+                recursion,
+                pattern,
+                first: first + i * S::F64_LANES,
+                count: out.len() / size,
+            };
+            // Arrays of a size that the compiler knows stay in registers. Rows after,
+            // which are rare, would make the text longer by half.
+            let common = recursion.states == 4 && recursion.after.size() == 0;
+            if S::F64_LANES > 1 && common {
+                let (mut square, mut tall) = ([[zero; 16]; 3], [zero; 32]);
+                let mut line = [[zero; 4]; 4];
+                let space = space(&mut square, &mut tall, &mut line);
+                match recursion.form {
+                    Form::Covariance => run::<S, 4>(simd, Form::Covariance, trials, space, out),
+                    Form::Information => run::<S, 4>(simd, Form::Information, trials, space, out),
+                }
+            } else {
+                let n = recursion.states;
+                let mut square = [vec![zero; n * n], vec![zero; n * n], vec![zero; n * n]];
+                let mut tall = vec![zero; 2 * n * n];
+                let mut line = [vec![zero; n], vec![zero; n], vec![zero; n], vec![zero; n]];
+                let space = space(&mut square, &mut tall, &mut line);
+                run::<S, 0>(simd, recursion.form, trials, space, out);
             }
         }
     }
 }
 
 /// As many trials as there are lanes, or fewer.
-#[inline(always)]
-fn run<S: Simd>(
-    simd: S,
-    n: usize,
-    recursion: &Recursion<'_>,
-    used: &[bool],
+#[derive(Clone, Copy)]
+struct Trials<'a> {
+    recursion: &'a Recursion<'a>,
+    pattern: &'a Pattern,
     first: usize,
-    out: &mut [f64],
-) {
-    let &Recursion { form, steps, .. } = recursion;
-    let lanes = S::F64_LANES * UNROLL;
-    let size = recursion.size();
-    let trials = out.len() / size;
-    let zero = Wide::<S>::splat_on(simd, 0.0);
-    let row_count = recursion.rows.size() / (steps * n);
-    let after_count = recursion.after.size() / ((steps - 1).max(1) * n);
-    let each_step = |items: Items<'_>| if items.size() > n * n { n * n } else { 0 };
-    let (f_step, g_step) = (each_step(recursion.transition), each_step(recursion.noise));
-    let widest = row_count.max(after_count).max(n);
+    count: usize,
+}
 
-    let mut packed = vec![0.0; lanes * BLOCK * (widest.max(n + 2) * n)];
-    let mut space = vec![zero; 3 * n * n + widest * n + scratch(n, widest) + 2 * n];
-    let (root, space) = space.split_at_mut(n * n);
-    let (transition, space) = space.split_at_mut(n * n);
-    let (noise, space) = space.split_at_mut(n * n);
-    let (rows, space) = space.split_at_mut(widest * n);
-    let (std, work) = space.split_at_mut(2 * n);
-
-    let pack = |items: Items<'_>, offset: usize, packed: &mut [f64]| {
-        for lane in 0..lanes {
-            let from = &items.get(first + lane.min(trials - 1))[offset..];
-            for (to, &from) in packed.chunks_exact_mut(lanes).zip(from) {
-                to[lane] = from;
-            }
+impl Trials<'_> {
+    /// Numbers `place` of each trial, one trial in each lane.
+    #[inline(always)]
+    fn pack<S: Simd>(&self, simd: S, items: Items<'_>, place: Range<usize>, packed: &mut [f64]) {
+        if place.is_empty() {
+            return;
         }
-    };
-    let mut small = vec![0.0; lanes * n * n];
-    for (items, to) in [
-        (recursion.root, &mut *root),
-        (recursion.transition, &mut *transition),
-        (recursion.noise, &mut *noise),
-    ] {
-        // Without a transition there may be nothing to pack.
-        pack(items, 0, &mut small);
-        load(simd, &small, to);
+        if items.is_shared() {
+            in_all_lanes(simd, &items.get(0)[place], packed);
+            return;
+        }
+        let mut from = [&[][..]; LANES];
+        for lane in 0..LANES {
+            from[lane] = &items.get(self.first + lane.min(self.count - 1))[place.clone()];
+        }
+        into_lanes(simd, &from, packed);
     }
 
-    let mut row_block = vec![0.0; lanes * BLOCK * row_count * n];
-    let mut after_block = vec![0.0; lanes * BLOCK * after_count * n];
-    let mut f_block = vec![0.0; lanes * BLOCK * f_step];
-    let mut g_block = vec![0.0; lanes * BLOCK * g_step];
-    for start in (0..steps).step_by(BLOCK) {
-        let block = BLOCK.min(steps - start);
-        pack(recursion.rows, start * row_count * n, &mut row_block);
-        if start + 1 < steps {
-            let pack_legs = |items, size: usize, packed: &mut [f64]| {
-                if size > 0 {
-                    pack(items, start * size, packed);
-                }
-            };
-            pack_legs(recursion.after, after_count * n, &mut after_block);
-            pack_legs(recursion.transition, f_step, &mut f_block);
-            pack_legs(recursion.noise, g_step, &mut g_block);
+    /// The factors of the roots that the trials start with, one trial in each lane.
+    #[inline(always)]
+    fn start<S: Simd>(&self, simd: S, unit: &mut [f64], weight: &mut [f64]) {
+        let n = self.recursion.states;
+        let root = self.recursion.root;
+        let size = n * n + n;
+        let distinct = if root.is_shared() { 1 } else { self.count };
+        let mut all = vec![0.0; distinct * size];
+        for (trial, both) in all.chunks_exact_mut(size).enumerate() {
+            let (unit, weight) = both.split_at_mut(n * n);
+            from_root(root.get(self.first + trial), unit, weight);
         }
-        for step in 0..block {
-            if row_count > 0 {
-                let rows = &mut rows[..row_count * n];
-                load(simd, &row_block[lanes * step * row_count * n..], rows);
-                update(form, root, n, rows, work);
+        let all = if root.is_shared() {
+            Items::shared(&all)
+        } else {
+            Items::each(&all, size)
+        };
+        let here = Self { first: 0, ..*self };
+        here.pack(simd, all, 0..n * n, unit);
+        here.pack(simd, all, n * n..size, weight);
+    }
+}
+
+/// What a recursion is worked out in.
+struct Space<'a, S: Simd> {
+    factor: Factor<'a, Lanes<S>>,
+    rows: Weighted<'a, Lanes<S>>,
+    transition: &'a mut [Lanes<S>],
+    noise: &'a mut [Lanes<S>],
+    line: &'a mut [Lanes<S>],
+}
+
+#[inline(always)]
+fn space<'a, S: Simd>(
+    square: &'a mut [impl AsMut<[Lanes<S>]>; 3],
+    tall: &'a mut [Lanes<S>],
+    line: &'a mut [impl AsMut<[Lanes<S>]>; 4],
+) -> Space<'a, S> {
+    let [unit, transition, noise] = square;
+    let [weight, weights, work, line] = line;
+    Space {
+        factor: Factor {
+            unit: unit.as_mut(),
+            weight: weight.as_mut(),
+        },
+        rows: Weighted {
+            rows: tall,
+            weight: weights.as_mut(),
+            work: work.as_mut(),
+        },
+        transition: transition.as_mut(),
+        noise: noise.as_mut(),
+        line: line.as_mut(),
+    }
+}
+
+/// `N` as for [`absorb`].
+#[inline(always)]
+fn run<S: Simd, const N: usize>(
+    simd: S,
+    form: Form,
+    trials: Trials<'_>,
+    space: Space<'_, S>,
+    out: &mut [f64],
+) {
+    let Trials {
+        recursion, pattern, ..
+    } = trials;
+    let (n, steps) = (if N == 0 { recursion.states } else { N }, recursion.steps);
+    let Space {
+        mut factor,
+        mut rows,
+        transition,
+        noise,
+        line,
+    } = space;
+    let lanes = S::F64_LANES;
+    let size = recursion.size();
+    let rows_size = recursion.rows.size() / steps;
+    let after_size = recursion.after.size() / (steps - 1).max(1);
+    let each_step = |items: Items<'_>| if items.size() > n * n { n * n } else { 0 };
+    let (f_size, g_size) = (each_step(recursion.transition), each_step(recursion.noise));
+
+    let buffer = |size: usize| vec![0.0; lanes * BLOCK * size];
+    let (mut row_block, mut after_block) = (buffer(rows_size), buffer(after_size));
+    let (mut f_block, mut g_block) = (buffer(f_size), buffer(g_size));
+    let (mut std_block, mut root_block) = (buffer(n), buffer(n * n));
+    let (mut small, mut sure_block) = (vec![0.0; lanes * n * n], buffer(1));
+
+    trials.start(simd, &mut small, &mut std_block);
+    load(simd, &small, factor.unit);
+    load(simd, &std_block, factor.weight);
+    if steps > 1 {
+        trials.pack(simd, recursion.transition, 0..n * n, &mut small);
+        load(simd, &small, transition);
+        trials.pack(simd, recursion.noise, 0..n * n, &mut small);
+        load(simd, &small, noise);
+    }
+    let mut doubtful = [false; BLOCK];
+    for start in (0..steps).step_by(BLOCK) {
+        let end = steps.min(start + BLOCK);
+        // The last step is followed by no transition.
+        let legs = start..end.min(steps - 1);
+        for (items, range, size, packed) in [
+            (recursion.rows, &(start..end), rows_size, &mut row_block),
+            (recursion.after, &legs, after_size, &mut after_block),
+            (recursion.transition, &legs, f_size, &mut f_block),
+            (recursion.noise, &legs, g_size, &mut g_block),
+        ] {
+            trials.pack(simd, items, range.start * size..range.end * size, packed);
+        }
+        for step in 0..end - start {
+            let last = start + step + 1 == steps;
+            let from = &row_block[lanes * step * rows_size..][..lanes * rows_size];
+            update::<S, N>(simd, form, from, &mut factor, &mut rows, line);
+            let to = &mut std_block[lanes * step * n..];
+            let sure = bound(simd, form, &factor, rows.work, line, to);
+            doubtful[step] = form == Form::Information && sure.least() == 0.0;
+            if doubtful[step] {
+                sure.put(&mut sure_block[lanes * step..]);
             }
-            let packed = &mut packed[lanes * step * (n + 2) * n..];
-            match form {
-                Form::Covariance => variances_of_covariance(root, n, std),
-                Form::Information => {
-                    let (variance, inflation) = std.split_at_mut(n);
-                    variances_of_information(root, n, variance, work);
-                    variances_of_covariance(root, n, inflation);
+            if doubtful[step] || recursion.every_root || last {
+                let to = &mut root_block[lanes * step * n * n..];
+                for i in 0..n {
+                    factor.root_row(i, line);
                     for j in 0..n {
-                        inflation[j] = inflation[j] * variance[j];
+                        line[j].put(&mut to[lanes * (i * n + j)..]);
                     }
                 }
             }
-            for j in 0..n {
-                std[j].root().store(&mut packed[lanes * j..]);
-                std[n + j].store(&mut packed[lanes * (n + j)..]);
+            if last {
+                break;
             }
-            if form == Form::Information || recursion.every_root || start + step + 1 == steps {
-                for j in 0..n * n {
-                    root[j].store(&mut packed[lanes * (2 * n + j)..]);
-                }
+            if N == 0 {
+                let from = &after_block[lanes * step * after_size..][..lanes * after_size];
+                update::<S, N>(simd, form, from, &mut factor, &mut rows, line);
             }
-            if start + step + 1 < steps {
-                if after_count > 0 {
-                    let rows = &mut rows[..after_count * n];
-                    load(simd, &after_block[lanes * step * after_count * n..], rows);
-                    update(form, root, n, rows, work);
+            if f_size > 0 {
+                load(simd, &f_block[lanes * step * f_size..], transition);
+            }
+            if g_size > 0 {
+                load(simd, &g_block[lanes * step * g_size..], noise);
+            }
+            predict::<S, N>(form, pattern, transition, noise, &mut factor, &mut rows);
+        }
+        let count = (end - start) * n;
+        out_of_lanes(simd, &std_block, count, size, &mut out[start * n..]);
+        let roots = steps * n;
+        if recursion.every_root {
+            let out = &mut out[roots + start * n * n..];
+            out_of_lanes(simd, &root_block, count * n, size, out);
+        } else if end == steps {
+            let from = &root_block[lanes * (count - n) * n..];
+            out_of_lanes(simd, from, n * n, size, &mut out[roots..]);
+        }
+        for step in 0..end - start {
+            if doubtful[step] {
+                let mut sure = [0.0; LANES];
+                out_of_lanes(simd, &sure_block[lanes * step..], 1, 1, &mut sure);
+                let from = &root_block[lanes * step * n * n..];
+                out_of_lanes(simd, from, n * n, n * n, &mut small);
+                let place = (start + step) * n;
+                for (lane, out) in out.chunks_exact_mut(size).enumerate() {
+                    if sure[lane] == 0.0 {
+                        let root = &small[lane * n * n..(lane + 1) * n * n];
+                        by_singular_values(root, n, start + step + 1, &mut out[place..place + n]);
+                    }
                 }
-                if f_step > 0 {
-                    load(simd, &f_block[lanes * step * f_step..], transition);
-                }
-                if g_step > 0 {
-                    load(simd, &g_block[lanes * step * g_step..], noise);
-                }
-                predict(form, root, n, transition, used, noise, work);
             }
         }
-        unpack(recursion, start..start + block, lanes, &packed, out);
     }
 }
 
 #[inline(always)]
-fn load<S: Simd>(simd: S, packed: &[f64], to: &mut [Wide<S>]) {
-    let lanes = S::F64_LANES * UNROLL;
-    for (to, from) in to.iter_mut().zip(packed.chunks_exact(lanes)) {
-        *to = Wide::load(simd, from);
+fn load<S: Simd>(simd: S, packed: &[f64], to: &mut [Lanes<S>]) {
+    for i in 0..to.len() {
+        to[i] = Lanes::of(simd, &packed[S::F64_LANES * i..]);
     }
 }
 
-/// From lanes to trials: the results of the steps in `block`.
-fn unpack(
-    recursion: &Recursion<'_>,
-    block: core::ops::Range<usize>,
-    lanes: usize,
-    packed: &[f64],
-    out: &mut [f64],
+/// Moves the factor to the next step.
+#[inline(always)]
+fn predict<S: Simd, const N: usize>(
+    form: Form,
+    pattern: &Pattern,
+    transition: &[Lanes<S>],
+    noise: &[Lanes<S>],
+    factor: &mut Factor<'_, Lanes<S>>,
+    rows: &mut Weighted<'_, Lanes<S>>,
 ) {
-    let &Recursion { form, steps, .. } = recursion;
-    let n = recursion.states;
-    for (lane, out) in out.chunks_exact_mut(recursion.size()).enumerate() {
-        let (std, roots) = out.split_at_mut(steps * n);
-        for (step, packed) in block.clone().zip(packed.chunks_exact(lanes * (n + 2) * n)) {
-            let at = |i: usize| packed[lanes * i + lane];
-            let std = &mut std[step * n..(step + 1) * n];
-            for j in 0..n {
-                std[j] = at(j);
+    let n = factor.n();
+    multiply(factor, transition, &pattern.used, rows);
+    match form {
+        Form::Covariance => {
+            for i in 0..n * n {
+                rows.rows[n * n + i] = noise[i];
             }
-            if form == Form::Information && !(0..n).all(|j| trusted(at(n + j))) {
-                let root: Vec<f64> = (0..n * n).map(|j| at(2 * n + j)).collect();
-                by_singular_values(&root, n, step + 1, std);
-            }
-            if recursion.every_root || step + 1 == steps {
-                let place = if recursion.every_root { step } else { 0 };
-                for j in 0..n * n {
-                    roots[place * n * n + j] = at(2 * n + j);
+            absorb::<_, N>(rows, Shape::Triangle(&pattern.reach), factor);
+        }
+        Form::Information => {
+            absorb::<_, N>(rows, Shape::Alone(&pattern.reach), factor);
+            for i in 0..n {
+                if pattern.noisy[i] {
+                    shrink(factor, &noise[i * n..(i + 1) * n], rows.work);
                 }
             }
         }
     }
 }
 
-fn trusted(inflation: f64) -> bool {
-    // Below one only where a diagonal entry is zero.
-    inflation > 0.5 && inflation < INFLATION
+/// Takes in the measurement rows of one step.
+#[inline(always)]
+fn update<S: Simd, const N: usize>(
+    simd: S,
+    form: Form,
+    packed: &[f64],
+    factor: &mut Factor<'_, Lanes<S>>,
+    rows: &mut Weighted<'_, Lanes<S>>,
+    line: &mut [Lanes<S>],
+) {
+    let n = factor.n();
+    let size = n * S::F64_LANES;
+    match form {
+        Form::Covariance => {
+            for packed in packed.chunks_exact(size) {
+                load(simd, packed, line);
+                shrink(factor, line, rows.work);
+            }
+        }
+        Form::Information => {
+            for packed in packed.chunks(n * size) {
+                for i in 0..n {
+                    rows.weight[i] = factor.weight[i];
+                    rows.rows[i * n + i] = Lanes::splat(simd, 1.0);
+                    for j in i + 1..n {
+                        rows.rows[i * n + j] = factor.unit[i * n + j];
+                    }
+                }
+                let count = packed.len() / size;
+                for i in 0..n {
+                    if i < count {
+                        let to = &mut rows.rows[(n + i) * n..(n + i + 1) * n];
+                        load(simd, &packed[size * i..], to);
+                    }
+                }
+                absorb::<_, N>(rows, Shape::Below(count), factor);
+            }
+        }
+    }
+}
+
+/// The standard deviations, into lanes; 0 where they are not to be trusted.
+#[inline(always)]
+fn bound<S: Simd>(
+    simd: S,
+    form: Form,
+    factor: &Factor<'_, Lanes<S>>,
+    work: &mut [Lanes<S>],
+    line: &mut [Lanes<S>],
+    packed: &mut [f64],
+) -> Lanes<S> {
+    let mut sure = Lanes::splat(simd, 1.0);
+    match form {
+        Form::Covariance => factor.diagonal(line),
+        Form::Information => {
+            factor.inverse_diagonal(line, work);
+            factor.diagonal(work);
+            for j in 0..factor.n() {
+                // Without a weight a state is not determined, whatever the product.
+                sure = sure * factor.weight[j].inside(1.0 / f64::MAX, f64::INFINITY);
+                sure = sure * (line[j] * work[j]).inside(0.5, INFLATION);
+            }
+        }
+    }
+    for j in 0..factor.n() {
+        line[j].sqrt().put(&mut packed[S::F64_LANES * j..]);
+    }
+    sure
 }
 
 /// The bound where some combination is hardly or not determined.
@@ -291,117 +492,6 @@ fn by_singular_values(root: &[f64], n: usize, steps: usize, out: &mut [f64]) {
     unit_columns(root, n, scale);
     decompose(root, n, scale, s, v, w);
     standard_deviations(s, v, scale, rank(s, rtol), rtol, out);
-}
-
-/// [`UNROLL`] vectors: one trial in each lane.
-#[derive(Clone, Copy)]
-struct Wide<S: Simd> {
-    simd: S,
-    value: [S::f64s; UNROLL],
-}
-
-impl<S: Simd> Wide<S> {
-    #[inline(always)]
-    fn splat_on(simd: S, value: f64) -> Self {
-        Self {
-            simd,
-            value: [simd.splat_f64s(value); UNROLL],
-        }
-    }
-
-    #[inline(always)]
-    fn load(simd: S, from: &[f64]) -> Self {
-        let (vectors, _) = S::as_simd_f64s(from);
-        let mut out = Self::splat_on(simd, 0.0);
-        out.value.copy_from_slice(&vectors[..UNROLL]);
-        out
-    }
-
-    #[inline(always)]
-    fn store(self, to: &mut [f64]) {
-        let (vectors, _) = S::as_mut_simd_f64s(to);
-        vectors[..UNROLL].copy_from_slice(&self.value);
-    }
-}
-
-// Loops, no closures: those may be compiled apart, without the instructions of
-// the path, and then every operation is a call.
-impl<S: Simd> Add for Wide<S> {
-    type Output = Self;
-    #[inline(always)]
-    fn add(mut self, other: Self) -> Self {
-        for u in 0..UNROLL {
-            self.value[u] = self.simd.add_f64s(self.value[u], other.value[u]);
-        }
-        self
-    }
-}
-
-impl<S: Simd> Sub for Wide<S> {
-    type Output = Self;
-    #[inline(always)]
-    fn sub(mut self, other: Self) -> Self {
-        for u in 0..UNROLL {
-            self.value[u] = self.simd.sub_f64s(self.value[u], other.value[u]);
-        }
-        self
-    }
-}
-
-impl<S: Simd> Mul for Wide<S> {
-    type Output = Self;
-    #[inline(always)]
-    fn mul(mut self, other: Self) -> Self {
-        for u in 0..UNROLL {
-            self.value[u] = self.simd.mul_f64s(self.value[u], other.value[u]);
-        }
-        self
-    }
-}
-
-impl<S: Simd> Lane for Wide<S> {
-    #[inline(always)]
-    fn splat(self, value: f64) -> Self {
-        Self::splat_on(self.simd, value)
-    }
-
-    #[inline(always)]
-    fn mul_add(mut self, factor: Self, term: Self) -> Self {
-        for u in 0..UNROLL {
-            let (a, b, c) = (self.value[u], factor.value[u], term.value[u]);
-            self.value[u] = self.simd.mul_add_e_f64s(a, b, c);
-        }
-        self
-    }
-
-    #[inline(always)]
-    fn negate_mul_add(mut self, factor: Self, term: Self) -> Self {
-        for u in 0..UNROLL {
-            let (a, b, c) = (self.value[u], factor.value[u], term.value[u]);
-            self.value[u] = self.simd.negate_mul_add_e_f64s(a, b, c);
-        }
-        self
-    }
-
-    #[inline(always)]
-    fn root(mut self) -> Self {
-        for u in 0..UNROLL {
-            self.value[u] = self.simd.sqrt_f64s(self.value[u]);
-        }
-        self
-    }
-
-    #[inline(always)]
-    fn recip_or_zero(mut self) -> Self {
-        let simd = self.simd;
-        let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
-        for u in 0..UNROLL {
-            let a = self.value[u];
-            let nothing = simd.equal_f64s(a, zero);
-            self.value[u] = simd.select_f64s(nothing, zero, simd.div_f64s(one, a));
-        }
-        self
-    }
 }
 
 #[cfg(test)]
