@@ -137,6 +137,7 @@ fn linear_gramian<'py>(
                 n,
                 span,
                 threads,
+                Path::Best,
                 &mut write[range.start * n * n..range.end * n * n],
             )
             .map_err(|(trial, error)| errors::input_at(&batch.place(range.start + trial), error))

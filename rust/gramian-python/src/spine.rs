@@ -16,7 +16,7 @@ fn gram<'py>(
     rows: &Bound<'py, PyAny>,
     weights: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-    let mut rows = Input::new(rows, "rows", 2)?;
+    let mut rows = Input::unchecked(rows, "rows", 2)?;
     rows.expect_entries()?;
     let (count, n) = (rows.core_shape()[0], rows.core_shape()[1]);
     let mut weights = weights.map(|w| Input::new(w, "weights", 1)).transpose()?;
@@ -28,16 +28,16 @@ fn gram<'py>(
         Some(weights) => Batch::of(&mut [&mut rows, weights])?,
         None => Batch::of(&mut [&mut rows])?,
     };
-    let out = batch.zeros(py, &[n, n]);
+    let out = batch.unset(py, &[n, n])?;
     {
-        let rows = rows.items()?;
+        let items = rows.items()?;
         let weights = weights.as_ref().map(Input::items).transpose()?;
         let mut write = out.readwrite();
         let write = write.as_slice_mut()?;
         let cost = (count * n * n) as f64;
         run::in_pieces(py, batch.len(), cost, |range, threads| {
             batch::gram(
-                rows.skip(range.start),
+                items.skip(range.start),
                 weights.map(|w| w.skip(range.start)),
                 n,
                 threads,
@@ -46,6 +46,11 @@ fn gram<'py>(
             );
             Ok(())
         })?;
+        // A row that is not finite makes a square that is not: the rows, many more
+        // numbers, need a look only then.
+        if !write.iter().all(|x| x.is_finite()) {
+            rows.check_finite()?;
+        }
     }
     Ok(out)
 }
@@ -61,7 +66,7 @@ fn crlb_std<'py>(
     rows.expect_entries()?;
     let (count, n) = (rows.core_shape()[0], rows.core_shape()[1]);
     let batch = Batch::of(&mut [&mut rows])?;
-    let out = batch.zeros(py, &[n]);
+    let out = batch.unset(py, &[n])?;
     {
         let rows = rows.items()?;
         let mut write = out.readwrite();
@@ -69,7 +74,7 @@ fn crlb_std<'py>(
         let cost = (count * n * n + 100 * n * n * n) as f64;
         run::in_pieces(py, batch.len(), cost, |range, threads| {
             let out = &mut write[range.start * n..range.end * n];
-            batch::crlb_std(rows.skip(range.start), n, rtol, threads, out);
+            batch::crlb_std(rows.skip(range.start), n, rtol, threads, Path::Best, out);
             Ok(())
         })?;
     }

@@ -146,7 +146,14 @@ fn bounds() -> Work {
     let rows = normals(trials * size);
     let mut out = vec![0.0; trials * 4];
     Box::new(move || {
-        batch::crlb_std(Items::each(&rows, size), 4, None, Threads::One, &mut out);
+        batch::crlb_std(
+            Items::each(&rows, size),
+            4,
+            None,
+            Threads::One,
+            Path::Best,
+            &mut out,
+        );
         black_box(&out);
     })
 }
@@ -902,6 +909,7 @@ fn linear_gramian() -> Work {
             6,
             Span::Samples(50),
             Threads::One,
+            Path::Best,
             &mut out,
         );
         assert!(done.is_ok());

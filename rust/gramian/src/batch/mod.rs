@@ -13,6 +13,7 @@ mod bearings_log_det;
 mod bearings_motion;
 mod bearings_quadruple;
 mod bearings_test;
+mod bounds;
 pub mod closed_loop;
 mod dipole;
 mod fisher;
@@ -42,6 +43,7 @@ pub use bearings_quadruple::{
     EXACT as EXACT_QUADRUPLES, Quadruple, best_quadruple, best_quadruples,
 };
 pub use bearings_test::{TEST_SIZE, observability_tests};
+pub use bounds::crlb_std;
 pub use dipole::{
     Passes, Simulated, TrialError, dipole_field, dipole_fisher, dipole_jacobian, dipole_localize,
     dipole_localize_trials, dipole_localized_size, dipole_measure, dipole_rows, localize_cost,
@@ -55,7 +57,7 @@ pub use maneuver::headings;
 pub use maneuver_paths::{Paths, path_size, trajectories};
 pub use posterior::{Recursion, posterior};
 pub use random::{Stream, normals};
-pub use spine::{Target, bearing_rows, crlb_std};
+pub use spine::{Target, bearing_rows};
 pub use threads::Threads;
 
 /// One input of a batch: `size` numbers for each trial, or the same for all.

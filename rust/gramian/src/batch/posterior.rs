@@ -9,7 +9,7 @@ use pulp::Simd;
 
 use super::lanes::{LANES, Lanes};
 use super::simd::Path;
-use super::turn::{in_all_lanes, into_lanes, out_of_lanes};
+use super::turn::{Aligned, buffers, in_all_lanes, into_lanes, out_of_lanes};
 use super::{Items, Threads};
 use crate::bound::standard_deviations;
 use crate::posterior::Form;
@@ -17,7 +17,7 @@ use crate::spectrum::{decompose, default_rtol, rank, unit_columns};
 use crate::unit_factor::{Factor, Shape, Weighted, absorb, from_root, multiply, reach, shrink};
 
 /// Trials of one task; a multiple of the lanes of every path.
-const GROUP: usize = 16;
+const GROUP: usize = 32;
 /// Steps that are turned into lanes together: few enough for the first cache.
 const BLOCK: usize = 8;
 /// Above this variance inflation the triangular inverse is not trusted, and
@@ -144,6 +144,7 @@ impl pulp::WithSimd for Group<'_> {
         } = self;
         let size = recursion.size();
         let zero = Lanes::splat(simd, 0.0);
+        let buffer = &mut Vec::new();
         for (i, out) in out.chunks_mut(S::F64_LANES * size).enumerate() {
             let trials = Trials {
                 recursion,
@@ -155,12 +156,16 @@ impl pulp::WithSimd for Group<'_> {
             // which are rare, would make the text longer by half.
             let common = recursion.states == 4 && recursion.after.size() == 0;
             if S::F64_LANES > 1 && common {
-                let (mut square, mut tall) = ([[zero; 16]; 3], [zero; 32]);
-                let mut line = [[zero; 4]; 4];
-                let space = space(&mut square, &mut tall, &mut line);
+                let (mut square, mut tall) = (Aligned([[zero; 16]; 3]), Aligned([zero; 32]));
+                let mut line = Aligned([[zero; 4]; 4]);
+                let space = space(&mut square.0, &mut tall.0, &mut line.0);
                 match recursion.form {
-                    Form::Covariance => run::<S, 4>(simd, Form::Covariance, trials, space, out),
-                    Form::Information => run::<S, 4>(simd, Form::Information, trials, space, out),
+                    Form::Covariance => {
+                        run::<S, 4>(simd, Form::Covariance, trials, space, buffer, out);
+                    }
+                    Form::Information => {
+                        run::<S, 4>(simd, Form::Information, trials, space, buffer, out);
+                    }
                 }
             } else {
                 let n = recursion.states;
@@ -168,7 +173,7 @@ impl pulp::WithSimd for Group<'_> {
                 let mut tall = vec![zero; 2 * n * n];
                 let mut line = [vec![zero; n], vec![zero; n], vec![zero; n], vec![zero; n]];
                 let space = space(&mut square, &mut tall, &mut line);
-                run::<S, 0>(simd, recursion.form, trials, space, out);
+                run::<S, 0>(simd, recursion.form, trials, space, buffer, out);
             }
         }
     }
@@ -264,6 +269,7 @@ fn run<S: Simd, const N: usize>(
     form: Form,
     trials: Trials<'_>,
     space: Space<'_, S>,
+    buffer: &mut Vec<f64>,
     out: &mut [f64],
 ) {
     let Trials {
@@ -284,20 +290,38 @@ fn run<S: Simd, const N: usize>(
     let each_step = |items: Items<'_>| if items.size() > n * n { n * n } else { 0 };
     let (f_size, g_size) = (each_step(recursion.transition), each_step(recursion.noise));
 
-    let buffer = |size: usize| vec![0.0; lanes * BLOCK * size];
-    let (mut row_block, mut after_block) = (buffer(rows_size), buffer(after_size));
-    let (mut f_block, mut g_block) = (buffer(f_size), buffer(g_size));
-    let (mut std_block, mut root_block) = (buffer(n), buffer(n * n));
-    let (mut small, mut sure_block) = (vec![0.0; lanes * n * n], buffer(1));
+    let block = lanes * BLOCK.min(steps);
+    let [
+        row_block,
+        after_block,
+        f_block,
+        g_block,
+        std_block,
+        root_block,
+        sure_block,
+        small,
+    ] = buffers(
+        buffer,
+        [
+            block * rows_size,
+            block * after_size,
+            block * f_size,
+            block * g_size,
+            block * n,
+            block * n * n,
+            block,
+            lanes * n * n,
+        ],
+    );
 
-    trials.start(simd, &mut small, &mut std_block);
-    load(simd, &small, factor.unit);
-    load(simd, &std_block, factor.weight);
+    trials.start(simd, &mut *small, &mut *std_block);
+    load(simd, small, factor.unit);
+    load(simd, std_block, factor.weight);
     if steps > 1 {
-        trials.pack(simd, recursion.transition, 0..n * n, &mut small);
-        load(simd, &small, transition);
-        trials.pack(simd, recursion.noise, 0..n * n, &mut small);
-        load(simd, &small, noise);
+        trials.pack(simd, recursion.transition, 0..n * n, &mut *small);
+        load(simd, small, transition);
+        trials.pack(simd, recursion.noise, 0..n * n, &mut *small);
+        load(simd, small, noise);
     }
     let mut doubtful = [false; BLOCK];
     for start in (0..steps).step_by(BLOCK) {
@@ -305,10 +329,10 @@ fn run<S: Simd, const N: usize>(
         // The last step is followed by no transition.
         let legs = start..end.min(steps - 1);
         for (items, range, size, packed) in [
-            (recursion.rows, &(start..end), rows_size, &mut row_block),
-            (recursion.after, &legs, after_size, &mut after_block),
-            (recursion.transition, &legs, f_size, &mut f_block),
-            (recursion.noise, &legs, g_size, &mut g_block),
+            (recursion.rows, &(start..end), rows_size, &mut *row_block),
+            (recursion.after, &legs, after_size, &mut *after_block),
+            (recursion.transition, &legs, f_size, &mut *f_block),
+            (recursion.noise, &legs, g_size, &mut *g_block),
         ] {
             trials.pack(simd, items, range.start * size..range.end * size, packed);
         }
@@ -347,11 +371,11 @@ fn run<S: Simd, const N: usize>(
             predict::<S, N>(form, pattern, transition, noise, &mut factor, &mut rows);
         }
         let count = (end - start) * n;
-        out_of_lanes(simd, &std_block, count, size, &mut out[start * n..]);
+        out_of_lanes(simd, std_block, count, size, &mut out[start * n..]);
         let roots = steps * n;
         if recursion.every_root {
             let out = &mut out[roots + start * n * n..];
-            out_of_lanes(simd, &root_block, count * n, size, out);
+            out_of_lanes(simd, root_block, count * n, size, out);
         } else if end == steps {
             let from = &root_block[lanes * (count - n) * n..];
             out_of_lanes(simd, from, n * n, size, &mut out[roots..]);
@@ -361,7 +385,7 @@ fn run<S: Simd, const N: usize>(
                 let mut sure = [0.0; LANES];
                 out_of_lanes(simd, &sure_block[lanes * step..], 1, 1, &mut sure);
                 let from = &root_block[lanes * step * n * n..];
-                out_of_lanes(simd, from, n * n, n * n, &mut small);
+                out_of_lanes(simd, from, n * n, n * n, &mut *small);
                 let place = (start + step) * n;
                 for (lane, out) in out.chunks_exact_mut(size).enumerate() {
                     if sure[lane] == 0.0 {
@@ -413,7 +437,7 @@ fn predict<S: Simd, const N: usize>(
 
 /// Takes in the measurement rows of one step.
 #[inline(always)]
-fn update<S: Simd, const N: usize>(
+pub(super) fn update<S: Simd, const N: usize>(
     simd: S,
     form: Form,
     packed: &[f64],
@@ -454,7 +478,7 @@ fn update<S: Simd, const N: usize>(
 
 /// The standard deviations, into lanes; 0 where they are not to be trusted.
 #[inline(always)]
-fn bound<S: Simd>(
+pub(super) fn bound<S: Simd>(
     simd: S,
     form: Form,
     factor: &Factor<'_, Lanes<S>>,

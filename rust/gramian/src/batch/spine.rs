@@ -1,41 +1,7 @@
-//! Rows and bounds, trial by trial.
-
-use alloc::vec;
-use core::convert::Infallible;
+//! Rows, trial by trial.
 
 use super::{Items, Threads};
 use crate::bearings;
-use crate::bound::standard_deviations;
-use crate::spectrum::{decompose, default_rtol, rank, unit_columns};
-use crate::square_root::triangularize;
-
-/// Bounds (trials, n) on the standard deviation of each state, from rows
-/// (trials, K, n); infinite where a state is not determined.
-pub fn crlb_std(rows: Items<'_>, n: usize, rtol: Option<f64>, threads: Threads, out: &mut [f64]) {
-    let size = rows.size();
-    let count = size.checked_div(n).unwrap_or(0);
-    let rtol = rtol.unwrap_or_else(|| default_rtol(count, n));
-    let padded = count.max(n) * n;
-    // Scratch: the rows, then work, scale, singular values, vectors.
-    let scratch = || vec![0.0; padded + n + n + n + 2 * n * n];
-    let cost = (count * n * n) as f64 + 100.0 * (n * n * n) as f64;
-    let each =
-        |space: &mut vec::Vec<f64>, trial: usize, out: &mut [f64]| -> Result<(), Infallible> {
-            let (a, space) = space.split_at_mut(padded);
-            let (work, space) = space.split_at_mut(n);
-            let (scale, space) = space.split_at_mut(n);
-            let (s, space) = space.split_at_mut(n);
-            let (v, w) = space.split_at_mut(n * n);
-            a[..size].copy_from_slice(rows.get(trial));
-            a[size..].fill(0.0);
-            triangularize(a, n, work);
-            unit_columns(a, n, scale);
-            decompose(a, n, scale, s, v, w);
-            standard_deviations(s, v, scale, rank(s, rtol), rtol, out);
-            Ok(())
-        };
-    let Ok(()) = threads.over_with(out, n, cost, scratch, each);
-}
 
 /// Where the target of a batch of bearings is.
 #[derive(Clone, Copy, Debug)]

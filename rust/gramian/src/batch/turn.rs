@@ -3,13 +3,45 @@
 //! Number i of the trials in the lanes is at `[i * S::F64_LANES..]`. Which lane a
 //! trial is in does not matter, as long as all its numbers are in the same.
 
+use alloc::vec::Vec;
+use core::mem::align_of;
+
 use pulp::Simd;
 
 use super::lanes::LANES;
 
 /// Numbers that are turned at once.
 const STEP: usize = 4;
-type Square = [[f64; STEP]; LANES];
+type Square = Aligned<[[f64; STEP]; LANES]>;
+
+/// Registers that lie across two lines of the cache cost twice as much to load and
+/// to store; whether they do would depend on chance.
+#[repr(align(64))]
+#[derive(Clone, Copy, Debug)]
+pub struct Aligned<T>(pub T);
+
+/// Buffers of so many numbers each, cut from one that is aligned. Where the sizes are
+/// multiples of the lanes all of them are. What is in them is left as it was.
+pub fn buffers<'a, const B: usize>(
+    space: &'a mut Vec<f64>,
+    sizes: [usize; B],
+) -> [&'a mut [f64]; B] {
+    let total = sizes.iter().sum::<usize>() + LANES;
+    if space.len() < total {
+        space.resize(total, 0.0);
+    }
+    // Where the place cannot be told, any will do.
+    let skip = space
+        .as_ptr()
+        .align_offset(align_of::<Aligned<f64>>())
+        .min(LANES);
+    let mut rest = &mut space[skip..];
+    sizes.map(|size| {
+        let (buffer, others) = core::mem::take(&mut rest).split_at_mut(size);
+        rest = others;
+        buffer
+    })
+}
 
 /// Puts the numbers `from[trial]`, equally many for each, into lanes.
 #[inline(always)]
@@ -17,7 +49,7 @@ pub fn into_lanes<S: Simd>(simd: S, from: &[&[f64]; LANES], packed: &mut [f64]) 
     let lanes = S::F64_LANES;
     let count = from[0].len();
     let (whole, rest) = (count / STEP, count % STEP);
-    let mut square: Square = [[0.0; STEP]; LANES];
+    let mut square = Aligned([[0.0; STEP]; LANES]);
     let mut chunks = [from[0].as_chunks::<STEP>().0; LANES];
     for lane in 0..lanes {
         chunks[lane] = &from[lane].as_chunks::<STEP>().0[..whole];
@@ -25,7 +57,7 @@ pub fn into_lanes<S: Simd>(simd: S, from: &[&[f64]; LANES], packed: &mut [f64]) 
     let (to, to_rest) = packed.split_at_mut(whole * STEP * lanes);
     for (i, to) in to.chunks_exact_mut(STEP * lanes).enumerate() {
         for lane in 0..lanes {
-            square[lane] = chunks[lane][i];
+            square.0[lane] = chunks[lane][i];
         }
         let columns = columns(simd, &square);
         let (to, _) = S::as_mut_simd_f64s(to);
@@ -34,7 +66,7 @@ pub fn into_lanes<S: Simd>(simd: S, from: &[&[f64]; LANES], packed: &mut [f64]) 
     if rest > 0 {
         for lane in 0..lanes {
             for i in 0..rest {
-                square[lane][i] = from[lane][whole * STEP + i];
+                square.0[lane][i] = from[lane][whole * STEP + i];
             }
         }
         let columns = columns(simd, &square);
@@ -47,7 +79,7 @@ pub fn into_lanes<S: Simd>(simd: S, from: &[&[f64]; LANES], packed: &mut [f64]) 
 
 #[inline(always)]
 fn columns<S: Simd>(simd: S, square: &Square) -> [S::f64s; STEP] {
-    let (rows, _) = S::as_simd_f64s(square.as_flattened());
+    let (rows, _) = S::as_simd_f64s(square.0.as_flattened());
     simd.deinterleave_shfl_f64s([rows[0], rows[1], rows[2], rows[3]])
 }
 
@@ -64,14 +96,14 @@ pub fn out_of_lanes<S: Simd>(
     let lanes = S::F64_LANES;
     let trials = lanes.min(out.len().div_ceil(stride));
     let (whole, rest) = (count / STEP, count % STEP);
-    let mut square: Square = [[0.0; STEP]; LANES];
+    let mut square = Aligned([[0.0; STEP]; LANES]);
     let (from, from_rest) = packed.split_at(whole * STEP * lanes);
     for (i, from) in from.chunks_exact(STEP * lanes).enumerate() {
         let (from, _) = S::as_simd_f64s(from);
         rows(simd, [from[0], from[1], from[2], from[3]], &mut square);
         for lane in 0..trials {
             let to = &mut out[lane * stride + i * STEP..][..STEP];
-            to.copy_from_slice(&square[lane]);
+            to.copy_from_slice(&square.0[lane]);
         }
     }
     if rest > 0 {
@@ -83,7 +115,7 @@ pub fn out_of_lanes<S: Simd>(
         rows(simd, columns, &mut square);
         for lane in 0..trials {
             for i in 0..rest {
-                out[lane * stride + whole * STEP + i] = square[lane][i];
+                out[lane * stride + whole * STEP + i] = square.0[lane][i];
             }
         }
     }
@@ -92,7 +124,7 @@ pub fn out_of_lanes<S: Simd>(
 #[inline(always)]
 fn rows<S: Simd>(simd: S, columns: [S::f64s; STEP], square: &mut Square) {
     let rows = simd.interleave_shfl_f64s(columns);
-    let (to, _) = S::as_mut_simd_f64s(square.as_flattened_mut());
+    let (to, _) = S::as_mut_simd_f64s(square.0.as_flattened_mut());
     to[..STEP].copy_from_slice(&rows);
 }
 
