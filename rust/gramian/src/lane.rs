@@ -8,7 +8,7 @@ use crate::scalar::Real;
 /// A number, or a vector of independent numbers.
 ///
 /// There is no comparison: lanes may differ in its outcome. What must branch is
-/// expressed by [`recip_or_zero`](Lane::recip_or_zero).
+/// expressed by `recip_or_zero`.
 pub trait Lane: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {
     /// `value` in every lane of a vector like this one.
     #[must_use]
@@ -26,6 +26,7 @@ pub trait Lane: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Se
     #[must_use]
     fn inverse(self) -> Self;
     /// 1 / self of a number that is not below zero; 0 where that would overflow.
+    #[cfg(feature = "std")]
     #[must_use]
     fn recip_or_zero(self) -> Self;
 }
@@ -51,6 +52,7 @@ impl<T: Real> Lane for T {
     fn inverse(self) -> Self {
         T::one() / self
     }
+    #[cfg(feature = "std")]
     #[inline(always)]
     fn recip_or_zero(self) -> Self {
         if self <= T::one() / T::MAX {

@@ -52,14 +52,12 @@ impl<L: Lane> Factor<'_, L> {
     pub fn root_row(&self, i: usize, out: &mut [L]) {
         let n = self.n();
         let root = self.weight[i].root();
-        for j in 0..n {
-            out[j] = if j < i {
-                root.splat(0.0)
-            } else if j == i {
-                root
-            } else {
-                root * self.unit[i * n + j]
-            };
+        for j in 0..i {
+            out[j] = root.splat(0.0);
+        }
+        out[i] = root;
+        for j in i + 1..n {
+            out[j] = root * self.unit[i * n + j];
         }
     }
 

@@ -284,7 +284,6 @@ fn run<S: Simd, const N: usize>(
         line,
     } = space;
     let lanes = S::F64_LANES;
-    let size = recursion.size();
     let rows_size = recursion.rows.size() / steps;
     let after_size = recursion.after.size() / (steps - 1).max(1);
     let each_step = |items: Items<'_>| if items.size() > n * n { n * n } else { 0 };
@@ -323,7 +322,12 @@ fn run<S: Simd, const N: usize>(
         trials.pack(simd, recursion.noise, 0..n * n, &mut *small);
         load(simd, small, noise);
     }
-    let mut doubtful = [false; BLOCK];
+    let mut found = Found {
+        std: std_block,
+        root: root_block,
+        sure: sure_block,
+        doubtful: [false; BLOCK],
+    };
     for start in (0..steps).step_by(BLOCK) {
         let end = steps.min(start + BLOCK);
         // The last step is followed by no transition.
@@ -340,20 +344,15 @@ fn run<S: Simd, const N: usize>(
             let last = start + step + 1 == steps;
             let from = &row_block[lanes * step * rows_size..][..lanes * rows_size];
             update::<S, N>(simd, form, from, &mut factor, &mut rows, line);
-            let to = &mut std_block[lanes * step * n..];
+            let to = &mut found.std[lanes * step * n..];
             let sure = bound(simd, form, &factor, rows.work, line, to);
-            doubtful[step] = form == Form::Information && sure.least() == 0.0;
-            if doubtful[step] {
-                sure.put(&mut sure_block[lanes * step..]);
+            let doubtful = form == Form::Information && sure.least() == 0.0;
+            found.doubtful[step] = doubtful;
+            if doubtful {
+                sure.put(&mut found.sure[lanes * step..]);
             }
-            if doubtful[step] || recursion.every_root || last {
-                let to = &mut root_block[lanes * step * n * n..];
-                for i in 0..n {
-                    factor.root_row(i, line);
-                    for j in 0..n {
-                        line[j].put(&mut to[lanes * (i * n + j)..]);
-                    }
-                }
+            if doubtful || recursion.every_root || last {
+                put_root(&factor, line, &mut found.root[lanes * step * n * n..]);
             }
             if last {
                 break;
@@ -370,30 +369,73 @@ fn run<S: Simd, const N: usize>(
             }
             predict::<S, N>(form, pattern, transition, noise, &mut factor, &mut rows);
         }
-        let count = (end - start) * n;
-        out_of_lanes(simd, std_block, count, size, &mut out[start * n..]);
-        let roots = steps * n;
+        found.take_out(simd, recursion, start..end, small, out);
+    }
+}
+
+/// What a block of steps gives, one trial in each lane.
+struct Found<'a> {
+    std: &'a mut [f64],
+    /// Of the steps at which it is wanted.
+    root: &'a mut [f64],
+    /// 1 for trials whose bound can be trusted, at the steps that are doubtful.
+    sure: &'a mut [f64],
+    doubtful: [bool; BLOCK],
+}
+
+impl Found<'_> {
+    /// Writes the results of these steps; the bound of the trials that are not sure
+    /// is found anew, in `small`.
+    #[inline(always)]
+    fn take_out<S: Simd>(
+        &self,
+        simd: S,
+        recursion: &Recursion<'_>,
+        block: Range<usize>,
+        small: &mut [f64],
+        out: &mut [f64],
+    ) {
+        let (n, size, lanes) = (recursion.states, recursion.size(), S::F64_LANES);
+        let (square, roots) = (n * n, recursion.steps * n);
+        let count = block.len();
+        out_of_lanes(simd, self.std, count * n, size, &mut out[block.start * n..]);
         if recursion.every_root {
-            let out = &mut out[roots + start * n * n..];
-            out_of_lanes(simd, root_block, count * n, size, out);
-        } else if end == steps {
-            let from = &root_block[lanes * (count - n) * n..];
-            out_of_lanes(simd, from, n * n, size, &mut out[roots..]);
+            let out = &mut out[roots + block.start * square..];
+            out_of_lanes(simd, self.root, count * square, size, out);
+        } else if block.end == recursion.steps {
+            let from = &self.root[lanes * (count - 1) * square..];
+            out_of_lanes(simd, from, square, size, &mut out[roots..]);
         }
-        for step in 0..end - start {
-            if doubtful[step] {
-                let mut sure = [0.0; LANES];
-                out_of_lanes(simd, &sure_block[lanes * step..], 1, 1, &mut sure);
-                let from = &root_block[lanes * step * n * n..];
-                out_of_lanes(simd, from, n * n, n * n, &mut *small);
-                let place = (start + step) * n;
-                for (lane, out) in out.chunks_exact_mut(size).enumerate() {
-                    if sure[lane] == 0.0 {
-                        let root = &small[lane * n * n..(lane + 1) * n * n];
-                        by_singular_values(root, n, start + step + 1, &mut out[place..place + n]);
-                    }
+        for (i, step) in block.enumerate() {
+            if !self.doubtful[i] {
+                continue;
+            }
+            let mut sure = [0.0; LANES];
+            out_of_lanes(simd, &self.sure[lanes * i..], 1, 1, &mut sure);
+            out_of_lanes(
+                simd,
+                &self.root[lanes * i * square..],
+                square,
+                square,
+                small,
+            );
+            for (lane, out) in out.chunks_exact_mut(size).enumerate() {
+                if sure[lane] == 0.0 {
+                    let root = &small[lane * square..(lane + 1) * square];
+                    by_singular_values(root, n, step + 1, &mut out[step * n..(step + 1) * n]);
                 }
             }
+        }
+    }
+}
+
+#[inline(always)]
+fn put_root<S: Simd>(factor: &Factor<'_, Lanes<S>>, line: &mut [Lanes<S>], packed: &mut [f64]) {
+    let n = factor.n();
+    for i in 0..n {
+        factor.root_row(i, line);
+        for j in 0..n {
+            line[j].put(&mut packed[S::F64_LANES * (i * n + j)..]);
         }
     }
 }

@@ -22,10 +22,7 @@ pub struct Aligned<T>(pub T);
 
 /// Buffers of so many numbers each, cut from one that is aligned. Where the sizes are
 /// multiples of the lanes all of them are. What is in them is left as it was.
-pub fn buffers<'a, const B: usize>(
-    space: &'a mut Vec<f64>,
-    sizes: [usize; B],
-) -> [&'a mut [f64]; B] {
+pub fn buffers<const B: usize>(space: &mut Vec<f64>, sizes: [usize; B]) -> [&mut [f64]; B] {
     let total = sizes.iter().sum::<usize>() + LANES;
     if space.len() < total {
         space.resize(total, 0.0);
@@ -71,9 +68,7 @@ pub fn into_lanes<S: Simd>(simd: S, from: &[&[f64]; LANES], packed: &mut [f64]) 
         }
         let columns = columns(simd, &square);
         let (to, _) = S::as_mut_simd_f64s(to_rest);
-        for i in 0..rest {
-            to[i] = columns[i];
-        }
+        to[..rest].copy_from_slice(&columns[..rest]);
     }
 }
 
@@ -109,9 +104,7 @@ pub fn out_of_lanes<S: Simd>(
     if rest > 0 {
         let (from, _) = S::as_simd_f64s(from_rest);
         let mut columns = [from[0]; STEP];
-        for i in 0..rest {
-            columns[i] = from[i];
-        }
+        columns[..rest].copy_from_slice(&from[..rest]);
         rows(simd, columns, &mut square);
         for lane in 0..trials {
             for i in 0..rest {
