@@ -188,6 +188,11 @@ def test_the_command_names_what_it_can_reproduce(capsys):
     assert "yang-yin-2012" in shown
 
 
+def test_a_scenario_without_a_target_can_only_be_localized():
+    with pytest.raises(gm.ScenarioError, match="analyze and simulate ask about a given target"):
+        load(EXAMPLES / "localize" / "freighter.toml").simulate(10, 1)
+
+
 def test_phrases_are_read_from_the_left_and_numbers_from_the_right():
     table = Table(
         "t",

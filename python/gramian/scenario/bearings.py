@@ -175,7 +175,9 @@ class BearingsScenario(Scenario):
     def geometry(self) -> Geometry:
         """Where observer and target are at each instant."""
         if self.target is None and self.tracks.target is None and self.tracks.target_file is None:
-            raise self.mistake("tracks.target", "is missing: analyze asks about a given target")
+            raise self.mistake(
+                "tracks.target", "is missing: analyze and simulate ask about a given target"
+            )
         times = self.window.times
         observer = self.track(self.tracks.file, self.tracks.observer, times)
         names = [self.tracks.observer or "observer", self.tracks.target or "target"]
