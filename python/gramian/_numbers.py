@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -66,9 +67,13 @@ def finite(value: ArrayLike, name: str) -> Array:
 
 def held(values: Array, name: str) -> Array:
     """Return computed numbers, or refuse them where they left those that can be held."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        # A sum is quicker than a look at each, and finite unless one of them is not.
-        good = bool(np.isfinite(values.sum())) or bool(np.isfinite(values).all())
+    if values.size <= 64:
+        # On a few numbers Python is faster than numpy, and small calls are common.
+        good = all(map(isfinite, values.ravel().tolist()))
+    else:
+        with np.errstate(over="ignore", invalid="ignore"):
+            # A sum is quicker than a look at each, and finite unless one of them is not.
+            good = bool(np.isfinite(values.sum())) or bool(np.isfinite(values).all())
     if not good:
         raise InputError(f"{name} exceeds the numbers that can be held: choose other units")
     return values

@@ -57,9 +57,7 @@ def fisher(
     array([[0.0125, 0.0025],
            [0.0025, 0.0025]])
     """
-    return held(
-        _core.maneuver_fisher(*_arguments(positions, target, sigma, times)), "the information"
-    )
+    return _core.maneuver_fisher(*_arguments(positions, target, sigma, times))
 
 
 def fisher_det(

@@ -318,9 +318,8 @@ def plan(
         What counts as one unit of each state for "A" and "E". By default 1 m, and
         for velocities 1 m over the length of the path in time.
     starts : int
-        How many of the best different guesses are refined. Nearly all of the time goes
-        into this; with 1 a plan of 40 bearings takes a third of it, and says nothing
-        of other optima.
+        How many of the best different guesses are refined. Most of the time goes into
+        this: with 1 a plan takes half or less of it, and says nothing of other optima.
     max_iterations : int
         Of the optimiser, for each start.
     seed : int

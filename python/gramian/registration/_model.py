@@ -44,6 +44,8 @@ class Setup:
     def flags(self) -> tuple[bool, bool, bool]:
         """Which extras there are, in the order of the extension module."""
         extras = self.extras
+        if not extras:
+            return False, False, False
         return "gain" in extras, "position" in extras, "attitude" in extras
 
     @property
@@ -110,7 +112,8 @@ class Setup:
 
 def setup(sensors: SensorsLike, sigma: ArrayLike | None, extras: Sequence[Extra] = ()) -> Setup:
     """Check sensors and deviations; `sigma` None stands for deviations of 1."""
-    if isinstance(sensors, Mapping):
+    # Small calls are common: what is an array is told first, which is quickest.
+    if not isinstance(sensors, np.ndarray) and isinstance(sensors, Mapping):
         labels = tuple(str(key) for key in sensors)
         rows = [reals(place, f"sensors[{key!r}]") for key, place in sensors.items()]
         if len({row.shape for row in rows}) > 1:
@@ -130,17 +133,11 @@ def setup(sensors: SensorsLike, sigma: ArrayLike | None, extras: Sequence[Extra]
         )
     # On a few numbers Python is faster than numpy, and small calls are common.
     numbers = places.ravel().tolist()
-    if not all(map(isfinite, numbers)):
+    if not isfinite(sum(numbers)):
         finite(places, "sensors")
     if len(places) < 2:
         raise InputError(f"sensors has {len(places)} entries: registration wants 2 or more sensors")
-    if isinstance(extras, str):
-        raise InputError(
-            f"extras is the string {extras!r}: must be a sequence such as ({extras!r},)"
-        )
-    for extra in extras:
-        if extra not in EXTRAS:
-            raise InputError(f"extras has {extra!r}: must be of {', '.join(map(repr, EXTRAS))}")
+    ordered = _ordered(extras) if extras else ()
     if (
         max(numbers) - min(numbers) > 1e100
         and (span := (places.max(axis=0) - places.min(axis=0)).max()) > 1e100
@@ -154,10 +151,20 @@ def setup(sensors: SensorsLike, sigma: ArrayLike | None, extras: Sequence[Extra]
             f"sigma has shape {noise.shape}: must be ({d},), {quantities} of every sensor, "
             f"or ({len(places)}, {d}), one line for each sensor"
         )
-    ordered = tuple(extra for extra in EXTRAS if extra in extras) if extras else ()
     if noise.ndim == 1:
         noise = np.tile(noise, (len(places), 1))
     return Setup(labels, places, noise, ordered)
+
+
+def _ordered(extras: Sequence[Extra]) -> tuple[Extra, ...]:
+    if isinstance(extras, str):
+        raise InputError(
+            f"extras is the string {extras!r}: must be a sequence such as ({extras!r},)"
+        )
+    for extra in extras:
+        if extra not in EXTRAS:
+            raise InputError(f"extras has {extra!r}: must be of {', '.join(map(repr, EXTRAS))}")
+    return tuple(extra for extra in EXTRAS if extra in extras)
 
 
 def targets(
@@ -354,12 +361,11 @@ def fisher(
     """
     known = setup(sensors, sigma, extras)
     about = known.biases(biases)
-    return held(
-        _core.registration_fisher(
-            targets(known, positions, about), known.places, known.sigma, about, known.flags
-        ),
-        "the information",
+    out = _core.registration_fisher(
+        targets(known, positions, about), known.places, known.sigma, about, known.flags
     )
+    # Of two sensors in the plane the kernel itself refuses what cannot be held.
+    return out if known.is_pair else held(out, "the information")
 
 
 def gauges(sensors: SensorsLike, extras: Sequence[Extra] = ()) -> dict[str, Array]:
