@@ -52,13 +52,15 @@ impl<L: Lane> Factor<'_, L> {
     pub fn root_row(&self, i: usize, out: &mut [L]) {
         let n = self.n();
         let root = self.weight[i].root();
-        for j in 0..i {
-            out[j] = root.splat(0.0);
+        // Over all columns, so that the loop can be unrolled.
+        for j in 0..n {
+            out[j] = if j > i {
+                root * self.unit[i * n + j]
+            } else {
+                root.splat(0.0)
+            };
         }
         out[i] = root;
-        for j in i + 1..n {
-            out[j] = root * self.unit[i * n + j];
-        }
     }
 
     /// The diagonal of M.

@@ -322,12 +322,7 @@ fn run<S: Simd, const N: usize>(
         trials.pack(simd, recursion.noise, 0..n * n, &mut *small);
         load(simd, small, noise);
     }
-    let mut found = Found {
-        std: std_block,
-        root: root_block,
-        sure: sure_block,
-        doubtful: [false; BLOCK],
-    };
+    let mut doubtful = [false; BLOCK];
     for start in (0..steps).step_by(BLOCK) {
         let end = steps.min(start + BLOCK);
         // The last step is followed by no transition.
@@ -344,15 +339,14 @@ fn run<S: Simd, const N: usize>(
             let last = start + step + 1 == steps;
             let from = &row_block[lanes * step * rows_size..][..lanes * rows_size];
             update::<S, N>(simd, form, from, &mut factor, &mut rows, line);
-            let to = &mut found.std[lanes * step * n..];
+            let to = &mut std_block[lanes * step * n..];
             let sure = bound(simd, form, &factor, rows.work, line, to);
-            let doubtful = form == Form::Information && sure.least() == 0.0;
-            found.doubtful[step] = doubtful;
-            if doubtful {
-                sure.put(&mut found.sure[lanes * step..]);
+            doubtful[step] = form == Form::Information && sure.least() == 0.0;
+            if doubtful[step] {
+                sure.put(&mut sure_block[lanes * step..]);
             }
-            if doubtful || recursion.every_root || last {
-                put_root(&factor, line, &mut found.root[lanes * step * n * n..]);
+            if doubtful[step] || recursion.every_root || last {
+                put_root(&factor, line, &mut root_block[lanes * step * n * n..]);
             }
             if last {
                 break;
@@ -369,17 +363,23 @@ fn run<S: Simd, const N: usize>(
             }
             predict::<S, N>(form, pattern, transition, noise, &mut factor, &mut rows);
         }
+        let found = Found {
+            std: std_block,
+            root: root_block,
+            sure: sure_block,
+            doubtful,
+        };
         found.take_out(simd, recursion, start..end, small, out);
     }
 }
 
 /// What a block of steps gives, one trial in each lane.
 struct Found<'a> {
-    std: &'a mut [f64],
+    std: &'a [f64],
     /// Of the steps at which it is wanted.
-    root: &'a mut [f64],
+    root: &'a [f64],
     /// 1 for trials whose bound can be trusted, at the steps that are doubtful.
-    sure: &'a mut [f64],
+    sure: &'a [f64],
     doubtful: [bool; BLOCK],
 }
 
