@@ -336,7 +336,9 @@ def percent(fraction: float | None) -> str:
     """Return a fraction of the limit in two digits."""
     if not fraction:
         return ""
-    return "<0.1%" if fraction < 1e-3 else f"{100 * fraction:.2g}%"
+    if fraction < 1e-3:
+        return "<0.1%"
+    return f"{100 * fraction:.{1 if fraction < 0.1 else 0}f}%"
 
 
 def _digits(error: float | None) -> str:
