@@ -37,6 +37,21 @@ def test_masked_entries_are_refused(call):
         call()
 
 
+def packed(array):
+    """A view at an odd address, as the fields of packed records are."""
+    return np.frombuffer(b"\0" + np.asarray(array, dtype=float).tobytes(), offset=1).reshape(
+        np.shape(array)
+    )
+
+
+@pytest.mark.parametrize("kept", [packed, np.asfortranarray, lambda a: a.astype(">f8")])
+def test_how_memory_is_laid_out_changes_nothing(kept):
+    one = gm.bearings.rows(kept(TIMES), kept(PATH), kept(STATE), 1e-3)
+    assert np.array_equal(one, gm.bearings.rows(TIMES, PATH, STATE, 1e-3))
+    assert gm.bearings.gram(kept(TIMES), kept(SEEN)).sum() == gm.bearings.gram(TIMES, SEEN).sum()
+    assert np.array_equal(gm.gram(kept(one)), gm.gram(one))
+
+
 def test_a_mask_that_hides_nothing_is_fine():
     open_ = np.ma.masked_array(SEEN, mask=False)
     one = gm.bearings.localize(TIMES, open_, PATH, 1e-3)

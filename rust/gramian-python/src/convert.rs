@@ -299,7 +299,11 @@ fn contiguous<'py>(
     if let Ok(array) = value.cast::<PyArrayDyn<f64>>()
         && array.is_c_contiguous()
     {
-        return Ok(array.readonly());
+        let array = array.readonly();
+        // A view into packed records may be at an odd address, and is copied then.
+        if array.as_slice().is_ok() {
+            return Ok(array);
+        }
     }
     let numpy = py.import("numpy")?;
     let unreadable = |reason: String| {
@@ -319,11 +323,11 @@ fn contiguous<'py>(
     }
     let options: Bound<'py, PyDict> = [
         ("dtype", numpy.getattr("float64")?),
-        ("order", "C".into_pyobject(py)?.into_any()),
+        ("requirements", "CA".into_pyobject(py)?.into_any()),
     ]
     .into_py_dict(py)?;
     let array = numpy
-        .call_method("asarray", (array,), Some(&options))
+        .call_method("require", (array,), Some(&options))
         .map_err(|error| unreadable(error.value(py).to_string()))?;
     array.extract()
 }
