@@ -108,6 +108,7 @@ impl<'py> Given<'py> {
         mut self,
         py: Python<'py>,
         core: &[usize],
+        cost: impl Fn(&Scene<'_>) -> f64,
         mut kernel: impl FnMut(
             Scene<'_>,
             gramian::batch::Threads,
@@ -122,8 +123,7 @@ impl<'py> Given<'py> {
             let scene = self.scene()?;
             let mut write = out.readwrite();
             let write = write.as_slice_mut()?;
-            let cost = scene.cost();
-            run::in_pieces(py, batch.len(), cost, |range, threads| {
+            run::in_pieces(py, batch.len(), cost(&scene), |range, threads| {
                 let out = &mut write[range.start * size..range.end * size];
                 kernel(scene.skip(range.start), threads, out)
                     .map_err(|(trial, error)| input_at(&batch.place(range.start + trial), error))
@@ -131,6 +131,14 @@ impl<'py> Given<'py> {
         }
         Ok(out)
     }
+}
+
+fn rows_cost(scene: &Scene<'_>) -> f64 {
+    scene.cost()
+}
+
+fn fisher_cost(scene: &Scene<'_>) -> f64 {
+    scene.fisher_cost()
 }
 
 /// Rows (..., K (N-1) d, n).
@@ -146,7 +154,7 @@ fn registration_rows<'py>(
     let given = Given::new((positions, "positions", 2), sensors, sigma, biases, extras)?;
     let count = given.looks() * given.layout.sensors.saturating_sub(1) * given.layout.size();
     let core = [count, given.layout.states()];
-    given.fill(py, &core, batch::rows)
+    given.fill(py, &core, rows_cost, batch::rows)
 }
 
 /// Fisher information (..., n, n).
@@ -161,7 +169,7 @@ fn registration_fisher<'py>(
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let given = Given::new((positions, "positions", 2), sensors, sigma, biases, extras)?;
     let n = given.layout.states();
-    given.fill(py, &[n, n], |scene, threads, out| {
+    given.fill(py, &[n, n], fisher_cost, |scene, threads, out| {
         batch::fisher(scene, threads, Path::Best, out)
     })
 }
@@ -177,7 +185,7 @@ fn registration_eta<'py>(
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let simple = (false, false, false);
     let given = Given::new((positions, "positions", 2), sensors, sigma, biases, simple)?;
-    given.fill(py, &[], batch::eta)
+    given.fill(py, &[], rows_cost, batch::eta)
 }
 
 /// eta (..., K) along tracks.
@@ -194,7 +202,7 @@ fn registration_running_eta<'py>(
     let simple = (false, false, false);
     let given = Given::new((positions, "positions", 2), sensors, sigma, biases, simple)?;
     let core = [given.looks()];
-    given.fill(py, &core, |scene, threads, out| {
+    given.fill(py, &core, rows_cost, |scene, threads, out| {
         batch::running_eta(scene, window, threads, out)
     })
 }
@@ -227,7 +235,7 @@ fn registration_pair_degrees<'py>(
         Degree::Paper
     };
     let core = [instants.len()];
-    given.fill(py, &core, |scene, threads, out| {
+    given.fill(py, &core, rows_cost, |scene, threads, out| {
         batch::pair_degrees(scene, degree, &instants, threads, out)
     })
 }
@@ -244,7 +252,7 @@ fn registration_reports<'py>(
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let given = Given::new((positions, "positions", 2), sensors, sigma, biases, extras)?;
     let core = [given.looks(), given.layout.sensors, given.layout.size()];
-    given.fill(py, &core, batch::reports)
+    given.fill(py, &core, rows_cost, batch::reports)
 }
 
 /// Positions (..., K, N, d) where each sensor's reports put the target.
@@ -259,7 +267,7 @@ fn registration_places<'py>(
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let given = Given::new((reports, "reports", 3), sensors, sigma, biases, extras)?;
     let core = given.positions.core_shape().to_vec();
-    given.fill(py, &core, |scene, threads, out| {
+    given.fill(py, &core, rows_cost, |scene, threads, out| {
         let Scene {
             layout,
             sensors,

@@ -97,6 +97,15 @@ impl<'a> Scene<'a> {
         let look = 50.0 + 2.0 * (lines * look::width(&layout) * layout.size()) as f64;
         look * self.looks() as f64
     }
+
+    /// The same for its information: of two sensors in the plane it needs no rows.
+    pub fn fisher_cost(&self) -> f64 {
+        if self.layout == Layout::PAIR {
+            5.0 * self.looks() as f64
+        } else {
+            self.cost()
+        }
+    }
 }
 
 /// Two sensors in the plane and the targets of one trial.
@@ -188,8 +197,7 @@ pub fn fisher(
 ) -> Result<(), (usize, Error)> {
     let n = scene.layout.states();
     if scene.layout == Layout::PAIR {
-        let cost = 5.0 * scene.looks() as f64;
-        return threads.over_groups(out, 16, GROUP, cost, |first, out| {
+        return threads.over_groups(out, 16, GROUP, scene.fisher_cost(), |first, out| {
             let scene = scene.skip(first);
             let count = out.len() / 16;
             // What all trials share is checked once.
