@@ -358,7 +358,8 @@ def posterior(
     )
     batch = packed.shape[:-1]
     std = packed[..., : steps * n].reshape(*batch, steps, n)
-    if np.isnan(std).any():
+    # The least of all is NaN where one is: one way over the numbers, no array between.
+    if np.isnan(packed.min(initial=0.0)):
         raise InputError("a bound exceeds the numbers that can be held: choose other units")
     roots = packed[..., steps * n :].reshape(*batch, steps if keep == "all" else 1, n, n)
     return PosteriorBound(
