@@ -9,7 +9,8 @@ use super::simd::{Path, apart, last_pairs, pairs};
 use super::{Items, Stream, Threads};
 use crate::registration::estimate::{Answer, Estimator, Question, Status};
 use crate::registration::pair::Plane;
-use crate::registration::{Error, Layout, look, unchecked_report};
+use crate::registration::report::unchecked_report;
+use crate::registration::{Error, Layout, look};
 use crate::scalar::{NumberError, all_finite};
 use crate::square_root::{rotate_in, triangularize};
 

@@ -24,10 +24,9 @@ pub mod degree;
 pub mod estimate;
 pub mod look;
 pub mod pair;
-mod report;
+pub(crate) mod report;
 
 pub use report::report;
-pub(crate) use report::unchecked_report;
 
 use crate::scalar::{NumberError, Real, check_finite, check_length};
 
