@@ -727,7 +727,7 @@ def _vector(value: ArrayLike, name: str) -> Array:
 def _velocity(value: ArrayLike) -> Array:
     v = _vector(value, "velocity")
     if not np.abs(v).max() < 1e9:
-        raise InputError(f"velocity = {value!r} m/s: must be below 1e9, which is beyond light")
+        raise InputError(f"velocity = {v.tolist()} m/s: must be below 1e9, which is beyond light")
     return v
 
 
