@@ -1,5 +1,7 @@
 //! Fisher information of bearings along a path, trial by trial.
 
+use alloc::vec::Vec;
+
 use pulp::Simd;
 
 use super::simd::{Path, apart, lane_sums, last_pairs, pairs};
@@ -123,11 +125,24 @@ pub fn fisher(
 ) -> Result<(), (usize, Error)> {
     let n = sightings.states();
     let m = sightings.positions.size() / 2;
-    let fixed = n == 2 && sightings.sigma.size() == 1;
+    let even = sightings.sigma.size() == 1;
+    let moves = n == 4 && even && sightings.times.is_shared();
+    let clock = if moves {
+        let times = sightings.times.get(0);
+        times.iter().flat_map(|t| [t - times[0]; 2]).collect()
+    } else {
+        Vec::new()
+    };
     threads.over_groups(out, n * n, GROUP, m as f64, |first, out| {
         let sightings = sightings.skip(first);
-        if fixed {
+        if n == 2 && even {
             path.run(Fixed { sightings, out });
+        } else if moves {
+            path.run(Moving {
+                sightings,
+                clock: &clock,
+                out,
+            });
         } else {
             path.run(Sums { sightings, out });
         }
@@ -196,6 +211,85 @@ fn add_rows<S: Simd>(
     sums[0] = simd.mul_add_e_f64s(a, a, sums[0]);
     sums[1] = simd.negate_mul_add_e_f64s(a, b, sums[1]);
     sums[2] = simd.mul_add_e_f64s(b, b, sums[2]);
+}
+
+/// The same for targets at constant velocity that are seen at the same times in all
+/// trials: those sums, and the same times time and its square.
+struct Moving<'a> {
+    sightings: Sightings<'a>,
+    /// Each time since the first, twice: in pairs, as the positions are, and so in the
+    /// same order once they are taken apart.
+    clock: &'a [f64],
+    out: &'a mut [f64],
+}
+
+impl pulp::WithSimd for Moving<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let (times, _) = pairs::<S>(self.clock);
+        let one = simd.splat_f64s(1.0);
+        for (trial, out) in self.out.as_chunks_mut::<16>().0.iter_mut().enumerate() {
+            let Sighting { target, sigma, .. } = self.sightings.at(trial);
+            let mut state = [one; 4];
+            for i in 0..4 {
+                state[i] = simd.splat_f64s(target[i]);
+            }
+            let noise = simd.splat_f64s(sigma[0]);
+            let places = self.sightings.positions.get(trial);
+            let (whole, rest) = pairs::<S>(places);
+            let mut sums = [simd.splat_f64s(0.0); 9];
+            for (&pair, &time) in whole.iter().zip(times) {
+                let [time, _] = apart(simd, time);
+                add_moved_rows(simd, apart(simd, pair), time, &state, noise, one, &mut sums);
+            }
+            if !rest.is_empty() {
+                let (last, new) = last_pairs(simd, places, rest.len());
+                let ([time, _], _) = last_pairs(simd, self.clock, rest.len());
+                add_moved_rows(simd, last, time, &state, noise, new, &mut sums);
+            }
+            *out = blocks(&lane_sums(simd, &sums));
+        }
+    }
+}
+
+/// Adds the products of rows, each row times `weight`, and those times time and its
+/// square.
+#[inline(always)]
+fn add_moved_rows<S: Simd>(
+    simd: S,
+    places: [S::f64s; 2],
+    time: S::f64s,
+    state: &[S::f64s; 4],
+    noise: S::f64s,
+    weight: S::f64s,
+    sums: &mut [S::f64s; 9],
+) {
+    let target = [
+        simd.mul_add_e_f64s(time, state[2], state[0]),
+        simd.mul_add_e_f64s(time, state[3], state[1]),
+    ];
+    let mut products = [simd.splat_f64s(0.0); 3];
+    add_rows(simd, places, target, noise, weight, &mut products);
+    for i in 0..3 {
+        let moved = simd.mul_f64s(products[i], time);
+        sums[i] = simd.add_f64s(sums[i], products[i]);
+        sums[3 + i] = simd.add_f64s(sums[3 + i], moved);
+        sums[6 + i] = simd.mul_add_e_f64s(moved, time, sums[6 + i]);
+    }
+}
+
+/// The matrix of blocks (xx, xy, yy) times the powers 0, 1, 2 of time.
+#[inline(always)]
+fn blocks(sums: &[f64; 9]) -> [f64; 16] {
+    let mut out = [0.0; 16];
+    for i in 0..4 {
+        for j in 0..4 {
+            out[i * 4 + j] = sums[i % 2 + j % 2 + 3 * (i / 2 + j / 2)];
+        }
+    }
+    out
 }
 
 /// Sums of a a, a b, b b over the rows (a, b), times 1, time and its square.
@@ -364,39 +458,51 @@ mod tests {
     fn one_deviation_for_all_bearings_gives_the_sum_of_the_rows() {
         let mut stream = crate::batch::Stream::new(6, 0);
         let trials = 11;
-        for m in [1, 2, 3, 7, 8, 9, 16, 100, 149] {
+        for (m, n) in [1, 2, 3, 7, 8, 9, 16, 100, 149]
+            .into_iter()
+            .flat_map(|m| [(m, 2), (m, 4)])
+        {
             let mut draw = |count: usize, size: f64, middle: f64| -> Vec<f64> {
                 (0..count)
                     .map(|_| middle + size * stream.normal())
                     .collect()
             };
             let positions = draw(2 * m * trials, 100.0, 0.0);
-            let target = draw(2 * trials, 50.0, 900.0);
+            let mut target = draw(n * trials, 50.0, 900.0);
+            for state in target.chunks_exact_mut(n).filter(|_| n == 4) {
+                // Fast enough to be somewhere else at the end, never at the path.
+                (state[2], state[3]) = (3.0, 0.02 * state[1]);
+            }
+            let times: Vec<f64> = (0..m).map(|i| 5.0 + 1.5 * i as f64).collect();
             let sigma = [0.03];
             let sightings = Sightings {
                 positions: Items::each(&positions, 2 * m),
-                target: Items::each(&target, 2),
-                times: Items::shared(&[]),
+                target: Items::each(&target, n),
+                times: Items::shared(if n == 4 { &times } else { &[] }),
                 sigma: Items::shared(&sigma),
             };
-            let mut plain = vec![0.0; 4 * trials];
-            for (trial, out) in plain.chunks_exact_mut(4).enumerate() {
+            let size = n * n;
+            let mut plain = vec![0.0; size * trials];
+            for (trial, out) in plain.chunks_exact_mut(size).enumerate() {
                 assert_eq!(sightings.at(trial).row_by_row(out), Ok(()));
             }
             for path in Path::available() {
-                let mut out = vec![0.0; 4 * trials];
+                let mut out = vec![0.0; size * trials];
                 assert_eq!(fisher(sightings, Threads::One, path, &mut out), Ok(()));
-                for (found, wanted) in out.chunks(4).zip(plain.chunks(4)) {
-                    let size = wanted[0].max(wanted[3]);
-                    for (a, b) in found.iter().zip(wanted) {
-                        assert!((a - b).abs() <= 1e-14 * size, "{path:?} {m}: {a} {b}");
+                for (found, wanted) in out.chunks(size).zip(plain.chunks(size)) {
+                    for i in 0..n {
+                        for j in 0..n {
+                            let scale = (wanted[i * n + i] * wanted[j * n + j]).sqrt();
+                            let (a, b) = (found[i * n + j], wanted[i * n + j]);
+                            assert!((a - b).abs() <= 1e-14 * scale, "{path:?} {m}: {a} {b}");
+                        }
                     }
                 }
                 // Without anything left over from a trial's neighbours.
-                let mut alone = [0.0; 4];
+                let mut alone = vec![0.0; size];
                 let last = sightings.skip(trials - 1);
                 assert_eq!(fisher(last, Threads::One, path, &mut alone), Ok(()));
-                assert_eq!(out[4 * (trials - 1)..], alone);
+                assert_eq!(out[size * (trials - 1)..], alone);
             }
         }
     }
