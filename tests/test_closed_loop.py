@@ -102,6 +102,8 @@ def test_limits_hold_in_the_loop():
     [
         ({"methods": ["best"]}, r"methods\[0\] = 'best'"),
         ({"methods": []}, "methods is empty"),
+        ({"methods": 5}, "methods = 5: must be a sequence of names"),
+        ({"methods": "plan"}, "methods = 'plan': must be a sequence"),
         ({"lost": 1.0}, "lost = 1.0"),
         ({"lost": np.nan}, "lost = nan"),
         ({"first_range": (0.0, 1.0)}, r"first_range\[0\] = 0.0 m: must be > 0"),

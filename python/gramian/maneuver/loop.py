@@ -249,6 +249,8 @@ def closed_loop(
     >>> result.runs[0].method
     'max_det'
     """
+    if isinstance(methods, str) or not isinstance(methods, Sequence):
+        raise InputError(f"methods = {methods!r}: must be a sequence of names")
     if not methods:
         raise InputError("methods is empty: must name one at least")
     for i, method in enumerate(methods):
