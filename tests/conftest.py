@@ -1,10 +1,16 @@
 import os
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 HERE = Path(__file__).parent
+
+# A shell that runs the tests in the background has them ignore Ctrl-C, and so
+# would the processes in which they try it.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture
