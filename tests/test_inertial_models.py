@@ -64,7 +64,7 @@ def rates(c, velocity, place, force_body, gyro_body, weight):
 def small_rotation(phi):
     """Return exp(-[phi x]): the computed axes are turned by phi."""
     angle = np.linalg.norm(phi)
-    k = gm.inertial._cross(phi)
+    k = np.cross(phi, np.eye(3)).T
     if angle == 0:
         return np.eye(3)
     return np.eye(3) - np.sin(angle) / angle * k + (1 - np.cos(angle)) / angle**2 * k @ k

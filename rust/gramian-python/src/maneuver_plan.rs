@@ -266,7 +266,9 @@ impl PlanClearance {
             self.legs(lengths, "lengths")?,
         );
         let mut out = vec![0.0; self.0.len()];
-        self.0.values(headings.slice()?, lengths.slice()?, &mut out);
+        self.0
+            .values(headings.slice()?, lengths.slice()?, &mut out)
+            .map_err(|error| errors::input_at("", error))?;
         Ok(PyArray1::from_vec(py, out))
     }
 
@@ -287,12 +289,14 @@ impl PlanClearance {
         );
         {
             let (mut turn, mut stretch) = (by_heading.readwrite(), by_length.readwrite());
-            self.0.gradient(
-                headings.slice()?,
-                lengths.slice()?,
-                turn.as_slice_mut()?,
-                stretch.as_slice_mut()?,
-            );
+            self.0
+                .gradient(
+                    headings.slice()?,
+                    lengths.slice()?,
+                    turn.as_slice_mut()?,
+                    stretch.as_slice_mut()?,
+                )
+                .map_err(|error| errors::input_at("", error))?;
         }
         Ok((by_heading, by_length))
     }

@@ -110,8 +110,6 @@ pub mod rows;
 pub mod scalar;
 pub mod spectrum;
 pub mod square_root;
-#[cfg(feature = "std")]
-mod unit_factor;
 
 /// The examples of the readme run as tests.
 #[cfg(doctest)]

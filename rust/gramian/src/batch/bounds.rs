@@ -11,12 +11,12 @@ use super::lanes::{LANES, Lanes};
 use super::posterior::{bound, update};
 use super::simd::Path;
 use super::turn::{Aligned, buffers, into_lanes, out_of_lanes};
+use super::unit_factor::{Factor, Weighted};
 use super::{Items, Threads};
 use crate::bound::standard_deviations;
 use crate::posterior::Form;
 use crate::spectrum::{decompose, default_rtol, rank, unit_columns};
 use crate::square_root::triangularize;
-use crate::unit_factor::{Factor, Weighted};
 
 /// Rows that are turned into lanes together: few enough for the first cache.
 const BLOCK: usize = 32;

@@ -12,15 +12,16 @@ pub mod bearings_localize;
 mod bearings_log_det;
 mod bearings_motion;
 mod bearings_quadruple;
+mod bearings_rows;
 mod bearings_test;
 mod bounds;
 pub mod closed_loop;
 mod dipole;
-mod fisher;
 mod gram;
 mod lanes;
 mod linear;
 mod maneuver;
+mod maneuver_fisher;
 mod maneuver_paths;
 pub mod moments;
 pub mod plan;
@@ -28,9 +29,9 @@ mod posterior;
 mod random;
 pub mod registration;
 pub mod simd;
-mod spine;
 mod threads;
 mod turn;
+mod unit_factor;
 
 pub use bearings_discriminant::{
     Method, Quadruples, cost as discriminant_cost, discriminant_sum, discriminants,
@@ -42,22 +43,22 @@ pub use bearings_motion::{Motion, motion_rows};
 pub use bearings_quadruple::{
     EXACT as EXACT_QUADRUPLES, Quadruple, best_quadruple, best_quadruples,
 };
+pub use bearings_rows::{Target, bearing_rows};
 pub use bearings_test::{TEST_SIZE, observability_tests};
 pub use bounds::crlb_std;
 pub use dipole::{
     Passes, Simulated, TrialError, dipole_field, dipole_fisher, dipole_jacobian, dipole_localize,
     dipole_localize_trials, dipole_localized_size, dipole_measure, dipole_rows, localize_cost,
 };
-pub use fisher::{Determinant, Sightings, fisher, fisher_det};
 pub use gram::gram;
 pub use linear::{
     Span, gramian_cost, linear_cost, linear_gramian, linear_levels, observability_matrix,
 };
 pub use maneuver::headings;
+pub use maneuver_fisher::{Determinant, Sightings, fisher, fisher_det};
 pub use maneuver_paths::{Paths, path_size, trajectories};
 pub use posterior::{Recursion, posterior};
 pub use random::{Stream, normals};
-pub use spine::{Target, bearing_rows};
 pub use threads::Threads;
 
 /// One input of a batch: `size` numbers for each trial, or the same for all.

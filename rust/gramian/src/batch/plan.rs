@@ -1,5 +1,6 @@
 //! Paths judged and made in numbers: the planner's objective over a set of
-//! possible targets, first guesses that keep the limits, and the closed loop.
+//! possible targets, how clear a path is of circles, and first guesses that keep the
+//! limits.
 
 use alloc::vec::Vec;
 use core::convert::Infallible;
@@ -8,7 +9,7 @@ use super::{Items, Threads};
 use crate::maneuver::plan::{self, Criterion, Error, Legs, Target};
 use crate::maneuver::steer::{Arc, Limits, follow};
 use crate::maneuver::{Law, Side, heading};
-use crate::scalar::hypot;
+use crate::scalar::{NumberError, check_length, hypot};
 use crate::square_root::SquareRootInformation;
 
 /// The expectation of a criterion over possible targets, as a function of the
@@ -230,22 +231,45 @@ impl Clearance {
     }
 
     /// The clearance (circles) of a path with these headings and step lengths (legs).
-    pub fn values(&self, headings: &[f64], lengths: &[f64], out: &mut [f64]) {
+    ///
+    /// # Errors
+    /// [`NumberError::Length`].
+    pub fn values(
+        &self,
+        headings: &[f64],
+        lengths: &[f64],
+        out: &mut [f64],
+    ) -> Result<(), NumberError> {
+        self.check(headings, lengths)?;
+        check_length("out", out.len(), self.len())?;
         let walk = self.walk(headings, lengths);
         for (circle, out) in self.circles.iter().zip(out) {
             let [x, y] = nearest(circle, &walk).away;
             *out = (x * x + y * y) / (circle.radius * circle.radius) - 1.0;
         }
+        Ok(())
+    }
+
+    fn check(&self, headings: &[f64], lengths: &[f64]) -> Result<(), NumberError> {
+        check_length("headings", headings.len(), self.legs())?;
+        check_length("lengths", lengths.len(), self.legs())
     }
 
     /// Derivatives (circles, legs) of the values by the headings and by the lengths.
+    ///
+    /// # Errors
+    /// [`NumberError::Length`].
     pub fn gradient(
         &self,
         headings: &[f64],
         lengths: &[f64],
         by_heading: &mut [f64],
         by_length: &mut [f64],
-    ) {
+    ) -> Result<(), NumberError> {
+        self.check(headings, lengths)?;
+        let legs = self.legs();
+        check_length("by_heading", by_heading.len(), self.len() * legs)?;
+        check_length("by_length", by_length.len(), self.len() * legs)?;
         let walk = self.walk(headings, lengths);
         let directions: Vec<[f64; 2]> = headings
             .iter()
@@ -253,7 +277,7 @@ impl Clearance {
             .collect();
         by_heading.fill(0.0);
         by_length.fill(0.0);
-        let legs = self.legs().max(1);
+        let legs = legs.max(1);
         let rows = by_heading
             .chunks_exact_mut(legs)
             .zip(by_length.chunks_exact_mut(legs));
@@ -269,6 +293,7 @@ impl Clearance {
                 by_length[leg] += weight * (x * sin + y * cos);
             }
         }
+        Ok(())
     }
 
     /// The positions at the start and after each step.
@@ -431,11 +456,21 @@ mod tests {
         let (headings, lengths) = ([0.3, 1.2, -0.4], [2.0, 3.0, 1.5]);
         let at = |headings: &[f64; 3], lengths: &[f64; 3]| {
             let mut out = [0.0; 5];
-            clearance.values(headings, lengths, &mut out);
+            assert_eq!(clearance.values(headings, lengths, &mut out), Ok(()));
             out
         };
         let (mut by_heading, mut by_length) = ([0.0; 15], [0.0; 15]);
-        clearance.gradient(&headings, &lengths, &mut by_heading, &mut by_length);
+        let done = clearance.gradient(&headings, &lengths, &mut by_heading, &mut by_length);
+        assert_eq!(done, Ok(()));
+        let short = clearance.values(&headings[..2], &lengths, &mut []);
+        assert!(matches!(
+            short,
+            Err(NumberError::Length {
+                given: 2,
+                wanted: 3,
+                ..
+            })
+        ));
         for leg in 0..3 {
             let h = 1e-6;
             let shifted = |values: [f64; 3], by: f64| {

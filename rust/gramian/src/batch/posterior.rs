@@ -10,11 +10,11 @@ use pulp::Simd;
 use super::lanes::{LANES, Lanes};
 use super::simd::Path;
 use super::turn::{Aligned, buffers, in_all_lanes, into_lanes, out_of_lanes};
+use super::unit_factor::{Factor, Shape, Weighted, absorb, from_root, multiply, reach, shrink};
 use super::{Items, Threads};
 use crate::bound::standard_deviations;
 use crate::posterior::Form;
 use crate::spectrum::{decompose, default_rtol, rank, unit_columns};
-use crate::unit_factor::{Factor, Shape, Weighted, absorb, from_root, multiply, reach, shrink};
 
 /// Trials of one task; a multiple of the lanes of every path.
 const GROUP: usize = 32;

@@ -180,37 +180,18 @@ impl pulp::WithSimd for Fixed<'_> {
             let one = simd.splat_f64s(1.0);
             let mut sums = [simd.splat_f64s(0.0); 3];
             for &pair in whole {
-                add_rows(simd, apart(simd, pair), target, noise, one, &mut sums);
+                let offset = between(simd, target, apart(simd, pair));
+                add(simd, rows(simd, offset, noise, one), &mut sums);
             }
             if !rest.is_empty() {
                 let (last, new) = last_pairs(simd, places, rest.len());
-                add_rows(simd, last, target, noise, new, &mut sums);
+                let offset = between(simd, target, last);
+                add(simd, rows(simd, offset, noise, new), &mut sums);
             }
             let [xx, xy, yy] = lane_sums(simd, &sums);
             *out = [xx, xy, xy, yy];
         }
     }
-}
-
-/// Adds the products of rows, each row times `weight`.
-#[inline(always)]
-fn add_rows<S: Simd>(
-    simd: S,
-    places: [S::f64s; 2],
-    target: [S::f64s; 2],
-    noise: S::f64s,
-    weight: S::f64s,
-    sums: &mut [S::f64s; 3],
-) {
-    let x = simd.sub_f64s(target[0], places[0]);
-    let y = simd.sub_f64s(target[1], places[1]);
-    let square = simd.mul_add_e_f64s(x, x, simd.mul_f64s(y, y));
-    let scale = simd.div_f64s(weight, simd.mul_f64s(square, noise));
-    let a = simd.mul_f64s(y, scale);
-    let b = simd.mul_f64s(x, scale);
-    sums[0] = simd.mul_add_e_f64s(a, a, sums[0]);
-    sums[1] = simd.negate_mul_add_e_f64s(a, b, sums[1]);
-    sums[2] = simd.mul_add_e_f64s(b, b, sums[2]);
 }
 
 /// The same for targets at constant velocity that are seen at the same times in all
@@ -242,54 +223,18 @@ impl pulp::WithSimd for Moving<'_> {
             let mut sums = [simd.splat_f64s(0.0); 9];
             for (&pair, &time) in whole.iter().zip(times) {
                 let [time, _] = apart(simd, time);
-                add_moved_rows(simd, apart(simd, pair), time, &state, noise, one, &mut sums);
+                let offset = between(simd, moved(simd, &state, time), apart(simd, pair));
+                add_moved(simd, rows(simd, offset, noise, one), time, &mut sums);
             }
             if !rest.is_empty() {
                 let (last, new) = last_pairs(simd, places, rest.len());
                 let ([time, _], _) = last_pairs(simd, self.clock, rest.len());
-                add_moved_rows(simd, last, time, &state, noise, new, &mut sums);
+                let offset = between(simd, moved(simd, &state, time), last);
+                add_moved(simd, rows(simd, offset, noise, new), time, &mut sums);
             }
-            *out = blocks(&lane_sums(simd, &sums));
+            spread(&lane_sums(simd, &sums), 4, out);
         }
     }
-}
-
-/// Adds the products of rows, each row times `weight`, and those times time and its
-/// square.
-#[inline(always)]
-fn add_moved_rows<S: Simd>(
-    simd: S,
-    places: [S::f64s; 2],
-    time: S::f64s,
-    state: &[S::f64s; 4],
-    noise: S::f64s,
-    weight: S::f64s,
-    sums: &mut [S::f64s; 9],
-) {
-    let target = [
-        simd.mul_add_e_f64s(time, state[2], state[0]),
-        simd.mul_add_e_f64s(time, state[3], state[1]),
-    ];
-    let mut products = [simd.splat_f64s(0.0); 3];
-    add_rows(simd, places, target, noise, weight, &mut products);
-    for i in 0..3 {
-        let moved = simd.mul_f64s(products[i], time);
-        sums[i] = simd.add_f64s(sums[i], products[i]);
-        sums[3 + i] = simd.add_f64s(sums[3 + i], moved);
-        sums[6 + i] = simd.mul_add_e_f64s(moved, time, sums[6 + i]);
-    }
-}
-
-/// The matrix of blocks (xx, xy, yy) times the powers 0, 1, 2 of time.
-#[inline(always)]
-fn blocks(sums: &[f64; 9]) -> [f64; 16] {
-    let mut out = [0.0; 16];
-    for i in 0..4 {
-        for j in 0..4 {
-            out[i * 4 + j] = sums[i % 2 + j % 2 + 3 * (i / 2 + j / 2)];
-        }
-    }
-    out
 }
 
 /// Sums of a a, a b, b b over the rows (a, b), times 1, time and its square.
@@ -305,13 +250,7 @@ impl pulp::WithSimd for Sums<'_> {
     fn with_simd<S: Simd>(self, simd: S) {
         let n = self.sightings.states();
         for (trial, out) in self.out.chunks_exact_mut(n * n).enumerate() {
-            let sums = self.sightings.at(trial).sums(simd);
-            // Blocks of (xx, xy, yy) times the powers 0, 1, 2 of time.
-            for i in 0..n {
-                for j in 0..n {
-                    out[i * n + j] = sums[i % 2 + j % 2 + 3 * (i / 2 + j / 2)];
-                }
-            }
+            spread(&self.sightings.at(trial).sums(simd), n, out);
         }
     }
 }
@@ -320,7 +259,7 @@ impl Sighting<'_> {
     #[inline(always)]
     fn sums<S: Simd>(self, simd: S) -> [f64; 9] {
         let sighting = self;
-        let moves = sighting.target.len() == 4;
+        let one = simd.splat_f64s(1.0);
         let mut sums = [simd.splat_f64s(0.0); 9];
         // Samples beyond the last: far away, so that they add nothing.
         let far = [f64::INFINITY; CHUNK];
@@ -342,31 +281,77 @@ impl Sighting<'_> {
             let (norths, _) = S::as_simd_f64s(&north);
             let (noises, _) = S::as_simd_f64s(&noise);
             for v in 0..count.div_ceil(S::F64_LANES) {
-                let (x, y) = (easts[v], norths[v]);
-                let square = simd.mul_add_e_f64s(x, x, simd.mul_f64s(y, y));
-                let weight = simd.div_f64s(simd.splat_f64s(1.0), simd.mul_f64s(square, noises[v]));
-                let a = simd.mul_f64s(y, weight);
-                let b = simd.neg_f64s(simd.mul_f64s(x, weight));
-                let products = [
-                    simd.mul_f64s(a, a),
-                    simd.mul_f64s(a, b),
-                    simd.mul_f64s(b, b),
-                ];
-                for i in 0..3 {
-                    sums[i] = simd.add_f64s(sums[i], products[i]);
-                }
-                if moves {
-                    let t = times[v];
-                    for i in 0..3 {
-                        let moved = simd.mul_f64s(products[i], t);
-                        sums[3 + i] = simd.add_f64s(sums[3 + i], moved);
-                        sums[6 + i] = simd.mul_add_e_f64s(moved, t, sums[6 + i]);
-                    }
-                }
+                let rows = rows(simd, [easts[v], norths[v]], noises[v], one);
+                // Times are zero for a fixed target.
+                add_moved(simd, rows, times[v], &mut sums);
             }
             start += count;
         }
         lane_sums(simd, &sums)
+    }
+}
+
+/// From the observer's places to the target.
+#[inline(always)]
+fn between<S: Simd>(simd: S, target: [S::f64s; 2], places: [S::f64s; 2]) -> [S::f64s; 2] {
+    [
+        simd.sub_f64s(target[0], places[0]),
+        simd.sub_f64s(target[1], places[1]),
+    ]
+}
+
+/// Where a target at constant velocity is.
+#[inline(always)]
+fn moved<S: Simd>(simd: S, state: &[S::f64s; 4], time: S::f64s) -> [S::f64s; 2] {
+    [
+        simd.mul_add_e_f64s(time, state[2], state[0]),
+        simd.mul_add_e_f64s(time, state[3], state[1]),
+    ]
+}
+
+/// Rows (a, b) for targets at `offset` (east, north), each times `weight`.
+#[inline(always)]
+fn rows<S: Simd>(simd: S, offset: [S::f64s; 2], noise: S::f64s, weight: S::f64s) -> [S::f64s; 2] {
+    let [x, y] = offset;
+    let square = simd.mul_add_e_f64s(x, x, simd.mul_f64s(y, y));
+    let scale = simd.div_f64s(weight, simd.mul_f64s(square, noise));
+    [
+        simd.mul_f64s(y, scale),
+        simd.neg_f64s(simd.mul_f64s(x, scale)),
+    ]
+}
+
+/// What is added up of rows: the products a a, a b, b b.
+#[inline(always)]
+fn add<S: Simd>(simd: S, [a, b]: [S::f64s; 2], sums: &mut [S::f64s; 3]) {
+    sums[0] = simd.mul_add_e_f64s(a, a, sums[0]);
+    sums[1] = simd.mul_add_e_f64s(a, b, sums[1]);
+    sums[2] = simd.mul_add_e_f64s(b, b, sums[2]);
+}
+
+/// Those products, and the same times time and its square.
+#[inline(always)]
+fn add_moved<S: Simd>(simd: S, [a, b]: [S::f64s; 2], time: S::f64s, sums: &mut [S::f64s; 9]) {
+    let products = [
+        simd.mul_f64s(a, a),
+        simd.mul_f64s(a, b),
+        simd.mul_f64s(b, b),
+    ];
+    for i in 0..3 {
+        let moved = simd.mul_f64s(products[i], time);
+        sums[i] = simd.add_f64s(sums[i], products[i]);
+        sums[3 + i] = simd.add_f64s(sums[3 + i], moved);
+        sums[6 + i] = simd.mul_add_e_f64s(moved, time, sums[6 + i]);
+    }
+}
+
+/// The n x n matrix of blocks (xx, xy, yy) times the powers 0, 1, 2 of time.
+#[inline(always)]
+fn spread(sums: &[f64; 9], n: usize, out: &mut [f64]) {
+    for i in 0..n {
+        for j in 0..n {
+            out[i * n + j] = sums[i % 2 + j % 2 + 3 * (i / 2 + j / 2)];
+        }
     }
 }
 

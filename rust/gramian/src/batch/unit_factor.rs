@@ -3,7 +3,7 @@
 //!
 //! Two primitives carry the posterior bound, both without a subtraction that cancels:
 //! [`absorb`] adds rows to M, [`shrink`] replaces M by (M^-1 + h h^T)^-1. The root is
-//! D^(1/2) V ([`Factor::root`]).
+//! D^(1/2) V ([`Factor::root_row`]).
 //!
 //! # Source
 //! Bierman 1977, Factorization Methods for Discrete Sequential Estimation, chapter V
@@ -13,13 +13,13 @@
 use crate::lane::Lane;
 
 /// V (n x n, row-major; what is on and below its diagonal is never read) and D.
-pub(crate) struct Factor<'a, L> {
+pub struct Factor<'a, L> {
     pub unit: &'a mut [L],
     pub weight: &'a mut [L],
 }
 
 /// Rows that a factor is made from, with a weight for each of the first n.
-pub(crate) struct Weighted<'a, L> {
+pub struct Weighted<'a, L> {
     /// 2 n rows of n, row-major.
     pub rows: &'a mut [L],
     /// n weights.
@@ -30,7 +30,7 @@ pub(crate) struct Weighted<'a, L> {
 
 /// Which of the weighted rows may be other than zero.
 #[derive(Clone, Copy)]
-pub(crate) enum Shape<'a> {
+pub enum Shape<'a> {
     /// In column k the first `reach[k]` of the first n rows, which never grow less;
     /// below them an upper triangle.
     Triangle(&'a [usize]),
@@ -107,7 +107,7 @@ impl<L: Lane> Factor<'_, L> {
 /// keep the digits of the small ones only if the rows are sorted first.
 /// `N` is the number of states where that is to be known to the compiler, else 0.
 #[inline(always)]
-pub(crate) fn absorb<L: Lane, const N: usize>(
+pub fn absorb<L: Lane, const N: usize>(
     from: &mut Weighted<'_, L>,
     shape: Shape<'_>,
     to: &mut Factor<'_, L>,
@@ -126,7 +126,7 @@ pub(crate) fn absorb<L: Lane, const N: usize>(
 }
 
 /// V and D of the upper triangular `root`, n x n.
-pub(crate) fn from_root(root: &[f64], unit: &mut [f64], weight: &mut [f64]) {
+pub fn from_root(root: &[f64], unit: &mut [f64], weight: &mut [f64]) {
     let n = weight.len();
     let mut rows = alloc::vec![0.0; 2 * n * n];
     rows[..n * n].copy_from_slice(root);
@@ -201,7 +201,7 @@ fn column<L: Lane>(from: &mut Weighted<'_, L>, shape: Shape<'_>, k: usize, to: &
 
 /// Replaces M by (M^-1 + h h^T)^-1. `work` holds n numbers.
 #[inline(always)]
-pub(crate) fn shrink<L: Lane>(factor: &mut Factor<'_, L>, h: &[L], work: &mut [L]) {
+pub fn shrink<L: Lane>(factor: &mut Factor<'_, L>, h: &[L], work: &mut [L]) {
     let n = factor.n();
     // 1 + h^T M h over the rows so far, at least 1, and its inverse.
     let mut sum = factor.weight[0].splat(1.0);
@@ -228,7 +228,7 @@ pub(crate) fn shrink<L: Lane>(factor: &mut Factor<'_, L>, h: &[L], work: &mut [L
 /// The rows V transition with the weights D, into the first n of `out`. `used[j n + k]`
 /// tells whether entry (j, k) of `transition` is ever other than zero.
 #[inline(always)]
-pub(crate) fn multiply<L: Lane>(
+pub fn multiply<L: Lane>(
     factor: &Factor<'_, L>,
     transition: &[L],
     used: &[bool],
@@ -257,7 +257,7 @@ pub(crate) fn multiply<L: Lane>(
 }
 
 /// How many rows of V transition, from the first, each column needs in [`absorb`].
-pub(crate) fn reach(used: &[bool], n: usize) -> alloc::vec::Vec<usize> {
+pub fn reach(used: &[bool], n: usize) -> alloc::vec::Vec<usize> {
     let mut most = 0;
     (0..n)
         .map(|k| {

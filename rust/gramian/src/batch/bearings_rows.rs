@@ -1,4 +1,4 @@
-//! Rows, trial by trial.
+//! Rows of bearings-only tracks, trial by trial.
 
 use super::{Items, Threads};
 use crate::bearings;
