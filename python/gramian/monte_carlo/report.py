@@ -5,12 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from functools import partial
-from statistics import NormalDist
 
 import numpy as np
 
 from gramian.monte_carlo.experiment import Experiment
-from gramian.monte_carlo.result import MonteCarloResult
+from gramian.monte_carlo.result import MonteCarloResult, wider_for_all
 from gramian.monte_carlo.run import run
 from gramian.report import Picture, Report, Table, Tone, number
 
@@ -73,10 +72,7 @@ def _facts(result: MonteCarloResult) -> list[tuple[str, str]]:
                 f"{100 * result.nees.inside:.3g} % of the errors within the 95 % ellipsoid",
             )
         )
-    # 95 % for all states together (Bonferroni): of each alone, one honest run in five
-    # would be called biased.
-    normal = NormalDist()
-    wider = normal.inv_cdf(1 - 0.025 / max(len(result.names), 1)) / normal.inv_cdf(0.975)
+    wider = wider_for_all(len(result.names))
     biased = [
         f"{name} {bias:+.3g} {unit}".rstrip()
         for name, unit, bias, (low, high) in zip(

@@ -19,7 +19,7 @@ from gramian.monte_carlo.statistics import Moments
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["MonteCarloResult", "Nees", "Quantity"]
+__all__ = ["MonteCarloResult", "Nees", "Quantity", "wider_for_all"]
 
 Array = NDArray[np.float64]
 Table = NDArray[np.void]
@@ -247,17 +247,13 @@ class MonteCarloResult:
         return answer + (f"; {self.failed} of {self.trials} trials failed" if self.failed else "")
 
     def _against_bound(self, bound: Array, efficiency: Array, interval: Array) -> str:
-        from scipy.special import ndtri
-
         known = np.isfinite(bound) & (bound > 0)
         if not known.any():
             return "NOT OBSERVABLE: no state has a finite bound to compare with"
         worst = int(np.argmax(np.where(known, efficiency, -np.inf)))
         best = int(np.argmin(np.where(known, efficiency, np.inf)))
         ratio = f"RMSE / bound of {self.names[worst]} is {efficiency[worst]:.3f}"
-        # One of several states leaves its own interval by chance more often than
-        # one state does: the verdict is 95 % sure of all of them together.
-        wider = float(ndtri(1 - (1 - LEVEL) / 2 / known.sum()) / ndtri(0.5 + LEVEL / 2))
+        wider = wider_for_all(int(known.sum()))
 
         def limit(state: int, side: int) -> float:
             middle = float(efficiency[state])
@@ -447,6 +443,17 @@ class MonteCarloResult:
         from gramian.monte_carlo import pictures
 
         return pictures.overview(self)
+
+
+def wider_for_all(count: int) -> float:
+    """Return how much wider the intervals of `count` states are that hold all together.
+
+    One of several leaves its own interval by chance more often than one alone does:
+    a verdict on all of them is to be as sure as an interval is (Bonferroni).
+    """
+    from scipy.special import ndtri
+
+    return float(ndtri(1 - (1 - LEVEL) / 2 / max(count, 1)) / ndtri(0.5 + LEVEL / 2))
 
 
 def _states(errors: Moments | None, n: int) -> dict[str, Array]:

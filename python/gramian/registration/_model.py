@@ -361,11 +361,9 @@ def fisher(
     """
     known = setup(sensors, sigma, extras)
     about = known.biases(biases)
-    out = _core.registration_fisher(
+    return _core.registration_fisher(
         targets(known, positions, about), known.places, known.sigma, about, known.flags
     )
-    # Of two sensors in the plane the kernel itself refuses what cannot be held.
-    return out if known.is_pair else held(out, "the information")
 
 
 def gauges(sensors: SensorsLike, extras: Sequence[Extra] = ()) -> dict[str, Array]:

@@ -145,10 +145,7 @@ impl Pair<'_> {
         if all_finite(out) {
             return Ok(());
         }
-        Err(NumberError::Overflow {
-            result: "information",
-        }
-        .into())
+        Err(EXCEEDS.into())
     }
 }
 
@@ -189,7 +186,7 @@ pub fn rows(scene: Scene<'_>, threads: Threads, out: &mut [f64]) -> Result<(), (
 /// Fisher information (trials, n, n) on the biases, positions unknown.
 ///
 /// # Errors
-/// As [`rows`].
+/// As [`rows`]; [`Error::Number`] for information that exceeds the numbers of this type.
 pub fn fisher(
     scene: Scene<'_>,
     threads: Threads,
@@ -232,10 +229,18 @@ pub fn fisher(
                         }
                     }
                 }
-            })
+            })?;
+            if all_finite(out) {
+                return Ok(());
+            }
+            Err((trial, EXCEEDS.into()))
         },
     )
 }
+
+const EXCEEDS: NumberError = NumberError::Overflow {
+    result: "information",
+};
 
 /// Trials of one call of a kernel: choosing a path takes as long as some looks.
 const GROUP: usize = 8;
