@@ -176,3 +176,15 @@ def test_rows_are_the_derivative_with_positions_eliminated():
     expected, found = left.rows.T @ left.rows, direct.rows.T @ direct.rows
     size = np.sqrt(np.outer(np.diag(found), np.diag(found)))
     assert (expected / size) == pytest.approx(found / size, abs=1e-7)
+
+
+@pytest.mark.parametrize("sigma", [(50.0, 1e-3), (1e-9, 1e-3), (1e-100, 1e-3), (1e-200, 1e-3)])
+def test_fisher_is_the_sum_of_the_rows_for_any_deviations(sigma):
+    """Squares of their products would vanish."""
+    looks = [[1e3, 2e4], [4e4, 1.5e4], [-2e4, 3e4]]
+    sensors = [[0.0, 0.0], [60e3, 0.0]]
+    rows = reg.rows(looks, sensors, sigma)
+    found = reg.fisher(looks, sensors, sigma)
+    scale = np.linalg.norm(rows, axis=0)
+    wanted = (rows / scale).T @ (rows / scale)
+    assert np.allclose(found / scale / scale[:, None], wanted, rtol=0, atol=1e-13)

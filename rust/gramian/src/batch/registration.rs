@@ -129,16 +129,23 @@ impl Pair<'_> {
         .map_err(|error| error.at(look))
     }
 
-    /// The sum of the projectors over the deviations, for what exceeds the numbers of
-    /// the vectors on its way; or which look is wrong.
+    /// Whether the vectors, which square products of deviations, hold all of them.
+    fn is_moderate(&self) -> bool {
+        let mut sigma = self.sigma.as_flattened().iter();
+        sigma.all(|s| (1e-30..1e30).contains(s))
+    }
+
+    /// The sum over the rows of the looks, for what leaves the numbers of the vectors on
+    /// its way; or which look is wrong.
     fn look_by_look(&self, out: &mut [f64]) -> Result<(), Error> {
         let sigma = self.sigma.as_flattened();
         out.fill(0.0);
         for look in 0..self.positions.len() {
-            let projector = self.plane(look, &self.sigma)?.projector();
-            for i in 0..4 {
-                for j in 0..4 {
-                    out[4 * i + j] += projector[i][j] / (sigma[i] * sigma[j]);
+            for row in self.plane(look, &self.sigma)?.basis() {
+                for i in 0..4 {
+                    for j in 0..4 {
+                        out[4 * i + j] += (row[i] / sigma[i]) * (row[j] / sigma[j]);
+                    }
                 }
             }
         }
@@ -205,10 +212,9 @@ pub fn fisher(
             }
             path.run(Sum { scene, out });
             for (trial, out) in out.chunks_exact_mut(16).enumerate() {
-                if !all_finite(out) {
-                    scene
-                        .pair(trial)
-                        .look_by_look(out)
+                let pair = scene.pair(trial);
+                if !(all_finite(out) && pair.is_moderate()) {
+                    pair.look_by_look(out)
                         .map_err(|error| (first + trial, error))?;
                 }
             }
