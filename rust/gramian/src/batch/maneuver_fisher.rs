@@ -189,7 +189,7 @@ impl pulp::WithSimd for Fixed<'_> {
                 add(simd, rows(simd, offset, noise, new), &mut sums);
             }
             let [xx, xy, yy] = lane_sums(simd, &sums);
-            *out = [xx, xy, xy, yy];
+            *out = [xx, -xy, -xy, yy];
         }
     }
 }
@@ -309,16 +309,14 @@ fn moved<S: Simd>(simd: S, state: &[S::f64s; 4], time: S::f64s) -> [S::f64s; 2] 
     ]
 }
 
-/// Rows (a, b) for targets at `offset` (east, north), each times `weight`.
+/// Rows (a, b) for targets at `offset` (east, north), each times `weight`, b without its
+/// sign: that goes into the sums at the end.
 #[inline(always)]
 fn rows<S: Simd>(simd: S, offset: [S::f64s; 2], noise: S::f64s, weight: S::f64s) -> [S::f64s; 2] {
     let [x, y] = offset;
     let square = simd.mul_add_e_f64s(x, x, simd.mul_f64s(y, y));
     let scale = simd.div_f64s(weight, simd.mul_f64s(square, noise));
-    [
-        simd.mul_f64s(y, scale),
-        simd.neg_f64s(simd.mul_f64s(x, scale)),
-    ]
+    [simd.mul_f64s(y, scale), simd.mul_f64s(x, scale)]
 }
 
 /// What is added up of rows: the products a a, a b, b b.
@@ -345,12 +343,13 @@ fn add_moved<S: Simd>(simd: S, [a, b]: [S::f64s; 2], time: S::f64s, sums: &mut [
     }
 }
 
-/// The n x n matrix of blocks (xx, xy, yy) times the powers 0, 1, 2 of time.
+/// The n x n matrix of blocks (xx, -xy, yy) times the powers 0, 1, 2 of time.
 #[inline(always)]
 fn spread(sums: &[f64; 9], n: usize, out: &mut [f64]) {
     for i in 0..n {
         for j in 0..n {
-            out[i * n + j] = sums[i % 2 + j % 2 + 3 * (i / 2 + j / 2)];
+            let sum = sums[i % 2 + j % 2 + 3 * (i / 2 + j / 2)];
+            out[i * n + j] = if i % 2 == j % 2 { sum } else { -sum };
         }
     }
 }
