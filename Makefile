@@ -29,7 +29,7 @@ format: $(VENV)/.installed
 	$(BIN)/ruff check --fix .
 
 rust-test:
-	cargo test -p gramian -p gramian-capi -p embedded-examples --features gramian/parallel,gramian/dense
+	cargo test -p gramian -p gramian-capi -p embedded-examples --features gramian/parallel,gramian/large
 	cargo test -p gramian --no-default-features --features libm
 
 no-std-check:
@@ -72,7 +72,7 @@ package:
 	cargo package -p gramian -p gramian-capi --allow-dirty
 
 docs:
-	RUSTDOCFLAGS='-D warnings' cargo doc --quiet -p gramian -p gramian-capi --no-deps --features gramian/parallel,gramian/dense
+	RUSTDOCFLAGS='-D warnings' cargo doc --quiet -p gramian -p gramian-capi --no-deps --features gramian/parallel,gramian/large
 
 clean:
 	rm -rf target $(VENV) out

@@ -14,8 +14,8 @@ from limits import Limit
 
 import gramian as gm
 from gramian import _core
-from gramian.maneuver._search import one_blas_thread
-from gramian.maneuver._task import Task
+from gramian.models.maneuver._search import one_blas_thread
+from gramian.models.maneuver._task import Task
 
 TARGET, STEP, SIGMA = np.array([0.0, 1000.0]), 20.0, 0.001**0.5
 #: Best determinants found by 60 starts of SLSQP: samples, stand-off, distance.

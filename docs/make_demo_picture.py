@@ -4,8 +4,8 @@ from importlib.resources import files
 from pathlib import Path
 
 import gramian as gm
+from gramian.models.bearings.plot import draw_geometry
 from gramian.plot import COLORS, figure
-from gramian.plot.bearings import draw_geometry
 from gramian.scenario import load
 
 OUT = Path(__file__).parent / "img" / "demo.png"

@@ -10,7 +10,7 @@ import importlib
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from gramian import bearings, bounds
+from gramian import bounds
 from gramian._core import __version__, set_threads
 from gramian.analysis import Observability, Suggestion, analyze
 from gramian.bounds import crlb, crlb_std, gram
@@ -23,10 +23,12 @@ from gramian.exceptions import (
     UnobservableError,
     WorkerError,
 )
+from gramian.models import REGISTRY
 from gramian.problem import Problem, from_function
 
 if TYPE_CHECKING:
-    from gramian import dipole, inertial, linear, maneuver, monte_carlo, registration
+    from gramian import monte_carlo
+    from gramian.models import bearings, dipole, inertial, linear, maneuver, registration
 
 __all__ = [
     "ConvergenceError",
@@ -56,16 +58,15 @@ __all__ = [
     "set_threads",
 ]
 
-#: Modules that are imported when they are first used, so that the import of the
-#: package stays light.
-_LAZY = frozenset({"dipole", "inertial", "linear", "maneuver", "monte_carlo", "registration"})
-
 
 def __getattr__(name: str) -> ModuleType:
-    if name in _LAZY:
-        return importlib.import_module(f"gramian.{name}")
+    # Imported when they are first used, so that the import of the package stays light.
+    if name in REGISTRY:
+        return importlib.import_module(f"gramian.models.{name}")
+    if name == "monte_carlo":
+        return importlib.import_module("gramian.monte_carlo")
     raise AttributeError(f"module 'gramian' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_LAZY})
+    return sorted(__all__)

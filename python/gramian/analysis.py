@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._numbers import number, reals, representable
-from gramian.bounds import _at_least_one
+from gramian._arrays import number, reals, representable
+from gramian.bounds._rows import _at_least_one
 from gramian.exceptions import InputError
 from gramian.problem import Problem
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._numbers import finite, reals
+from gramian._arrays import finite, reals
 from gramian.exceptions import InputError
 
 __all__ = ["Problem", "from_function"]

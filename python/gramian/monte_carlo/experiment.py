@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._numbers import SEED_MOST, whole
+from gramian._arrays import SEED_MOST, whole
 from gramian.exceptions import InputError, UnobservableError
 from gramian.problem import Problem, from_function
 

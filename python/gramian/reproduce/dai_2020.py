@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gramian import dipole
 from gramian.analysis import analyze, plain
+from gramian.models import dipole
 from gramian.report import Picture, Report, Table, answer_pictures, answer_tables, number
 
 __all__ = ["run"]
@@ -246,6 +246,6 @@ def _cost(state: Array, exact: Array) -> float:
 
 
 def _pictures() -> Any:
-    from gramian.plot import dipole as pictures
+    from gramian.models.dipole import plot as pictures
 
     return pictures

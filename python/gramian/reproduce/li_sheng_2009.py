@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from gramian import bearings
 from gramian.analysis import plain
+from gramian.models import bearings
 from gramian.report import Picture, Report, Table
 
 if TYPE_CHECKING:

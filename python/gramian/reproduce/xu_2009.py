@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gramian.maneuver import Law, Trajectory, trajectory
+from gramian.models.maneuver import Law, Trajectory, trajectory
 from gramian.report import Picture, Report, Table
 
 if TYPE_CHECKING:

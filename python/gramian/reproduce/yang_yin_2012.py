@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from gramian import inertial, linear
+from gramian.models import inertial, linear
 from gramian.report import Picture, Report, Table
 
 if TYPE_CHECKING:

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gramian import registration as reg
 from gramian.analysis import analyze
 from gramian.bounds import crlb_std
+from gramian.models import registration as reg
 from gramian.report import Picture, Report, Table
 
 __all__ = ["MOTIONS", "TARGETS", "run"]
@@ -239,7 +239,7 @@ def _cell(value: float, index: int) -> str:
 
 def _pictures(targets: dict[str, Array], motions: dict[str, Array]) -> list[Picture]:
     def plot() -> Any:
-        from gramian.plot import registration as pictures
+        from gramian.models.registration import plot as pictures
 
         return pictures
 

@@ -4,26 +4,16 @@ from __future__ import annotations
 
 import json
 import tomllib
-from importlib import import_module
 from pathlib import Path
 
 from pydantic import ValidationError
 
 from gramian.exceptions import ScenarioError
+from gramian.models import REGISTRY, part
 from gramian.scenario.base import Scenario
-from gramian.scenario.mistakes import describe
+from gramian.scenario.validation_errors import describe
 
-__all__ = ["MODELS", "Scenario", "load"]
-
-#: The models that a scenario file can name, and where each is.
-MODELS = {
-    "bearings": "gramian.scenario.bearings:BearingsScenario",
-    "dipole": "gramian.scenario.dipole:DipoleScenario",
-    "inertial": "gramian.scenario.inertial:InertialScenario",
-    "linear": "gramian.scenario.linear:LinearScenario",
-    "registration": "gramian.scenario.registration:RegistrationScenario",
-    "maneuver": "gramian.scenario.maneuver:ManeuverScenario",
-}
+__all__ = ["Scenario", "load"]
 
 
 def load(path: Path | str) -> Scenario:
@@ -49,10 +39,10 @@ def load(path: Path | str) -> Scenario:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{path}: is not valid TOML: {error}") from error
-    known = ", ".join(f'"{name}"' for name in MODELS)
+    known = ", ".join(f'"{name}"' for name in REGISTRY)
     if "model" not in values:
         raise ScenarioError(f"{path}: model is missing: must be one of {known}")
-    if not isinstance(values["model"], str) or values["model"] not in MODELS:
+    if not isinstance(values["model"], str) or values["model"] not in REGISTRY:
         raise ScenarioError(f"{path}: model = {values['model']!r}: must be one of {known}")
     kind = _kind(values["model"])
     try:
@@ -69,12 +59,11 @@ def models_for(command: str) -> list[str]:
     method = "experiment" if command == "simulate" else command
     return [
         name
-        for name in MODELS
+        for name in REGISTRY
         if any(getattr(_kind(name), how) is not getattr(Scenario, how) for how in {method, command})
     ]
 
 
 def _kind(model: str) -> type[Scenario]:
-    module, name = MODELS[model].split(":")
-    kind: type[Scenario] = getattr(import_module(module), name)
+    kind: type[Scenario] = part(model, "scenario", REGISTRY[model].scenario)
     return kind

@@ -1,7 +1,8 @@
 //! Bearings-only target motion.
 
+use gramian::batch::Items;
 use gramian::batch::simd::Path;
-use gramian::batch::{self, GRAM_SIZE, Items, Method, Quadruples, TEST_SIZE, Target};
+use gramian::bearings::batch::{self, GRAM_SIZE, Method, Quadruples, TEST_SIZE, Target};
 use gramian::bearings::{Error, Form, Monitor};
 use numpy::{PyArray1, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;

@@ -1,7 +1,7 @@
 //! Estimates of a moving target from bearings.
 
-use gramian::batch::bearings_localize::{self as kernel, Layout, Options, Prior, Track};
 use gramian::batch::simd::Path;
+use gramian::bearings::batch::localize::{self as kernel, Layout, Options, Prior, Track};
 use numpy::{PyArray2, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 

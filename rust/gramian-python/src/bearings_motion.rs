@@ -1,6 +1,6 @@
 //! Rows of targets of any order of motion, in the plane and in space.
 
-use gramian::batch::{Motion, motion_rows};
+use gramian::bearings::batch::{Motion, motion_rows};
 use numpy::{PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 

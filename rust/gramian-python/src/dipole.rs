@@ -1,6 +1,7 @@
 //! A moving magnetic dipole.
 
-use gramian::batch::{self, Items, Passes, Simulated, simd::Path};
+use gramian::batch::{Items, Threads, simd::Path};
+use gramian::dipole::batch::{self, Passes, Simulated};
 use gramian::dipole::localize::{Background, Knowledge, Loss, Options};
 use gramian::dipole::{Pass, Sensing};
 use numpy::{PyArray2, PyArrayDyn, PyArrayMethods};
@@ -30,12 +31,8 @@ fn dipole_jacobian<'py>(
     over_places(py, position, moment, &[2, 3, 3], batch::dipole_jacobian)
 }
 
-type OverPlaces = fn(
-    Items<'_>,
-    Items<'_>,
-    batch::Threads,
-    &mut [f64],
-) -> Result<(), (usize, gramian::dipole::Error)>;
+type OverPlaces =
+    fn(Items<'_>, Items<'_>, Threads, &mut [f64]) -> Result<(), (usize, gramian::dipole::Error)>;
 
 fn over_places<'py>(
     py: Python<'py>,
@@ -154,11 +151,7 @@ impl<'py> PassInputs<'py> {
         py: Python<'py>,
         core: &[usize],
         cost: f64,
-        kernel: impl Fn(
-            &Passes<'_>,
-            batch::Threads,
-            &mut [f64],
-        ) -> Result<(), (usize, gramian::dipole::Error)>
+        kernel: impl Fn(&Passes<'_>, Threads, &mut [f64]) -> Result<(), (usize, gramian::dipole::Error)>
         + Send
         + Sync,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {

@@ -1,7 +1,8 @@
 //! Linear systems.
 
-use gramian::batch::{self, Span, simd::Path};
+use gramian::batch::simd::Path;
 use gramian::linear::analysis::Analysis;
+use gramian::linear::batch::{self, Span};
 use gramian::linear::piecewise;
 use gramian::linear::window;
 use gramian::observability::singular_values;

@@ -1,6 +1,7 @@
 //! Observer maneuver: laws, paths, information.
 
-use gramian::batch::{self, Determinant, Paths, Sightings, simd::Path};
+use gramian::batch::simd::Path;
+use gramian::maneuver::batch::{self, Determinant, Paths, Sightings};
 use gramian::maneuver::{AtStandoff, Law};
 use numpy::{PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
@@ -75,7 +76,7 @@ fn maneuver_heading<'py>(
     Ok(out)
 }
 
-/// Paths (..., 10 samples): see `gramian::batch::path_size`.
+/// Paths (..., 10 samples): see `gramian::maneuver::batch::path_size`.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
 fn maneuver_trajectory<'py>(

@@ -1,8 +1,8 @@
 //! The planner's objective and its paths, and the closed loop.
 
-use gramian::batch::closed_loop::{self, Guide, Lost, PER_SAMPLE, Setting};
-use gramian::batch::plan::{self, Candidate, Course, Wish};
 use gramian::batch::{Items, Threads};
+use gramian::maneuver::batch::closed_loop::{self, Guide, Lost, PER_SAMPLE, Setting};
+use gramian::maneuver::batch::plan::{self, Candidate, Course, Wish};
 use gramian::maneuver::plan::Criterion;
 use gramian::maneuver::steer::Limits;
 use gramian::maneuver::{Law, Side};
@@ -212,7 +212,7 @@ impl Given<'_> {
     }
 }
 
-/// The clearance of a path from circles: see `gramian::batch::plan::Clearance`.
+/// The clearance of a path from circles: see `gramian::maneuver::batch::plan::Clearance`.
 #[pyclass(frozen, module = "gramian._core")]
 pub struct PlanClearance(plan::Clearance);
 

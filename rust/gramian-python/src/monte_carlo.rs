@@ -1,6 +1,7 @@
 //! Quantities of simulated trials, and sums over trials.
 
-use gramian::batch::{self, moments as tree, simd::Path};
+use gramian::batch::{moments as tree, simd::Path};
+
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
 
@@ -43,7 +44,7 @@ fn bearing_log_det_trials<'py>(
         let mut write = out.readwrite();
         let write = write.as_slice_mut()?;
         run::in_pieces(py, trials, 12.0 * m as f64, |range, threads| {
-            batch::bearing_log_det_trials(
+            gramian::bearings::batch::bearing_log_det_trials(
                 times,
                 bearings,
                 sigma,

@@ -1,6 +1,7 @@
 //! The posterior bound.
 
-use gramian::batch::{self, Recursion, simd::Path};
+use gramian::batch::simd::Path;
+use gramian::bounds::batch::{self, Recursion};
 use gramian::posterior::{Form, semidefinite_root};
 use numpy::{PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;

@@ -1,7 +1,7 @@
 //! Registration biases of sensors.
 
-use gramian::batch::registration::{self as batch, Degree, Scene};
 use gramian::batch::simd::Path;
+use gramian::registration::batch::{self, Degree, Scene};
 use gramian::registration::estimate::{Method, Question};
 use gramian::registration::{Dimension, Layout};
 use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
@@ -362,7 +362,7 @@ impl<'py> Asked<'py> {
 }
 
 /// Answers (..., size) from reports (..., K, N, d): see
-/// `gramian::batch::registration::answer_size`.
+/// `gramian::registration::batch::answer_size`.
 #[pyfunction]
 #[pyo3(signature = (reports, sensors, sigma, extras, prior, method, settings, keep_positions))]
 #[allow(clippy::too_many_arguments)]

@@ -1,7 +1,9 @@
 //! `gram`, `crlb_std`, and the analysis of one problem.
 
 use gramian::batch::{self, simd::Path};
+
 use gramian::observability::{Observability, marginal_rows as marginal};
+
 use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 
@@ -36,7 +38,7 @@ fn gram<'py>(
         let write = write.as_slice_mut()?;
         let cost = (count * n * n) as f64;
         run::in_pieces(py, batch.len(), cost, |range, threads| {
-            batch::gram(
+            gramian::spine::batch_gram::gram(
                 items.skip(range.start),
                 weights.map(|w| w.skip(range.start)),
                 n,
@@ -74,7 +76,14 @@ fn crlb_std<'py>(
         let cost = (count * n * n + 100 * n * n * n) as f64;
         run::in_pieces(py, batch.len(), cost, |range, threads| {
             let out = &mut write[range.start * n..range.end * n];
-            batch::crlb_std(rows.skip(range.start), n, rtol, threads, Path::Best, out);
+            gramian::bounds::batch::crlb_std(
+                rows.skip(range.start),
+                n,
+                rtol,
+                threads,
+                Path::Best,
+                out,
+            );
             Ok(())
         })?;
     }

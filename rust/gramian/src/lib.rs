@@ -68,7 +68,7 @@
 //! | [`linear`] | at which derivative a state of a linear system is seen |
 //! | [`chi_square`], [`scalar`] | how likely a sum of squares is; the number types |
 //! | [`observability`] (`alloc`) | the whole answer for a size known at run time |
-//! | [`batch`] (`std`), [`dense`] | many trials by vectors and threads; large matrices |
+//! | [`batch`] (`std`), [`large`] | many trials by vectors and threads; large matrices |
 //!
 //! # Features
 //! | feature | gives | costs |
@@ -77,7 +77,7 @@
 //! | `alloc` | problems whose size is known at run time: [`observability`], [`linear::analysis`], [`registration::estimate`] | an allocator, 1 s |
 //! | `std` (default) | elementary functions of the platform, [`batch`] over many trials, [`dipole::localize`] | the standard library, 27 crates, 95 s |
 //! | `parallel` | several threads in [`batch`] | 6 crates more (rayon), 7 s |
-//! | `dense` | factorisations of large matrices | 31 crates more (faer), 110 s |
+//! | `large` | dense problems above about 64 states, sparse ones of any size | 31 crates more (faer), 110 s |
 //!
 //! The seconds are of one core, for the crate and all it depends on, from nothing, in a
 //! release build by rustc 1.95. Without `std` the monitor takes 18 kB of flash, 220 bytes
@@ -96,29 +96,25 @@ extern crate alloc;
 #[cfg(any(feature = "std", test))]
 extern crate std;
 
-pub mod bearings;
-pub mod bound;
-pub mod chi_square;
-pub mod dipole;
-pub mod information;
-mod lane;
-pub mod linear;
-pub mod maneuver;
-pub mod posterior;
-pub mod registration;
-pub mod rows;
-pub mod scalar;
-pub mod spectrum;
-pub mod square_root;
+#[cfg(feature = "std")]
+pub mod batch;
+pub mod bounds;
+#[cfg(feature = "large")]
+pub mod large;
+pub mod models;
+pub mod numbers;
+#[cfg(feature = "alloc")]
+pub mod solve;
+pub mod spine;
+
+pub use bounds::posterior;
+pub use models::{bearings, dipole, linear, maneuver, registration};
+pub use numbers::{chi_square, scalar};
+#[cfg(feature = "alloc")]
+pub use spine::observability;
+pub use spine::{bound, information, rows, spectrum, square_root};
 
 /// The examples of the readme run as tests.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 pub mod readme {}
-
-#[cfg(feature = "std")]
-pub mod batch;
-#[cfg(feature = "dense")]
-pub mod dense;
-#[cfg(feature = "alloc")]
-pub mod observability;

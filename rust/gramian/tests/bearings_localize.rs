@@ -4,11 +4,11 @@
 #![cfg(feature = "std")]
 #![allow(clippy::unwrap_used)]
 
-use gramian::batch::bearings_localize::{
-    Layout, Options, Status, Track, localize, simulate_and_localize,
-};
 use gramian::batch::simd::Path;
 use gramian::batch::{Items, Threads};
+use gramian::bearings::batch::localize::{
+    Layout, Options, Status, Track, localize, simulate_and_localize,
+};
 use gramian::bearings::{bearing, position};
 
 const TRUTH: [f64; 4] = [1000.0, 9000.0, 3.0, -1.0];

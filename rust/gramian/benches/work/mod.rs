@@ -3,19 +3,24 @@
 
 use std::hint::black_box;
 
-use gramian::batch::closed_loop::{self, Guide, Lost, PER_SAMPLE, Setting};
-use gramian::batch::plan::{self, Candidate, Course, Objective, Wish};
-use gramian::batch::{
-    self, Items, Method, Motion, Passes, Paths, Recursion, Sightings, Simulated, Span, Stream,
-    Target, Threads, bearings_localize, registration as biases, simd::Path,
+use gramian::batch::{self, Items, Stream, Threads, simd::Path};
+use gramian::bearings::batch::{
+    self as bearings_batch, Method, Motion, Target, localize as bearings_localize,
 };
 use gramian::bearings::{self, Monitor};
+use gramian::bounds::batch::{self as bounds_batch, Recursion};
+use gramian::dipole::batch::{self as dipole_batch, Passes, Simulated};
 use gramian::dipole::localize::{Knowledge, Options};
 use gramian::dipole::{Pass, Sensing};
+use gramian::linear::batch::{self as linear_batch, Span};
+use gramian::maneuver::batch::closed_loop::{self, Guide, Lost, PER_SAMPLE, Setting};
+use gramian::maneuver::batch::plan::{self, Candidate, Course, Objective, Wish};
+use gramian::maneuver::batch::{self as maneuver_batch, Paths, Sightings};
 use gramian::maneuver::plan::Criterion;
 use gramian::maneuver::steer::Limits;
 use gramian::maneuver::{AtStandoff, Law, Side};
 use gramian::posterior::Form;
+use gramian::registration::batch as biases;
 use gramian::registration::estimate::{self, Question};
 use gramian::registration::{Layout, report};
 use gramian::square_root::SquareRootInformation;
@@ -129,7 +134,7 @@ fn gram() -> Work {
     let rows = normals(trials * size);
     let mut out = vec![0.0; trials * 16];
     Box::new(move || {
-        batch::gram(
+        gramian::spine::batch_gram::gram(
             Items::each(&rows, size),
             None,
             4,
@@ -146,7 +151,7 @@ fn bounds() -> Work {
     let rows = normals(trials * size);
     let mut out = vec![0.0; trials * 4];
     Box::new(move || {
-        batch::crlb_std(
+        bounds_batch::crlb_std(
             Items::each(&rows, size),
             4,
             None,
@@ -178,7 +183,7 @@ fn bearing_rows() -> Work {
     let (times, observer, states) = tracks(100);
     let mut out = vec![0.0; 64 * 100 * 4];
     Box::new(move || {
-        let done = batch::bearing_rows(
+        let done = bearings_batch::bearing_rows(
             Items::shared(&times),
             Items::shared(&observer),
             Target::State(Items::each(&states, 4)),
@@ -194,7 +199,7 @@ fn bearing_rows() -> Work {
 fn motion_rows() -> Work {
     let (times, observer, states) = tracks(100);
     filling(64 * 100 * 4, move |out| {
-        batch::motion_rows(
+        bearings_batch::motion_rows(
             Items::shared(&times),
             Items::shared(&observer),
             Motion::State(Items::each(&states, 4)),
@@ -226,9 +231,9 @@ fn bearings(m: usize) -> (Vec<f64>, Vec<f64>) {
 
 fn bearing_gram() -> Work {
     let (times, bearings) = bearings(100);
-    let mut out = vec![0.0; 64 * batch::GRAM_SIZE];
+    let mut out = vec![0.0; 64 * bearings_batch::GRAM_SIZE];
     Box::new(move || {
-        batch::bearing_gram(
+        bearings_batch::bearing_gram(
             Items::shared(&times),
             Items::each(&bearings, 100),
             None,
@@ -244,7 +249,7 @@ fn discriminant_sum(m: usize, method: Method) -> Work {
     let (times, bearings) = bearings(m);
     let mut out = [0.0];
     Box::new(move || {
-        let done = batch::discriminant_sum(
+        let done = bearings_batch::discriminant_sum(
             Items::shared(&times),
             Items::each(&bearings, m),
             None,
@@ -261,7 +266,8 @@ fn discriminants() -> Work {
     let (times, bearings) = bearings(4);
     filling(64, move |out| {
         let (times, bearings) = (Items::shared(&times), Items::each(&bearings, 4));
-        batch::discriminants(times, bearings, bearings::Form::Sines, Threads::One, out).is_ok()
+        bearings_batch::discriminants(times, bearings, bearings::Form::Sines, Threads::One, out)
+            .is_ok()
     })
 }
 
@@ -269,7 +275,8 @@ fn fixed_target_sum() -> Work {
     let (times, bearings) = bearings(100);
     filling(64, move |out| {
         let (times, bearings) = (Items::shared(&times), Items::each(&bearings, 100));
-        batch::fixed_target_sum(times, bearings, None, Method::Qr, Threads::One, out).is_ok()
+        bearings_batch::fixed_target_sum(times, bearings, None, Method::Qr, Threads::One, out)
+            .is_ok()
     })
 }
 
@@ -277,15 +284,15 @@ fn best_quadruples() -> Work {
     let (times, bearings) = bearings(16);
     filling(64 * 5, move |out| {
         let (times, bearings) = (Items::shared(&times), Items::each(&bearings, 16));
-        batch::best_quadruples(times, bearings, Threads::One, out).is_ok()
+        bearings_batch::best_quadruples(times, bearings, Threads::One, out).is_ok()
     })
 }
 
 fn bearing_test() -> Work {
     let (times, bearings) = bearings(100);
-    let mut out = vec![0.0; 64 * batch::TEST_SIZE];
+    let mut out = vec![0.0; 64 * bearings_batch::TEST_SIZE];
     Box::new(move || {
-        let done = batch::observability_tests(
+        let done = bearings_batch::observability_tests(
             Items::shared(&times),
             Items::each(&bearings, 100),
             Items::shared(&[0.01]),
@@ -301,7 +308,7 @@ fn bearing_test() -> Work {
 fn best_quadruple() -> Work {
     let (times, bearings) = bearings(64);
     Box::new(move || {
-        let best = batch::best_quadruple(&times, &bearings[..64], Threads::One);
+        let best = bearings_batch::best_quadruple(&times, &bearings[..64], Threads::One);
         assert!(best.is_ok());
         let _ = black_box(best);
     })
@@ -311,7 +318,7 @@ fn log_det_trials() -> Work {
     let (times, bearings) = bearings(60);
     let mut out = vec![0.0; 64];
     Box::new(move || {
-        batch::bearing_log_det_trials(
+        bearings_batch::bearing_log_det_trials(
             &times,
             &bearings[..60],
             &[0.01],
@@ -392,7 +399,8 @@ fn maneuver_fisher() -> Work {
     let positions = paths();
     let mut out = vec![0.0; 64 * 4];
     Box::new(move || {
-        let done = batch::fisher(sightings(&positions), Threads::One, Path::Best, &mut out);
+        let done =
+            maneuver_batch::fisher(sightings(&positions), Threads::One, Path::Best, &mut out);
         assert!(done.is_ok());
         black_box(&out);
     })
@@ -411,9 +419,9 @@ fn maneuver_det() -> Work {
     let positions = paths();
     let mut out = vec![0.0; 64];
     Box::new(move || {
-        let done = batch::fisher_det(
+        let done = maneuver_batch::fisher_det(
             sightings(&positions),
-            batch::Determinant::Root,
+            maneuver_batch::Determinant::Root,
             Threads::One,
             &mut out,
         );
@@ -425,7 +433,7 @@ fn maneuver_det() -> Work {
 fn maneuver_headings() -> Work {
     let bearing = normals(64);
     filling(64, move |out| {
-        batch::headings(
+        maneuver_batch::headings(
             Items::each(&bearing, 1),
             Items::shared(&[5000.0]),
             Items::shared(&[20.0]),
@@ -440,7 +448,7 @@ fn maneuver_headings() -> Work {
 
 fn maneuver_paths() -> Work {
     let start: Vec<f64> = normals(64 * 2).iter().map(|e| 1000.0 * e).collect();
-    let mut out = vec![0.0; 64 * batch::path_size(100)];
+    let mut out = vec![0.0; 64 * maneuver_batch::path_size(100)];
     Box::new(move || {
         let paths = Paths {
             target: Items::shared(&FAR),
@@ -452,7 +460,7 @@ fn maneuver_paths() -> Work {
             law: Law::MaxDet,
             at_standoff: AtStandoff::Stop,
         };
-        let done = batch::trajectories(paths, 100, Threads::One, Path::Best, &mut out);
+        let done = maneuver_batch::trajectories(paths, 100, Threads::One, Path::Best, &mut out);
         assert!(done.is_ok());
         black_box(&out);
     })
@@ -583,7 +591,8 @@ fn dipole_fisher() -> Work {
     let mut out = vec![0.0; 64 * 81];
     Box::new(move || {
         out.fill(0.0);
-        let done = batch::dipole_fisher(&passing(&given), Threads::One, Path::Best, &mut out);
+        let done =
+            dipole_batch::dipole_fisher(&passing(&given), Threads::One, Path::Best, &mut out);
         assert!(done.is_ok());
         black_box(&out);
     })
@@ -594,7 +603,7 @@ fn dipole_rows() -> Work {
     let mut out = vec![0.0; 64 * 50 * 27];
     Box::new(move || {
         let sensing = Sensing::Vector;
-        let done = batch::dipole_rows(&passing(&given), &sensing, Threads::One, &mut out);
+        let done = dipole_batch::dipole_rows(&passing(&given), &sensing, Threads::One, &mut out);
         assert!(done.is_ok());
         black_box(&out);
     })
@@ -604,7 +613,7 @@ fn dipole_field() -> Work {
     let [position, _, moment, _] = passes(1);
     filling(64 * 3, move |out| {
         let (position, moment) = (Items::each(&position, 3), Items::each(&moment, 3));
-        batch::dipole_field(position, moment, Threads::One, out).is_ok()
+        dipole_batch::dipole_field(position, moment, Threads::One, out).is_ok()
     })
 }
 
@@ -612,14 +621,14 @@ fn dipole_jacobian() -> Work {
     let [position, _, moment, _] = passes(1);
     filling(64 * 18, move |out| {
         let (position, moment) = (Items::each(&position, 3), Items::each(&moment, 3));
-        batch::dipole_jacobian(position, moment, Threads::One, out).is_ok()
+        dipole_batch::dipole_jacobian(position, moment, Threads::One, out).is_ok()
     })
 }
 
 fn dipole_measure() -> Work {
     let given = passes(50);
     filling(64 * 50 * 3, move |out| {
-        batch::dipole_measure(&passing(&given), &Sensing::Vector, Threads::One, out).is_ok()
+        dipole_batch::dipole_measure(&passing(&given), &Sensing::Vector, Threads::One, out).is_ok()
     })
 }
 
@@ -654,7 +663,8 @@ fn dipole_trials() -> Work {
             first: 0,
         };
         let options = Options::default();
-        batch::dipole_localize_trials(&simulated, &knowledge, &options, Threads::One, out).is_ok()
+        dipole_batch::dipole_localize_trials(&simulated, &knowledge, &options, Threads::One, out)
+            .is_ok()
     })
 }
 
@@ -671,13 +681,13 @@ fn dipole_localize() -> Work {
         sensors: Items::shared(&[0.0; 3]),
     };
     let sensing = Sensing::Vector;
-    let done = batch::dipole_measure(&passes, &sensing, Threads::One, &mut field);
+    let done = dipole_batch::dipole_measure(&passes, &sensing, Threads::One, &mut field);
     assert!(done.is_ok());
     let knowledge = height_known();
     let sensors = [[0.0; 3]];
-    let mut out = vec![0.0; batch::dipole_localized_size(21, 1)];
+    let mut out = vec![0.0; dipole_batch::dipole_localized_size(21, 1)];
     Box::new(move || {
-        let done = batch::dipole_localize(
+        let done = dipole_batch::dipole_localize(
             Items::shared(&times),
             Items::each(&field, 63),
             &sensors,
@@ -850,7 +860,7 @@ fn posterior(form: Form) -> Work {
             noise: Items::shared(&noise),
             every_root: false,
         };
-        batch::posterior(recursion, Threads::One, Path::Best, &mut out);
+        bounds_batch::posterior(recursion, Threads::One, Path::Best, &mut out);
         black_box(&out);
     })
 }
@@ -867,7 +877,7 @@ fn linear_levels() -> Work {
     let (a, c) = systems(15);
     let mut out = vec![0.0; 16 * 30];
     Box::new(move || {
-        batch::linear_levels(
+        linear_batch::linear_levels(
             Items::each(&a, 225),
             Items::each(&c, 45),
             15,
@@ -884,7 +894,7 @@ fn linear_powers() -> Work {
     let (a, c) = systems(15);
     let mut out = vec![0.0; 16 * 45 * 15];
     Box::new(move || {
-        let done = batch::observability_matrix(
+        let done = linear_batch::observability_matrix(
             Items::each(&a, 225),
             Items::each(&c, 45),
             15,
@@ -902,7 +912,7 @@ fn linear_gramian() -> Work {
     let (a, c) = systems(6);
     let mut out = vec![0.0; 16 * 36];
     Box::new(move || {
-        let done = batch::linear_gramian(
+        let done = linear_batch::linear_gramian(
             Items::each(&a, 36),
             Items::each(&c, 18),
             None,

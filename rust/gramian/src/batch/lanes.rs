@@ -9,7 +9,7 @@ use core::ops::{Add, Div, Mul, Neg, Sub};
 use pulp::Simd;
 
 use super::simd;
-use crate::lane::Lane;
+use crate::numbers::lane::Lane;
 
 /// Samples in a block.
 pub const LANES: usize = 8;

@@ -1,0 +1,173 @@
+"""Cramer-Rao bounds of rows: what no unbiased estimator can do better than."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gramian import _core
+from gramian._arrays import held, reals, representable
+from gramian.exceptions import InputError, UnobservableError
+from gramian.problem import Problem
+
+__all__ = ["crlb", "crlb_std", "gram"]
+
+Array = NDArray[np.float64]
+
+
+def gram(rows: ArrayLike, weights: ArrayLike | None = None) -> Array:
+    """Return the Gram matrix sum of w row^T row: with whitened rows, the Fisher information.
+
+    Parameters
+    ----------
+    rows : array_like, shape (..., K, n)
+        Whitened rows.
+    weights : array_like, shape (..., K), optional
+        Weights >= 0 of the rows; 1 by default.
+
+    Returns
+    -------
+    ndarray, shape (..., n, n)
+
+    Raises
+    ------
+    InputError
+        A wrong shape, an empty array, a number that is not finite, a negative weight.
+
+    Notes
+    -----
+    Half the digits of the rows are lost in the sum, so take ranks, bounds and
+    determinants from `gramian.analyze` or `crlb_std`, which work on the rows.
+
+    Examples
+    --------
+    >>> gram([[1.0, 2.0], [0.0, 1.0]])
+    array([[1., 2.],
+           [2., 5.]])
+    """
+    return held(_core.gram(rows, weights), "the Gram matrix")
+
+
+def crlb_std(
+    rows_or_problem: ArrayLike | Problem, prior: Mapping[str, float] | ArrayLike | None = None
+) -> Array:
+    """Return the smallest standard deviation of each state, `inf` where it is not observable.
+
+    Parameters
+    ----------
+    rows_or_problem : array_like, shape (..., K, n), or Problem
+        Whitened rows.
+    prior : mapping of str to float, or array_like, shape (n,), optional
+        What is known beforehand: for a problem, deviations by name; for rows,
+        one deviation for each state, `inf` for none.
+
+    Returns
+    -------
+    ndarray, shape (..., n)
+        In the units of the states.
+
+    Raises
+    ------
+    InputError
+        A wrong shape, an empty array, a number that is not finite.
+
+    Notes
+    -----
+    The rank is decided on columns scaled to unit length by orthogonal
+    factorisation, so the answer does not depend on units. A state that an
+    unobservable combination touches has the bound `inf`.
+
+    Examples
+    --------
+    >>> crlb_std([[2.0, 0.0], [2.0, 0.0]])
+    array([0.35355339, inf])
+    """
+    if isinstance(rows_or_problem, Problem):
+        problem = _with_prior(rows_or_problem, prior)
+        known = _at_least_one(problem.all_rows)
+        return representable(_core.crlb_std(known, problem.rtol), known)
+    rows: ArrayLike = rows_or_problem
+    if prior is not None:
+        rows = reals(rows, "rows")
+        if rows.ndim < 2:
+            raise InputError(f"rows has shape {rows.shape}: must be (..., K, n)")
+        extra = _prior_rows(prior, rows.shape[-1])
+        extra = np.broadcast_to(extra, (*rows.shape[:-2], *extra.shape))
+        rows = np.concatenate([rows, extra], axis=-2)
+    return representable(_core.crlb_std(rows, None), rows)
+
+
+def crlb(
+    rows_or_problem: ArrayLike | Problem, prior: Mapping[str, float] | ArrayLike | None = None
+) -> Array:
+    """Return the Cramer-Rao bound on the covariance of all states.
+
+    Parameters
+    ----------
+    rows_or_problem, prior
+        As for `crlb_std`, without leading axes.
+
+    Returns
+    -------
+    ndarray, shape (n, n)
+
+    Raises
+    ------
+    UnobservableError
+        When some combination is not observable, so that no covariance exists;
+        it names the combinations.
+
+    Examples
+    --------
+    >>> crlb([[2.0, 0.0], [0.0, 1.0]])
+    array([[0.25, 0.  ],
+           [0.  , 1.  ]])
+    """
+    from gramian.analysis import as_problem, describe_null_space
+
+    if isinstance(rows_or_problem, Problem):
+        problem = _with_prior(rows_or_problem, prior)
+        rows = problem.all_rows
+    else:
+        problem = as_problem(rows_or_problem, None)
+        rows = problem.rows
+        if prior is not None:
+            rows = np.vstack([rows, _prior_rows(prior, problem.n)])
+    analysis = _core.Analysis(_at_least_one(rows), problem.rtol)
+    representable(analysis.crlb_std(), rows)
+    covariance = analysis.crlb()
+    if covariance is None:
+        combinations = describe_null_space(analysis.null_space(), problem.names)
+        raise UnobservableError(
+            f"no bound exists: rank {analysis.rank} of {problem.n}; "
+            f"not observable: {'; '.join(combinations)}",
+            combinations,
+        )
+    return covariance
+
+
+def _with_prior(problem: Problem, prior: Mapping[str, float] | ArrayLike | None) -> Problem:
+    if prior is None:
+        return problem
+    if not isinstance(prior, Mapping):
+        raise InputError("prior of a problem: must be a mapping of state name to deviation")
+    return problem.prior(prior)
+
+
+def _prior_rows(prior: Mapping[str, float] | ArrayLike, n: int) -> Array:
+    if isinstance(prior, Mapping):
+        raise InputError("prior of plain rows: must be one deviation for each state, as an array")
+    sigma = reals(prior, "prior")
+    if sigma.shape != (n,):
+        raise InputError(f"prior has shape {sigma.shape}: must be ({n},)")
+    if (bad := np.flatnonzero(~(sigma > 0))).size:
+        raise InputError(f"prior[{bad[0]}] = {sigma[bad[0]]}: must be > 0, or inf for none")
+    rows: Array = np.diag(1 / sigma)
+    return rows
+
+
+def _at_least_one(rows: Array) -> Array:
+    """Nothing measured is an answer too: one row of zeros says it."""
+    return rows if rows.shape[-2] else np.zeros((1, rows.shape[-1]))

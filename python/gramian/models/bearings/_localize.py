@@ -1,0 +1,458 @@
+"""Where a target is and how it moves, from its bearings: the most likely state."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gramian import _core
+from gramian._arrays import SEED_MOST, finite, reals, whole
+from gramian.exceptions import InputError, UnobservableError
+from gramian.models.bearings._rows import check_index, state_names
+
+__all__ = ["STATUSES", "Localization", "Trials", "localize", "localize_trials", "residuals"]
+
+Array = NDArray[np.float64]
+
+#: What a status code means; `Localization.code` is the place in this tuple.
+STATUSES = ("converged", "weak", "unobservable", "unbounded", "not converged")
+
+
+@dataclass(frozen=True, eq=False)
+class Localization:
+    """The answer of `localize`: one estimate, or one for each trial of a batch.
+
+    Attributes
+    ----------
+    state : ndarray, shape (..., n)
+        The most likely state at the first time, in the order of `names`; NaN
+        where none exists (status "unobservable" and "unbounded").
+    covariance : ndarray, shape (..., n, n)
+        Inverse of the Fisher information there, `inf` where none exists.
+    code : ndarray of int, shape (...)
+        What became of each trial: the place in `STATUSES`.
+    chi2 : ndarray, shape (...)
+        Sum of the squared whitened residuals, those of the prior included; with
+        a true model chi-square with `dof` degrees of freedom.
+    dof : int
+    iterations : ndarray of int, shape (...)
+        Steps taken.
+    nullity : ndarray of int, shape (...)
+        Number of independent combinations that no bearing sees.
+    null_direction : ndarray, shape (..., n)
+        Where the nullity is not zero, one change of the states that leaves every
+        bearing as it is, per metre of position; zero elsewhere.
+    names, units : tuple of str, length n
+    """
+
+    state: Array
+    covariance: Array
+    code: NDArray[np.int8]
+    chi2: Array
+    dof: int
+    iterations: NDArray[np.int32]
+    nullity: NDArray[np.int32]
+    null_direction: Array
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+
+    @property
+    def status(self) -> str | NDArray[np.str_]:
+        """The status in words: one of `STATUSES`, or an array of them."""
+        words = np.array(STATUSES)[self.code]
+        return str(words) if self.code.ndim == 0 else words
+
+    @property
+    def std(self) -> Array:
+        """Standard deviation of each state, shape (..., n); `inf` where none exists."""
+        std: Array = np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1))
+        return std
+
+    @property
+    def p_value(self) -> Array:
+        """Probability of a larger `chi2` if the model is true, shape (...).
+
+        Small values say that the target did not move as the model has it, or
+        that the noise is larger than `sigma`. NaN without degrees of freedom.
+        """
+        from scipy.special import chdtrc
+
+        if self.dof < 1:
+            return np.full(self.chi2.shape, np.nan)
+        return np.asarray(chdtrc(self.dof, self.chi2), dtype=float)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the answer as plain lists, numbers and strings, fit for JSON."""
+        status = self.status
+        return {
+            "status": status if isinstance(status, str) else status.tolist(),
+            "names": list(self.names),
+            "units": list(self.units),
+            "state": _plain(self.state),
+            "std": _plain(self.std),
+            "covariance": _plain(self.covariance),
+            "chi2": _plain(self.chi2),
+            "dof": self.dof,
+            "p_value": _plain(self.p_value),
+            "iterations": self.iterations.tolist(),
+            "nullity": self.nullity.tolist(),
+            "null_direction": _plain(self.null_direction),
+        }
+
+    def summary(self) -> str:
+        """Return the estimate, or for a batch what became of its trials, as text."""
+        if self.code.ndim:
+            counts = np.bincount(self.code.ravel(), minlength=len(STATUSES))
+            parts = [f"{n} {word}" for n, word in zip(counts, STATUSES, strict=True) if n]
+            return f"{self.code.size} trials: {', '.join(parts)}"
+        lines = [str(self.status).upper()]
+        for name, unit, value, std in zip(
+            self.names, self.units, self.state, self.std, strict=True
+        ):
+            known = "not determined" if np.isinf(std) else f"{value:.6g} +- {std:.3g} {unit}"
+            lines.append(f"  {name}  {known}")
+        lines.append(f"  residuals: chi2 {self.chi2:.4g} with {self.dof} degrees of freedom")
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True, eq=False)
+class Trials:
+    """The answer of `localize_trials`, one entry for each trial.
+
+    Attributes
+    ----------
+    error : ndarray, shape (trials, n)
+        Estimate less truth; NaN where no estimate exists.
+    std : ndarray, shape (trials, n)
+        Deviations that the estimator itself states; `inf` where there are none.
+    nees : ndarray, shape (trials,)
+        error^T covariance^-1 error: chi-square with n degrees of freedom if the
+        covariance tells the truth; NaN where no estimate exists.
+    chi2 : ndarray, shape (trials,)
+        As in `Localization`.
+    code : ndarray of int, shape (trials,)
+        The place in `STATUSES`.
+    iterations : ndarray of int, shape (trials,)
+    """
+
+    error: Array
+    std: Array
+    nees: Array
+    chi2: Array
+    code: NDArray[np.int8]
+    iterations: NDArray[np.int32]
+
+
+def localize(
+    times: ArrayLike,
+    bearings: ArrayLike,
+    observer: ArrayLike,
+    sigma: ArrayLike,
+    prior: Mapping[str, tuple[float, float]] | None = None,
+    *,
+    order: int = 1,
+    observer_index: ArrayLike | None = None,
+    weak_ratio: float = 0.25,
+    max_iterations: int = 50,
+    rtol: float | None = None,
+) -> Localization:
+    """Return the most likely state of a moving target, with its covariance.
+
+    Parameters
+    ----------
+    times : array_like, shape (..., m)
+        Increasing, seconds.
+    bearings : array_like, shape (..., m)
+        Clockwise from north, radians; whole turns do not matter.
+    observer : array_like, shape (..., m, 2)
+        Observer positions (east, north), metres.
+    sigma : array_like, shape () or (..., m)
+        Standard deviation of the bearings, radians, > 0.
+    prior : mapping of str to (mean, sigma), optional
+        What is known of states beforehand: ``{"vx": (3.0, 0.5)}``.
+    order : int
+        The target's position is a polynomial in time of this order: 0 at rest,
+        1 at constant velocity, 2 accelerated, 3 with constant jerk.
+    observer_index : array_like of int, shape (m,), optional
+        For bearings of several observers, which one took each. Times of
+        different observers may then coincide.
+    weak_ratio : float
+        "weak" where the deviation of the first range exceeds this many times it.
+    max_iterations : int
+    rtol : float, optional
+        Relative tolerance of the rank decision; by default what rounding of the
+        coordinates calls for.
+
+    Returns
+    -------
+    Localization
+        Leading axes are a batch, computed by all threads. Look at its status:
+        "converged"; "weak", a state whose range is hardly known; "unbounded",
+        the likelihood grows towards infinite range; "not converged", the
+        iterations ran out; in a batch also "unobservable".
+
+    Raises
+    ------
+    UnobservableError
+        For a single track, when a combination of states leaves all bearings as
+        they are, so that no most likely state exists. It names the combination.
+        In a batch that is a status.
+    InputError
+        Shapes that do not fit, numbers that are not finite, times that do not
+        increase, a sigma that is not positive, too few bearings for the order.
+
+    Notes
+    -----
+    Newton's method on the direction, the derivatives over the range, and the
+    reciprocal range, in which bearings are nearly linear; damped Gauss-Newton
+    where a Newton step does not exist. The start is the pseudo-linear solution
+    of Li & Sheng 2009, eq. (3), made consistent: the bias that noise brings
+    into its squares is taken out by a generalised eigenvector. A ladder of
+    ranges is tried where that fails.
+
+    Bearings alone tell the motion relative to an observer on a straight line,
+    but for its scale: then the null direction is the relative position and
+    velocity themselves. What is far away, or hardly out-maneuvered, is "weak"
+    long before; its covariance, which takes the problem as linear, is a hint.
+
+    Examples
+    --------
+    >>> import numpy as np, gramian as gm
+    >>> t = np.arange(0.0, 600.0, 20.0)
+    >>> path = np.stack([np.maximum(0, 5 * (t - 300)), np.minimum(5 * t, 1500)], axis=1)
+    >>> seen = gm.bearings.simulate(t, path, [2000, 6000, 3, -1], 1e-3, seed=1)
+    >>> answer = localize(t, seen, path, 1e-3)
+    >>> answer.status, bool((abs(answer.state - [2000, 6000, 3, -1]) < 3 * answer.std).all())
+    ('converged', True)
+    """
+    names, units = state_names(order)
+    n = len(names)
+    seen = reals(bearings, "bearings")
+    _check_options(weak_ratio, max_iterations, rtol)
+    known = _prior(prior, names)
+    _check_count(seen.shape[-1] if seen.ndim else 0, order, len(prior or {}))
+    check_index(times, observer_index)
+    record = _core.bearings_localize(
+        times,
+        observer,
+        seen,
+        np.atleast_1d(reals(sigma, "sigma")),
+        n,
+        known,
+        observer_index is not None,
+        rtol,
+        max_iterations,
+        weak_ratio,
+    )
+    tail = record[..., 2 * n + n * n :]
+    answer = Localization(
+        state=record[..., :n],
+        covariance=record[..., 2 * n : 2 * n + n * n].reshape(*record.shape[:-1], n, n),
+        code=tail[..., 0].astype(np.int8),
+        chi2=tail[..., 3],
+        dof=seen.shape[-1] + len(prior or {}) - n,
+        iterations=tail[..., 2].astype(np.int32),
+        nullity=tail[..., 1].astype(np.int32),
+        null_direction=record[..., n : 2 * n],
+        names=names,
+        units=units,
+    )
+    if answer.code.ndim == 0 and answer.status == "unobservable":
+        raise _unobservable(answer)
+    return answer
+
+
+def localize_trials(
+    times: ArrayLike,
+    observer: ArrayLike,
+    target: ArrayLike,
+    sigma: ArrayLike,
+    *,
+    trials: int,
+    seed: int,
+    first: int = 0,
+    prior: Mapping[str, tuple[float, float]] | None = None,
+    observer_index: ArrayLike | None = None,
+    weak_ratio: float = 0.25,
+    max_iterations: int = 50,
+    rtol: float | None = None,
+) -> Trials:
+    """Simulate bearings and estimate the target from them, many times in one pass.
+
+    Parameters
+    ----------
+    times, observer, sigma, prior, observer_index, weak_ratio, max_iterations, rtol
+        As for `localize`; leading axes, if any, have the length `trials`.
+    target : array_like, shape (n,) or (trials, n)
+        The true state: 2, 4, 6 or 8 numbers for a motion of order 0 to 3.
+    trials : int
+    seed : int
+        >= 0. Trial i takes its noise from (seed, first + i) alone: the same
+        noise as trial i of `simulate`, whatever the number of threads, and
+        however a run is cut into pieces.
+    first : int
+        Number of the first trial, to continue or to divide a run.
+
+    Returns
+    -------
+    Trials
+
+    Raises
+    ------
+    InputError
+        As `localize`; also an observer on the target.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(0.0, 600.0, 20.0)
+    >>> path = np.stack([np.maximum(0, 5 * (t - 300)), np.minimum(5 * t, 1500)], axis=1)
+    >>> run = localize_trials(t, path, [2000, 6000, 3, -1], 1e-3, trials=1000, seed=1)
+    >>> bool(abs(run.nees.mean() - 4) < 0.4)
+    True
+    """
+    seed, first = whole(seed, "seed", 0, SEED_MOST), whole(first, "first")
+    trials = whole(trials, "trials", 1)
+    truth = reals(target, "target")
+    n = truth.shape[-1] if truth.ndim else 0
+    if n not in (2, 4, 6, 8):
+        raise InputError(
+            f"target has shape {truth.shape}: must be (..., n), a state of 2, 4, 6 or 8 numbers"
+        )
+    names, _ = state_names(n // 2 - 1)
+    _check_options(weak_ratio, max_iterations, rtol)
+    known = _prior(prior, names)
+    when = reals(times, "times")
+    _check_count(when.shape[-1] if when.ndim else 0, n // 2 - 1, len(prior or {}))
+    check_index(when, observer_index)
+    record = _core.bearings_localize_trials(
+        when,
+        observer,
+        truth,
+        np.atleast_1d(reals(sigma, "sigma")),
+        seed,
+        first,
+        trials,
+        known,
+        observer_index is not None,
+        rtol,
+        max_iterations,
+        weak_ratio,
+    )
+    return Trials(
+        error=record[:, :n],
+        std=record[:, n : 2 * n],
+        nees=record[:, 2 * n],
+        chi2=record[:, 2 * n + 1],
+        code=record[:, 2 * n + 2].astype(np.int8),
+        iterations=record[:, 2 * n + 3].astype(np.int32),
+    )
+
+
+def residuals(
+    times: ArrayLike, bearings: ArrayLike, observer: ArrayLike, state: ArrayLike
+) -> Array:
+    """Return measured less predicted bearings, in (-pi, pi].
+
+    Parameters
+    ----------
+    times, bearings, observer
+        As for `localize`.
+    state : array_like, shape (..., n)
+        The target's state at the first time, of order n/2 - 1.
+
+    Returns
+    -------
+    ndarray, shape (..., m)
+
+    Examples
+    --------
+    >>> residuals([0.0, 10.0], [0.1, 0.1], [[0, 0], [0, 0]], [0, 1000, 0, 0])
+    array([0.1, 0.1])
+    """
+    t, x = finite(times, "times"), finite(state, "state")
+    seen, path = finite(bearings, "bearings"), finite(observer, "observer")
+    if x.ndim == 0 or x.shape[-1] not in (2, 4, 6, 8):
+        raise InputError(f"state has shape {x.shape}: must be (..., n), 2, 4, 6 or 8 numbers")
+    m = t.shape[-1] if t.ndim else 0
+    if m == 0 or seen.shape[-1:] != (m,) or path.shape[-2:] != (m, 2):
+        raise InputError(
+            f"times has shape {t.shape}, bearings {seen.shape}, observer {path.shape}: "
+            "must be (..., m), (..., m) and (..., m, 2)"
+        )
+    since = t - t[..., :1]
+    place = np.zeros((*np.broadcast_shapes(t.shape[:-1], x.shape[:-1]), t.shape[-1], 2))
+    power = np.ones_like(since)
+    for k in range(x.shape[-1] // 2):
+        place = place + power[..., None] * x[..., None, 2 * k : 2 * k + 2]
+        power = power * since / (k + 1)
+    offset = place - path
+    difference = seen - np.arctan2(offset[..., 0], offset[..., 1])
+    wrapped: Array = difference - 2 * np.pi * np.ceil(difference / (2 * np.pi) - 0.5)
+    return wrapped
+
+
+def _check_count(count: int, order: int, known: int) -> None:
+    states = 2 * (order + 1)
+    wanted = max(1, states - known)
+    if count < wanted:
+        raise InputError(
+            f"{count} bearings: a target of order {order} has {states} states"
+            + (f", {known} with a prior," if known else "")
+            + f" and needs at least {wanted} bearings"
+        )
+
+
+def _check_options(weak_ratio: float, max_iterations: int, rtol: float | None) -> None:
+    if not weak_ratio > 0:
+        raise InputError(f"weak_ratio = {weak_ratio}: must be > 0")
+    whole(max_iterations, "max_iterations", 1, 2**31)
+    if rtol is not None and not 0 < rtol < 1:
+        raise InputError(f"rtol = {rtol}: must be between 0 and 1")
+
+
+def _prior(
+    prior: Mapping[str, tuple[float, float]] | None, names: tuple[str, ...]
+) -> tuple[Array, Array] | None:
+    if not prior:
+        return None
+    mean, sigma = np.zeros(len(names)), np.full(len(names), np.inf)
+    for name, given in prior.items():
+        if name not in names:
+            raise InputError(f"prior of {name!r}: the states are {', '.join(names)}")
+        try:
+            value, deviation = (float(x) for x in given)
+        except (TypeError, ValueError):
+            raise InputError(f"prior of {name} = {given!r}: must be (mean, sigma)") from None
+        if not (np.isfinite(value) and 0 < deviation < np.inf):
+            raise InputError(
+                f"prior of {name} = ({value}, {deviation}): "
+                "the mean must be finite, sigma > 0 and finite"
+            )
+        mean[names.index(name)], sigma[names.index(name)] = value, deviation
+    return mean, sigma
+
+
+def _unobservable(answer: Localization) -> UnobservableError:
+    from gramian.analysis import describe_combination
+
+    # Components that are rounding would only be noise in the message.
+    direction = answer.null_direction.copy()
+    direction[np.abs(direction) < 1e-9 * np.abs(direction).max()] = 0
+    text = describe_combination(direction, answer.names)
+    others = f" and {answer.nullity - 1} more" if answer.nullity > 1 else ""
+    return UnobservableError(
+        f"no estimate exists: the bearings stay as they are along {text}{others}; "
+        "maneuver, or give a prior on one of these states",
+        (text,),
+    )
+
+
+def _plain(values: Array) -> Any:
+    from gramian.analysis import plain
+
+    return plain(values) if values.ndim else plain(float(values))

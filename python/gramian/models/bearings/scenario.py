@@ -1,0 +1,598 @@
+"""Scenarios of bearings-only target motion: `model = "bearings"`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from gramian.analysis import Observability, analyze, plain
+from gramian.bounds import crlb_std
+from gramian.models import bearings
+from gramian.report import (
+    Picture,
+    Report,
+    Table,
+    Tone,
+    answer_pictures,
+    answer_tables,
+    number,
+    tone_of,
+)
+from gramian.scenario.base import Scenario, Section, Simulation
+from gramian.scenario.files import read_columns
+
+if TYPE_CHECKING:
+    from gramian.problem import Problem
+
+__all__ = ["BearingsScenario", "Geometry"]
+
+Array = NDArray[np.float64]
+
+#: A position known no better than this part of the range is not a fix.
+USELESS = 0.25
+
+
+class Columns(Section):
+    """The names of the columns in the track file."""
+
+    id: str | None = None
+    time: str
+    east: str
+    north: str
+
+
+class Tracks(Section):
+    """Recorded tracks: metres east and north in one plane, seconds."""
+
+    file: str
+    target_file: str | None = None
+    columns: Columns
+    observer: str | None = None
+    target: str | None = None
+    max_gap: float = Field(default=120.0, gt=0)
+
+    @model_validator(mode="after")
+    def _ids(self) -> Tracks:
+        if self.columns.id is not None and self.observer is None:
+            raise ValueError("observer must name a track, since columns.id is given")
+        if self.columns.id is None and (self.observer or self.target):
+            raise ValueError("columns.id must be given, since observer or target name a track")
+        if self.target_file in (None, self.file) and self.observer == self.target is not None:
+            raise ValueError(f"observer and target are the same track, {self.target!r}")
+        return self
+
+
+class BearingColumns(Section):
+    """The names of the columns in the file of bearings."""
+
+    time: str
+    bearing_deg: str
+
+
+class MeasuredBearings(Section):
+    """Measured bearings for `localize`: seconds, degrees clockwise from north."""
+
+    file: str
+    columns: BearingColumns
+
+
+class Target(Section):
+    """A target at constant velocity, in place of a recorded one: m, m/s."""
+
+    x0: float
+    y0: float
+    vx: float
+    vy: float
+
+
+class Window(Section):
+    """When the bearings are taken: seconds."""
+
+    start: float
+    duration: float = Field(gt=0)
+    step: float = Field(gt=0)
+
+    @model_validator(mode="after")
+    def _steps(self) -> Window:
+        if self.step > self.duration:
+            raise ValueError(f"step {self.step} s must not exceed the duration {self.duration} s")
+        if self.duration / self.step > 1e6:
+            raise ValueError("a window of more than a million bearings: choose a longer step")
+        return self
+
+    @property
+    def times(self) -> Array:
+        """Instants from the start to the end of the window."""
+        # Both ends belong to the window; a rounding error must not drop the last.
+        count = int(np.floor(self.duration / self.step * (1 + 1e-12))) + 1
+        return np.asarray(self.start + self.step * np.arange(count), dtype=float)
+
+
+class Noise(Section):
+    """The bearings' standard deviation, degrees."""
+
+    bearing_deg: float = Field(gt=0, lt=90)
+
+
+class Known(Section):
+    """What is known beforehand of a state or combination; the mean is used by `localize`."""
+
+    sigma: float = Field(gt=0)
+    mean: float | None = None
+
+
+class Limits(Section):
+    """Standard deviations from which a state counts as weakly known: m, m/s."""
+
+    position: float | None = Field(default=None, gt=0)
+    velocity: float | None = Field(default=None, gt=0)
+
+
+Quantity = Literal["x0", "y0", "vx", "vy", "range", "bearing", "speed", "course"]
+
+
+class BearingsScenario(Scenario):
+    """An observer, a target, a window of time and the noise of the bearings."""
+
+    model: Literal["bearings"]
+    tracks: Tracks
+    target: Target | None = None
+    bearings: MeasuredBearings | None = None
+    window: Window
+    noise: Noise
+    prior: dict[Quantity, Known | float] = Field(default_factory=dict)
+    known: list[Literal["x0", "y0", "vx", "vy"]] = Field(default_factory=list)
+    limits: Limits = Limits()
+
+    @model_validator(mode="after")
+    def _one_target(self) -> BearingsScenario:
+        recorded = self.tracks.target is not None or self.tracks.target_file is not None
+        given = recorded + (self.target is not None)
+        if given > 1 or not (given or self.bearings):
+            raise ValueError(
+                "give the target once: as tracks.target (a recorded track) "
+                "or as the section [target] (x0, y0, vx, vy); "
+                "with measured [bearings] it may be left out"
+            )
+        for name, value in self.prior.items():
+            if isinstance(value, float) and not value > 0:
+                raise ValueError(f"prior.{name} = {value}: must be > 0")
+        if len(set(self.known)) == 4:
+            raise ValueError("known names every state: nothing is left to determine")
+        return self
+
+    @property
+    def sigma(self) -> float:
+        """The bearings' standard deviation, radians."""
+        return float(np.radians(self.noise.bearing_deg))
+
+    @cached_property
+    def geometry(self) -> Geometry:
+        """Where observer and target are at each instant."""
+        if self.target is None and self.tracks.target is None and self.tracks.target_file is None:
+            raise self.mistake(
+                "tracks.target", "is missing: analyze and simulate ask about a given target"
+            )
+        times = self.window.times
+        observer = self.track(self.tracks.file, self.tracks.observer, times)
+        names = [self.tracks.observer or "observer", self.tracks.target or "target"]
+        if self.target is not None:
+            state = np.array([self.target.x0, self.target.y0, self.target.vx, self.target.vy])
+            target = state[:2] + (times - times[0])[:, None] * state[2:]
+        else:
+            file = self.tracks.target_file or self.tracks.file
+            target = self.track(file, self.tracks.target, times)
+        return Geometry(names[0], names[1], times, observer, target, self.sigma)
+
+    def track(self, file: str, name: str | None, times: Array) -> Array:
+        """Return the positions of a track at given times, interpolated between its reports."""
+        columns = self.tracks.columns
+        path = self.beside(file)
+        numbers = {"time": columns.time, "east": columns.east, "north": columns.north}
+        texts = {"id": columns.id} if columns.id is not None else {}
+        values, words = read_columns(path, numbers, texts)
+        chosen = np.ones(values["time"].size, dtype=bool)
+        if name is not None:
+            chosen = words["id"] == name
+            if not chosen.any():
+                there = ", ".join(sorted(set(words["id"])))
+                raise self.mistake("tracks", f"no track is named {name!r} in {path}: {there}")
+        who = name or file
+        order = np.argsort(values["time"][chosen], kind="stable")
+        t, east, north = (values[key][chosen][order] for key in ("time", "east", "north"))
+        if t.size < 2:
+            raise self.mistake("tracks", f"{who} has {t.size} report(s) in {path}: at least 2")
+        if (twice := np.flatnonzero(np.diff(t) == 0)).size:
+            raise self.mistake("tracks", f"{who} has two reports at {t[twice[0]]} s in {path}")
+        first, last = times[0], times[-1]
+        if first < t[0] or last > t[-1]:
+            raise self.mistake(
+                "window",
+                f"{first:g} s to {last:g} s reaches beyond the track of {who}, "
+                f"which is from {t[0]:g} s to {t[-1]:g} s",
+            )
+        gaps = np.diff(t)
+        inside = (t[:-1] < last) & (t[1:] > first) & (gaps > self.tracks.max_gap)
+        if inside.any():
+            i = int(np.flatnonzero(inside)[0])
+            raise self.mistake(
+                "window",
+                f"{who} has a gap of {gaps[i]:.0f} s between its reports at {t[i]:g} s and "
+                f"{t[i + 1]:g} s, longer than tracks.max_gap = {self.tracks.max_gap:g} s",
+            )
+        return np.stack([np.interp(times, t, east), np.interp(times, t, north)], axis=1)
+
+    @cached_property
+    def problem(self) -> Problem:
+        """The rows, with what is known and the limits."""
+        geometry = self.geometry
+        problem = geometry.problem
+        position = self.limits.position or USELESS * geometry.mean_range
+        velocity = self.limits.velocity or USELESS * geometry.mean_range / self.window.duration
+        problem = problem.with_scale([position, position, velocity, velocity])
+        if self.known:
+            problem = problem.fix(*self.known)
+        priors: dict[str, float] = {}
+        for name, value in self.prior.items():
+            if name in problem.names or name in problem.combinations:
+                priors[name] = value if isinstance(value, float) else value.sigma
+            else:
+                what = "a known state" if name in self.known else "undefined for this target"
+                raise self.mistake(f"prior.{name}", f"is {what}")
+        return problem.prior(priors)
+
+    def analyze(self) -> Report:
+        """Answer whether the target's motion can be told from its bearings, and how well."""
+        geometry, problem = self.geometry, self.problem
+        answer = analyze(problem)
+        relative = _relative(answer, geometry)
+        fit = geometry.straight_line_fit(answer)
+        tone, headline, verdict = _verdict(answer, relative, fit)
+        pictures = [
+            Picture(
+                "Geometry",
+                "Paths, some of the lines of sight, and the 95 % error ellipse of the target's "
+                "first position at the bound.",
+                lambda: _pictures().geometry(geometry, answer),
+            ),
+            Picture(
+                "How the bound falls with time",
+                "Bound on the first position over the mean range, from the bearings so far. "
+                "Below 10 % is a fix; above 100 % the error exceeds the range itself.",
+                lambda: _pictures().bound_against_time(geometry, self._bound_history()),
+            ),
+            Picture(
+                "Bearings",
+                "Above, the bearings of the target; below, what the best constant-velocity fit "
+                "leaves of them without noise, against one standard deviation of the noise.",
+                lambda: _pictures().bearing_history(geometry, fit),
+            ),
+            *answer_pictures(answer),
+        ]
+        facts, helps = self._advice(answer, relative, fit)
+        tables = answer_tables(answer)
+        if helps:
+            tables.insert(
+                1,
+                Table(
+                    "What would help",
+                    ["what", "bound on the first position", "of the mean range"],
+                    [[what, number(bound) + " m", _percent(part)] for what, bound, part in helps],
+                ),
+            )
+        data: dict[str, Any] = {
+            "model": self.model,
+            "observer": geometry.observer_name,
+            "target": geometry.target_name,
+            "bearings": geometry.times.size,
+            "mean_range": geometry.mean_range,
+            "relative_bound": plain(relative),
+            "observability": answer.to_dict(),
+            "constant_velocity": {
+                "off_line_max": fit.off_line,
+                "misfit_chi2": fit.misfit,
+                "bias": plain(fit.bias),
+                "holds": fit.holds,
+            },
+            "help": [
+                {"what": what, "bound": plain(bound), "relative_bound": plain(part)}
+                for what, bound, part in helps
+            ],
+        }
+        return Report(
+            title=f"{geometry.observer_name} -> {geometry.target_name}",
+            subtitle=(
+                f"{geometry.times.size} bearings over {self.window.duration:g} s, "
+                f"sigma {self.noise.bearing_deg:g} deg, mean range {geometry.mean_range:.0f} m"
+            ),
+            tone=tone,
+            headline=headline,
+            verdict=verdict,
+            facts=facts,
+            tables=tables,
+            pictures=pictures,
+            data=data,
+        )
+
+    def experiment(self) -> Simulation:
+        """Return the experiment of a target on the straight track nearest to this one."""
+        from gramian.monte_carlo import Bearings
+
+        geometry = self.geometry
+        if self.known:
+            raise self.mistake("known", "simulate estimates every state: give a [prior] instead")
+        priors: dict[str, float] = {}
+        for name, value in self.prior.items():
+            if name not in bearings.NAMES:
+                raise self.mistake(
+                    f"prior.{name}", "simulate takes what is known of x0, y0, vx and vy alone"
+                )
+            priors[name] = value if isinstance(value, float) else value.sigma
+        t = geometry.times - geometry.times[0]
+        design = np.stack([np.ones_like(t), t], axis=1)
+        line = np.linalg.lstsq(design, geometry.target, rcond=None)[0]
+        off = float(np.hypot(*(geometry.target - design @ line).T).max())
+        facts = []
+        if self.target is None:
+            facts.append(
+                (
+                    "simulated target",
+                    f"on the straight track nearest to the recorded one ({off:.0f} m off at most)",
+                )
+            )
+        return Simulation(
+            Bearings(geometry.times, geometry.observer, np.concatenate(line), self.sigma, priors),
+            title=f"{geometry.observer_name} -> {geometry.target_name}",
+            subtitle=(
+                f"{geometry.times.size} bearings over {self.window.duration:g} s, "
+                f"sigma {self.noise.bearing_deg:g} deg"
+            ),
+            facts=facts,
+        )
+
+    def localize(self) -> Report:
+        """Estimate the target's motion from measured bearings."""
+        from gramian.models.bearings._scenario_localize import localize
+
+        return localize(self)
+
+    def _bound_history(self) -> tuple[Array, Array]:
+        """Relative bound from the bearings up to each instant."""
+        geometry, rows = self.geometry, self.problem.all_rows
+        m = geometry.times.size
+        ends = np.unique(np.linspace(2, m, min(m - 1, 120)).astype(int))
+        bounds = []
+        for end in ends:
+            # Zero rows in place of the bearings to come keep one shape and one call.
+            part = rows.copy()
+            part[end:m] = 0.0
+            bounds.append(part)
+        std = crlb_std(np.array(bounds))
+        place = [i for i, name in enumerate(self.problem.names) if name in ("x0", "y0")]
+        relative: Array = np.sqrt((std[:, place] ** 2).sum(axis=1)) / geometry.mean_range
+        return geometry.times[ends - 1] - geometry.times[0], relative
+
+    def _advice(
+        self, answer: Observability, relative: float, fit: StraightLineFit
+    ) -> tuple[list[tuple[str, str]], list[tuple[str, float, float]]]:
+        geometry, problem = self.geometry, self.problem
+        facts: list[tuple[str, str]] = []
+        if answer.nullity:
+            facts += [("cannot be determined", text) for text in answer.null_combinations]
+        else:
+            along = answer.weakest_direction
+            moves = ", ".join(
+                f"{name} {value:+.3g} {unit}"
+                for name, value, unit in zip(answer.names, along, answer.units, strict=True)
+            )
+            facts.append(("hardest direction (1 sigma)", moves))
+        place = [i for i, name in enumerate(problem.names) if name in ("x0", "y0")]
+
+        def bound(std: Array) -> float:
+            return float(np.sqrt((std[place] ** 2).sum()))
+
+        helps = []
+        knowledge = {
+            "speed": (0.5, "target speed known to 0.5 m/s"),
+            "course": (np.radians(5.0), "target course known to 5 deg"),
+            "range": (0.1 * geometry.mean_range, "one range known to 10 %"),
+        }
+        for name, (sigma, what) in knowledge.items():
+            if name in problem.combinations:
+                helps.append((what, bound(answer.knowing(name, sigma).crlb_std)))
+        turns = [(what, bound(crlb_std(turned))) for what, turned in geometry.turns(self.problem)]
+        helps += sorted(turns, key=lambda item: item[1])[:2]
+        helps = [item for item in helps if item[1] < relative * geometry.mean_range]
+        helps.sort(key=lambda item: item[1])
+        ranked = [(what, value, value / geometry.mean_range) for what, value in helps]
+        if not relative < 0.02:
+            for label, (what, _, part) in zip(
+                ("what would help most", "what would help next"), ranked[:2], strict=False
+            ):
+                facts.append((label, f"{what}  ->  position to {_percent(part)} of the range"))
+        facts.append(("does the target keep its course?", fit.describe()))
+        return facts, ranked
+
+
+@dataclass(frozen=True, eq=False)
+class StraightLineFit:
+    """How well the target's positions agree with constant velocity."""
+
+    off_line: float
+    """Largest distance of a position from the best straight track, m."""
+    misfit: float
+    """Chi-square that the noise-free bearings leave over a constant-velocity fit."""
+    bias: Array
+    """Error of that fit in each state."""
+    residuals: Array
+    """What it leaves of each bearing, rad."""
+    ratio: float
+    """Bias of the first position over its bound."""
+    p_value: float
+    """Median p-value with which the bearings would reject the fit."""
+
+    @property
+    def holds(self) -> bool:
+        """Whether the bound can be believed: the bias is within it and the misfit unseen."""
+        return self.ratio < 1 and self.p_value > 0.05
+
+    def describe(self) -> str:
+        """Return the finding in words."""
+        text = f"it is up to {self.off_line:.0f} m off any straight line"
+        if self.holds:
+            return f"yes, near enough: {text}"
+        parts = []
+        if self.ratio >= 1:
+            parts.append(f"a constant-velocity fit is off by {self.ratio:.1f} times the bound")
+        seen = "shows" if self.p_value <= 0.05 else "does not show"
+        parts.append(f"the misfit {seen} in the bearings (median p = {self.p_value:.2g})")
+        return f"NO: {text}; {'; '.join(parts)}"
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """Positions of observer and target at the instants of the bearings."""
+
+    observer_name: str
+    target_name: str
+    times: Array
+    observer: Array
+    target: Array
+    sigma: float
+
+    @cached_property
+    def problem(self) -> Problem:
+        """The rows at these positions."""
+        return bearings.problem(self.times, self.observer, self.target, self.sigma)
+
+    @cached_property
+    def ranges(self) -> Array:
+        """Distance at each instant, m."""
+        ranges: Array = np.hypot(*(self.target - self.observer).T)
+        return ranges
+
+    @property
+    def mean_range(self) -> float:
+        """Mean of the distance, m."""
+        return float(self.ranges.mean())
+
+    @property
+    def bearing(self) -> Array:
+        """Noise-free bearings, rad."""
+        offset = self.target - self.observer
+        angle: Array = np.arctan2(offset[:, 0], offset[:, 1])
+        return angle
+
+    def straight_line_fit(self, answer: Observability) -> StraightLineFit:
+        """Fit constant velocity to the positions, and to their noise-free bearings."""
+        from scipy.special import chdtrc
+
+        t = self.times - self.times[0]
+        design = np.stack([np.ones_like(t), t], axis=1)
+        line = np.linalg.lstsq(design, self.target, rcond=None)[0]
+        straight = design @ line
+        off_line = float(np.hypot(*(self.target - straight).T).max())
+        names = list(answer.names)
+        free = [bearings.NAMES.index(name) for name in names]
+        # The fit starts on the straight track nearest to the truth and goes where
+        # the bearings pull it: what it moves by is the bias of an estimator.
+        state = np.concatenate(line)
+        start = state.copy()
+        rows = residual = np.zeros(0)
+        for _ in range(12):
+            position = state[:2] + t[:, None] * state[2:]
+            offset = position - self.observer
+            if not np.hypot(*offset.T).min() > 0:
+                break
+            change = self.bearing - np.arctan2(offset[:, 0], offset[:, 1])
+            residual = (change + np.pi) % (2 * np.pi) - np.pi
+            rows = bearings.rows(self.times, self.observer, position, self.sigma)[:, free]
+            scale = 1 / np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
+            step = scale * np.linalg.lstsq(rows * scale, residual / self.sigma, rcond=1e-9)[0]
+            state[free] += step
+            if np.hypot(*(state - start)[:2]) > 10 * self.mean_range:
+                break
+        misfit = float(((residual / self.sigma) ** 2).sum())
+        bias = np.zeros(4)
+        bias[free] = (state - start)[free]
+        # The first position of the recorded track, not of the straight line, is
+        # what a user compares with.
+        bias[:2] += start[:2] - self.target[0]
+        place = [i for i, name in enumerate(names) if name in ("x0", "y0")]
+        bound = float(np.sqrt((answer.crlb_std[place] ** 2).sum()))
+        ratio = float(np.hypot(*bias[:2])) / bound if bound > 0 else 0.0
+        dof = max(t.size - len(free), 1)
+        return StraightLineFit(
+            off_line=off_line,
+            misfit=misfit,
+            bias=bias,
+            residuals=residual,
+            ratio=ratio,
+            p_value=float(chdtrc(dof, dof + misfit)),
+        )
+
+    def turns(self, problem: Problem) -> list[tuple[str, Problem]]:
+        """Return the same problem had the observer turned: each of some turns."""
+        free = [bearings.NAMES.index(name) for name in problem.names]
+        m = self.times.size
+        turned = []
+        for part in (1 / 3, 1 / 2, 2 / 3):
+            k = int(part * (m - 1))
+            for angle in (-90, -60, -30, 30, 60, 90):
+                a = np.radians(angle)
+                # A clockwise turn: rotate what comes after instant k about there.
+                turn = np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]])
+                path = self.observer.copy()
+                path[k:] = path[k] + (path[k:] - path[k]) @ turn.T
+                if not np.hypot(*(self.target - path).T).min() > 0:
+                    continue
+                rows = bearings.rows(self.times, path, self.target, self.sigma)[:, free]
+                side = "right" if angle > 0 else "left"
+                what = (
+                    f"a {abs(angle)} deg turn to the {side} "
+                    f"at {self.times[k] - self.times[0]:.0f} s"
+                )
+                turned.append((what, problem.with_rows(rows)))
+        return turned
+
+
+def _relative(answer: Observability, geometry: Geometry) -> float:
+    place = [i for i, name in enumerate(answer.names) if name in ("x0", "y0")]
+    return float(np.sqrt((answer.crlb_std[place] ** 2).sum())) / geometry.mean_range
+
+
+def _verdict(answer: Observability, relative: float, fit: StraightLineFit) -> tuple[Tone, str, str]:
+    tone = tone_of(answer)
+    if answer.nullity:
+        combination = answer.null_combinations[0]
+        return tone, "UNOBSERVABLE", f"no bearing changes when {combination} is added"
+    headline = "WEAKLY OBSERVABLE" if answer.status == "weak" else "OBSERVABLE"
+    verdict = f"the bound on the position is {_percent(relative)} of the range"
+    if relative >= 1:
+        tone, headline = "bad", "HOPELESS"
+        verdict += ": the error is larger than the range itself"
+    elif relative < 0.02 and fit.holds:
+        verdict += ": easy"
+    elif answer.status == "weak" and relative < USELESS:
+        verdict += f", but {answer.reason}"
+    if not fit.holds and tone != "bad":
+        tone = "weak"
+        headline += " IF IT KEEPS ITS COURSE"
+        verdict += f", but the target turns: it is {fit.off_line:.0f} m off any straight line"
+    return tone, headline, verdict
+
+
+def _percent(part: float) -> str:
+    value = 100 * part
+    return f"{value:.2g} %" if value < 100 else f"{value:.0f} %"
+
+
+def _pictures() -> Any:
+    from gramian.models.bearings import plot as pictures
+
+    return pictures

@@ -1,0 +1,51 @@
+"""A moving magnetic dipole: what the field at one or more sensors tells of it.
+
+A dipole of constant moment m (A m^2) passes at constant velocity v (m/s); it is
+at r0 (m) at the first time. The state is (r0, v, m), nine numbers. Axes are those
+of the sensor, fields in tesla.
+"""
+
+from __future__ import annotations
+
+from gramian.models.dipole._localize import localize, localize_many, localize_trials
+from gramian.models.dipole._model import (
+    MU0,
+    NAMES,
+    UNITS,
+    Jacobian,
+    Pass,
+    equivalents,
+    field,
+    fisher,
+    jacobian,
+    measure,
+    moment,
+    problem,
+    rows,
+    simulate,
+)
+from gramian.models.dipole._result import ClosestPoint, Localization, Localizations, Solution
+
+__all__ = [
+    "MU0",
+    "NAMES",
+    "UNITS",
+    "ClosestPoint",
+    "Jacobian",
+    "Localization",
+    "Localizations",
+    "Pass",
+    "Solution",
+    "equivalents",
+    "field",
+    "fisher",
+    "jacobian",
+    "localize",
+    "localize_many",
+    "localize_trials",
+    "measure",
+    "moment",
+    "problem",
+    "rows",
+    "simulate",
+]

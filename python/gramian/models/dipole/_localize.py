@@ -1,0 +1,601 @@
+"""Locating a passing dipole from its field and what is known beforehand."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gramian import _core
+from gramian._arrays import SEED_MOST, finite, reals, whole
+from gramian.analysis import analyze, describe_null_space
+from gramian.exceptions import InputError, UnobservableError
+from gramian.models.dipole._model import NAMES, Pass, problem, rows
+from gramian.models.dipole._result import (
+    PARTS,
+    ClosestPoint,
+    Localization,
+    Localizations,
+    Solution,
+    root,
+)
+
+__all__ = ["localize", "localize_many", "localize_trials"]
+
+Array = NDArray[np.float64]
+
+#: Tesla; beyond it squares leave the range of the numbers.
+LARGEST = 1e100
+Background = Literal["median", "fit"]
+Loss = Literal["gaussian", "huber"]
+
+#: What may be known: the states, the speed (m/s) and the moment's size (A m^2).
+KNOWABLE = (*NAMES, "speed", "moment")
+_ALIASES = {"x": "x0", "y": "y0", "z": "z0"}
+
+#: A window of the pass reaches this many times the time from the closest point
+#: to 45 degrees: the field is down to 1 or 2 per cent there.
+_REACH = 4.0
+
+
+@dataclass(frozen=True)
+class _Options:
+    background: str
+    loss: str
+    sigma: float | None
+    origin: float | None
+    starts: int
+
+
+def localize(
+    times: ArrayLike,
+    field: ArrayLike,
+    known: Mapping[str, float] | None = None,
+    *,
+    prior: Mapping[str, tuple[float, float]] | None = None,
+    sensors: ArrayLike | None = None,
+    background: Background | None = None,
+    loss: Loss = "gaussian",
+    sigma: float | None = None,
+    window: Literal["pass"] | tuple[float, float] | None = None,
+    missing: Literal["raise", "drop"] = "raise",
+    starts: int = 12,
+) -> Localization:
+    """Locate a passing dipole from the field it makes and what is known beforehand.
+
+    Parameters
+    ----------
+    times : array_like, shape (K,)
+        Increasing, seconds. The state is that of the first one.
+    field : array_like, shape (K, 3), or (K, S, 3) with `sensors`
+        Tesla.
+    known : mapping of str to float, optional
+        What is known exactly: x0 (or x), y0, z0, vx, vy, vz, mx, my, mz, speed
+        (m/s), moment (its size, A m^2).
+    prior : mapping of str to (mean, sigma), optional
+        What is known to a standard deviation, by the same names.
+    sensors : array_like, shape (S, 3), optional
+        Where the sensors are, metres; one at the origin by default.
+    background : {"median", "fit"}, optional
+        What to do about a constant field in the record: take off the median of
+        each channel (over the whole record), or fit a constant to each; nothing
+        by default.
+    loss : {"gaussian", "huber"}
+        Squares, or Huber's loss with spikes rejected.
+    sigma : float, optional
+        Standard deviation of the noise, tesla; estimated from the residuals by default.
+    window : "pass" or (start, end), optional
+        Use only these times; "pass" finds the pass first and keeps four times
+        the time from its closest point to 45 degrees on both sides.
+    missing : {"raise", "drop"}
+        What to do about samples with NaN.
+    starts : int
+        How many starts are followed, >= 1.
+
+    Returns
+    -------
+    Localization
+
+    Raises
+    ------
+    UnobservableError
+        The knowledge does not suffice; names the null combinations and what
+        would repair it.
+    InputError
+        Knowledge that contradicts itself, fewer numbers than unknowns, NaN, a
+        field of zeros, shapes and names that do not fit.
+
+    Warns
+    -----
+    UserWarning
+        A field above 1 T, which is unlikely to be in tesla.
+
+    Notes
+    -----
+    Separable least squares: for each position and velocity the moment follows
+    by linear least squares, so at most six numbers are searched for. Starts come
+    from the shape of the field: in the frame of the pass it is a sum of three
+    functions of (t - tc) / tau, whose coefficients give frame and moment in closed
+    form. The covariance is the Cramer-Rao bound under the constraints, with the
+    noise independent from sample to sample; where the model itself is the larger
+    error it is too small.
+
+    Examples
+    --------
+    >>> import numpy as np, gramian as gm
+    >>> t = np.arange(21.0)
+    >>> y = gm.dipole.simulate([-10, -10, 5], [1, 1, 0], [10, 20, 10], t, 1e-12, seed=1)
+    >>> answer = gm.dipole.localize(t, y, {"z": 5.0, "vz": 0.0}, sigma=1e-12)
+    >>> answer.m.round(1), answer.mirror
+    (array([10., 20., 10.]), None)
+    """
+    setup = _Setup(known, prior, sensors, background, loss, sigma, starts)
+    t, y, dropped = setup.samples(times, field, missing)
+    # The instant of the state, whichever samples are used.
+    origin = float(np.ravel(times)[0])
+    offsets = np.zeros((y.shape[1], 3))
+    if background == "median":
+        # Over the whole record: a window of the pass alone has no quiet part.
+        offsets = np.median(y, axis=0)
+        y = y - offsets
+    inner = setup.options("fit" if background == "fit" else "none", origin)
+    if isinstance(window, tuple):
+        start, end = window
+        keep = (t >= start) & (t <= end)
+        t, y = t[keep], y[keep]
+    elif window not in (None, "pass"):
+        raise InputError(f'window = {window!r}: must be "pass", (start, end) or None')
+    setup.enough(t, "in the window" if window is not None else "")
+    raw = setup.run(t, y, inner)
+    if window == "pass":
+        keep = _of_the_pass(raw[:9], t - origin, setup.sensors)
+        if keep.sum() * 3 * len(setup.sensors) >= 4 * setup.unknowns:
+            t, y = t[keep], y[keep]
+            raw = setup.run(t, y, inner)
+    return _answer(raw, t, y, offsets, origin, dropped, setup)
+
+
+def localize_many(
+    times: ArrayLike,
+    field: ArrayLike,
+    known: Mapping[str, float] | None = None,
+    *,
+    prior: Mapping[str, tuple[float, float]] | None = None,
+    sensors: ArrayLike | None = None,
+    background: Background | None = None,
+    loss: Loss = "gaussian",
+    sigma: float | None = None,
+    starts: int = 12,
+) -> Localizations:
+    """Locate dipoles in many records at once.
+
+    Parameters
+    ----------
+    times : array_like, shape (..., K)
+        Increasing, seconds.
+    field : array_like, shape (..., K, 3), or (..., K, S, 3) with `sensors`
+        Tesla.
+    known, prior, sensors, background, loss, sigma, starts
+        As for `localize`.
+
+    Returns
+    -------
+    Localizations
+
+    Raises
+    ------
+    InputError
+        As for `localize`. Whether the knowledge suffices is not asked: see
+        `problem` for that.
+
+    Examples
+    --------
+    >>> import numpy as np, gramian as gm
+    >>> t = np.arange(21.0)
+    >>> y = gm.dipole.simulate([-10, -10, 5], [1, 1, 0], [10, 20, 10], t, 1e-9, 1, trials=4)
+    >>> gm.dipole.localize_many(t, y, {"z": 5.0, "vz": 0.0}, sigma=1e-9).states.shape
+    (4, 9)
+    """
+    setup = _Setup(known, prior, sensors, background, loss, sigma, starts)
+    y = reals(field, "field")
+    if y.ndim < (2 if sensors is None else 3):
+        raise InputError(
+            f"field has shape {y.shape}: must be "
+            + ("(..., K, 3)" if sensors is None else "(..., K, S, 3)")
+        )
+    if sensors is None:
+        y = y[..., None, :]
+    setup.enough(np.empty(np.shape(times)[-1:]))
+    out = setup.run(times, y, setup.options(background or "none", None))
+    return Localizations(
+        states=out[..., :9],
+        costs=out[..., 18],
+        mirrors=out[..., 9:18],
+        mirror_costs=out[..., 19],
+        sigmas=out[..., 20],
+        converged=out[..., 21] == 1,
+    )
+
+
+def localize_trials(
+    r0: ArrayLike,
+    v: ArrayLike,
+    m: ArrayLike,
+    times: ArrayLike,
+    sigma: float,
+    seed: int,
+    trials: int,
+    *,
+    known: Mapping[str, float] | None = None,
+    prior: Mapping[str, tuple[float, float]] | None = None,
+    sensors: ArrayLike | None = None,
+    first: int = 0,
+    starts: int = 12,
+) -> Array:
+    """Simulate a pass many times and locate it each time, in one go.
+
+    Parameters
+    ----------
+    r0, v, m, times, sigma
+        The pass and its measurement, as for `simulate`.
+    seed : int
+        >= 0. Trial i depends on (seed, i) alone and has the noise of `simulate`.
+    trials : int
+        How many, >= 1.
+    known, prior, sensors, starts
+        As for `localize`.
+    first : int
+        Number of the first trial.
+
+    Returns
+    -------
+    ndarray, shape (trials, 9)
+        The estimates (r0, v, m). Of an answer and its mirror image that fit
+        the same, the one nearer to the truth.
+
+    Examples
+    --------
+    >>> import numpy as np, gramian as gm
+    >>> known = {"z": 5.0, "vz": 0.0}
+    >>> x = localize_trials(
+    ...     [-10, -10, 5], [1, 1, 0], [10, 20, 10], np.arange(21.0), 1e-9, 0, 50, known=known
+    ... )
+    >>> x.shape, bool(abs(x[:, 0].mean() + 10) < 0.5)
+    ((50, 9), True)
+    """
+    seed, first = whole(seed, "seed", 0, SEED_MOST), whole(first, "first")
+    trials = whole(trials, "trials", 1)
+    setup = _Setup(known, prior, sensors, None, "gaussian", sigma, starts)
+    setup.enough(times)
+    state = np.concatenate([_three(r0, "r0"), _three(v, "v"), _three(m, "m")])
+    out = _core.dipole_localize_trials(
+        times,
+        state.tolist(),
+        float(sigma),
+        setup.sensors.tolist(),
+        setup.exact,
+        setup.priors,
+        setup.options("none", None),
+        seed,
+        first,
+        trials,
+    )
+    estimates: Array = out[:, :9]
+    return estimates
+
+
+class _Setup:
+    """Checked knowledge, sensors and options."""
+
+    def __init__(
+        self,
+        known: Mapping[str, float] | None,
+        prior: Mapping[str, tuple[float, float]] | None,
+        sensors: ArrayLike | None,
+        background: str | None,
+        loss: str,
+        sigma: float | None,
+        starts: int,
+    ) -> None:
+        self.known = {
+            _name(key): _number(value, f"known[{key!r}]") for key, value in (known or {}).items()
+        }
+        self.prior = {}
+        for key, value in (prior or {}).items():
+            try:
+                mean, deviation = value
+            except (TypeError, ValueError):
+                raise InputError(
+                    f"prior[{key!r}] = {value!r}: must be a mean and a standard deviation"
+                ) from None
+            mean, deviation = (
+                _number(mean, f"prior[{key!r}]"),
+                _number(deviation, f"sigma of {key}"),
+            )
+            if deviation <= 0:
+                raise InputError(f"prior[{key!r}] has sigma = {deviation}: must be > 0")
+            self.prior[_name(key)] = (mean, deviation)
+        if both := set(self.known) & set(self.prior):
+            raise InputError(
+                f"{sorted(both)[0]} is known exactly and has a prior: give one of them"
+            )
+        for name in ("speed", "moment"):
+            given = self.known.get(name, self.prior.get(name, (1.0,))[0])
+            if not given > 0:
+                raise InputError(f"{name} = {given}: must be > 0")
+        if background not in (None, "median", "fit"):
+            raise InputError(f'background = {background!r}: must be "median", "fit" or None')
+        if loss not in ("gaussian", "huber"):
+            raise InputError(f'loss = {loss!r}: must be "gaussian" or "huber"')
+        if sigma is not None and not 0 < sigma < np.inf:
+            raise InputError(f"sigma = {sigma} T: must be > 0 and finite")
+        starts = whole(starts, "starts", 1)
+        self.one_sensor = sensors is None
+        self.sensors = np.zeros((1, 3)) if sensors is None else reals(sensors, "sensors").copy()
+        if self.sensors.ndim != 2 or self.sensors.shape[1] != 3 or not len(self.sensors):
+            raise InputError(f"sensors has shape {self.sensors.shape}: must be (S, 3)")
+        finite(self.sensors, "sensors")
+        self.background, self.loss, self.sigma, self.starts = background, loss, sigma, starts
+        self.exact = [self.known.get(name, np.nan) for name in KNOWABLE]
+        self.priors = [list(self.prior.get(name, (np.nan, np.nan))) for name in KNOWABLE]
+
+    @property
+    def unknowns(self) -> int:
+        fitted = 3 * len(self.sensors) if self.background == "fit" else 0
+        return 9 - len(self.known) + fitted
+
+    def options(self, background: str, origin: float | None) -> _Options:
+        return _Options(background, self.loss, self.sigma, origin, self.starts)
+
+    def samples(self, times: ArrayLike, field: ArrayLike, missing: str) -> tuple[Array, Array, int]:
+        """Return times (K,), field (K, S, 3) and how many samples were dropped."""
+        t, y = reals(times, "times").copy(), reals(field, "field").copy()
+        wanted = "(K, 3)" if self.one_sensor else f"(K, {len(self.sensors)}, 3)"
+        if self.one_sensor and y.ndim == 2:
+            y = y[:, None, :]
+        if t.ndim != 1 or y.shape != (len(t), len(self.sensors), 3):
+            raise InputError(
+                f"field has shape {np.shape(field)} for {t.size} times: must be {wanted}, "
+                "three components for each time" + ("" if self.one_sensor else " and sensor")
+            )
+        if missing not in ("raise", "drop"):
+            raise InputError(f'missing = {missing!r}: must be "raise" or "drop"')
+        if not np.isfinite(t).all():
+            raise InputError(f"times[{np.argmin(np.isfinite(t))}] must be finite")
+        bad = ~np.isfinite(y).all(axis=(1, 2))
+        if bad.any():
+            if missing == "raise":
+                raise InputError(
+                    f"{bad.sum()} of {bad.size} samples are not finite, the first is sample "
+                    f'{np.argmax(bad)}: missing="drop" leaves them out'
+                )
+            t, y = t[~bad], y[~bad]
+        largest = float(abs(y).max()) if t.size else 0.0
+        if largest > LARGEST:
+            raise InputError(
+                f"the field reaches {largest:.4g} T: must be in tesla, below {LARGEST} T"
+            )
+        if largest > 1:
+            warnings.warn(
+                f"the field reaches {largest:.4g} T: it must be in tesla (1 uT = 1e-6 T)",
+                UserWarning,
+                stacklevel=3,
+            )
+        if self.background is not None and len(t) > 1 and not np.ptp(y, axis=0).any():
+            raise InputError("the field is constant: there is no pass in it to locate")
+        self.enough(t)
+        return t, y, int(bad.sum())
+
+    def enough(self, times: ArrayLike, where: str = "") -> None:
+        numbers = 3 * len(self.sensors) * np.size(times) + len(self.prior)
+        if numbers < max(self.unknowns, 1):
+            raise InputError(
+                f"{np.size(times)} samples {where}".rstrip()
+                + f" give {numbers} numbers for {self.unknowns} unknowns: too few"
+            )
+
+    def run(self, times: ArrayLike, field: Array, options: _Options) -> Array:
+        return _core.dipole_localize(
+            times, field, self.sensors.tolist(), self.exact, self.priors, options
+        )
+
+
+def _answer(
+    raw: Array,
+    t: Array,
+    y: Array,
+    offsets: Array,
+    origin: float,
+    dropped: int,
+    setup: _Setup,
+) -> Localization:
+    count, channels = len(t), y.shape[1:]
+    size = y.size
+    state, mirror = raw[:9], raw[9:18]
+    cost, mirror_cost, sigma = (float(x) for x in raw[18:21])
+    fitted = raw[23 : 23 + y[0].size].reshape(channels)
+    residuals = raw[23 + y[0].size : 23 + y[0].size + size].reshape(count, *channels)
+    weights = raw[23 + y[0].size + size :].reshape(count, *channels)
+    covariance = _covariance(state, t, origin, sigma, weights, setup)
+    signal = y - fitted
+    good = weights > 0
+    closest = _closest(state, covariance, origin, setup.sensors[0])
+    return Localization(
+        r0=state[:3],
+        v=state[3:6],
+        m=state[6:],
+        std=np.sqrt(np.maximum(np.diag(covariance), 0.0)),
+        covariance=covariance,
+        cost=cost,
+        mirror=Solution(mirror[:3], mirror[3:6], mirror[6:], mirror_cost)
+        if np.isfinite(mirror_cost)
+        else None,
+        origin=origin,
+        times=t,
+        residuals=residuals,
+        model=signal - residuals,
+        background=offsets + fitted,
+        weights=weights,
+        sigma=sigma,
+        explained=float(1 - (residuals[good] ** 2).sum() / (signal[good] ** 2).sum()),
+        spikes=int((~good).any(axis=-1).sum()),
+        dropped=dropped,
+        converged=bool(raw[21]),
+        closest=closest,
+        known=setup.known,
+        prior=setup.prior,
+        sensors=setup.sensors,
+    )
+
+
+def _covariance(
+    state: Array, t: Array, origin: float, sigma: float, weights: Array, setup: _Setup
+) -> Array:
+    """Return the bound at an answer, on what knowledge leaves free."""
+    shift = t[0] - origin
+    start = state[:3] + shift * state[3:6]
+    here = Pass(start, state[3:6], state[6:])
+    lines = rows(*here, t, sigma, sensors=setup.sensors)
+    lines[:, 3:6] += shift * lines[:, :3]
+    lines = lines * np.sqrt(weights.reshape(-1, 1))
+    if setup.background == "fit":
+        lines = _centered(lines, np.sqrt(weights), setup)
+    extra = []
+    for name, (_, deviation) in setup.prior.items():
+        extra.append(_gradient(name, state) / deviation)
+    lines = np.vstack([lines, *extra]) if extra else lines
+    free = _free_directions(setup.known, state)
+    if not free.shape[1]:
+        return np.zeros((9, 9))
+    analysis = _core.Analysis(lines @ free, None)
+    bound = analysis.crlb()
+    if bound is None:
+        null = free @ analysis.null_space()
+        # What rounding left in a state that has no part in it.
+        part = np.abs(null) * np.linalg.norm(lines, axis=0)[:, None]
+        null[part < 1e-9 * part.max(axis=0)] = 0.0
+        directions = describe_null_space(null, NAMES)
+        raise UnobservableError(_refusal(here, t, sigma, setup, directions), directions)
+    spread: Array = free @ bound @ free.T
+    return spread
+
+
+def _refusal(here: Pass, t: Array, sigma: float, setup: _Setup, directions: Sequence[str]) -> str:
+    given = ", ".join(f"{name} = {value:g}" for name, value in setup.known.items())
+    given += ", ".join(f"prior of {name}" for name in setup.prior)
+    answer = analyze(problem(*here, t, sigma, sensors=setup.sensors))
+    told = setup.known.keys() | setup.prior.keys()
+    repairs = [
+        s.name
+        for s in answer.suggestions
+        if s.repairs and s.name in KNOWABLE and s.name not in told
+    ]
+    text = (
+        f"what is known ({given or 'nothing'}) does not suffice: "
+        f"{'; '.join(directions)} is not determined"
+    )
+    if repairs:
+        text += f"; any one of these would do: {', '.join(repairs)}"
+    return text
+
+
+def _centered(lines: Array, roots: Array, setup: _Setup) -> Array:
+    """Return the rows with what constants of each channel explain taken off."""
+    by_channel = lines.reshape(len(roots), -1, 9)
+    w = roots.reshape(len(roots), -1, 1)
+    total = (w**2).sum(axis=0)
+    means = (w * by_channel).sum(axis=0) / np.where(total > 0, total, 1.0)
+    centered: Array = (by_channel - w * means).reshape(-1, 9)
+    return centered
+
+
+def _gradient(name: str, state: Array) -> Array:
+    """Return the derivative of a state, of the speed or of the moment's size."""
+    row = np.zeros(9)
+    if name in PARTS:
+        part = state[PARTS[name]]
+        row[PARTS[name]] = part / np.linalg.norm(part)
+    else:
+        row[NAMES.index(name)] = 1.0
+    return row
+
+
+def _free_directions(known: Mapping[str, float], state: Array) -> Array:
+    """Return a basis (9, d) of the moves that exact knowledge allows."""
+    blocks = []
+    for part, size in ((slice(0, 3), None), (slice(3, 6), "speed"), (slice(6, 9), "moment")):
+        axes = [i for i in range(part.start, part.stop) if NAMES[i] not in known]
+        basis = np.zeros((9, len(axes)))
+        basis[axes, range(len(axes))] = 1.0
+        if size in known and axes:
+            along = basis.T @ state
+            if along.any():
+                # The rest of an orthonormal basis that begins along the vector.
+                across = np.linalg.qr(np.column_stack([along, np.eye(len(axes))]))[0][:, 1:]
+                basis = basis @ across[:, : len(axes) - 1]
+        blocks.append(basis)
+    return np.hstack(blocks)
+
+
+def _of_the_pass(state: Array, t: Array, sensors: Array) -> NDArray[np.bool_]:
+    keep = np.zeros(t.shape, dtype=bool)
+    v = state[3:6]
+    speed = float(np.linalg.norm(v))
+    if speed == 0:
+        return ~keep
+    for sensor in sensors:
+        place = state[:3] - sensor
+        closest = -(place @ v) / speed**2
+        reach = _REACH * float(np.linalg.norm(place + closest * v)) / speed
+        keep |= np.abs(t - closest) <= reach
+    return keep
+
+
+def _closest(state: Array, covariance: Array, origin: float, sensor: Array) -> ClosestPoint:
+    r, v = state[:3] - sensor, state[3:6]
+    squared = float(v @ v)
+    if squared == 0:
+        position, time, by_time = r, 0.0, np.zeros(9)
+    else:
+        time = float(-(r @ v) / squared)
+        position = r + time * v
+        by_time = np.concatenate([-v, -r - 2 * time * v, np.zeros(3)]) / squared
+    distance = float(np.linalg.norm(position))
+    # At the closest point a change of its time changes nothing.
+    unit = position / distance
+    by_range = np.concatenate([unit, time * unit, np.zeros(3)])
+    return ClosestPoint(
+        time=origin + time,
+        time_std=root(by_time @ covariance @ by_time),
+        position=(float(position[0]), float(position[1]), float(position[2])),
+        range=distance,
+        range_std=root(by_range @ covariance @ by_range),
+    )
+
+
+def _name(key: str) -> str:
+    name = _ALIASES.get(key, key)
+    if name not in KNOWABLE:
+        raise InputError(f"{key!r} cannot be known: there are {', '.join(KNOWABLE)}")
+    return name
+
+
+def _number(value: float, name: str) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} = {value!r}: must be a number") from None
+    if not np.isfinite(number):
+        raise InputError(f"{name} = {number}: must be finite")
+    return number
+
+
+def _three(value: ArrayLike, name: str) -> Array:
+    array = reals(value, name)
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise InputError(f"{name} = {value!r}: must be three finite numbers")
+    return array

@@ -1,0 +1,488 @@
+"""The field of a moving dipole, its derivatives, rows and Fisher information."""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gramian import _core
+from gramian._arrays import SEED_MOST, finite, held, number, reals, whole
+from gramian.exceptions import InputError
+from gramian.problem import Problem
+
+__all__ = [
+    "MU0",
+    "NAMES",
+    "UNITS",
+    "Jacobian",
+    "Pass",
+    "equivalents",
+    "field",
+    "fisher",
+    "jacobian",
+    "measure",
+    "moment",
+    "problem",
+    "rows",
+    "simulate",
+]
+
+Array = NDArray[np.float64]
+
+NAMES = ("x0", "y0", "z0", "vx", "vy", "vz", "mx", "my", "mz")
+UNITS = ("m", "m", "m", "m/s", "m/s", "m/s", "A m^2", "A m^2", "A m^2")
+
+#: The magnetic constant, H/m.
+MU0 = 4e-7 * np.pi
+
+_ORIGIN = ((0.0, 0.0, 0.0),)
+
+
+class Jacobian(NamedTuple):
+    """Derivatives of the field: by position (T/m) and by moment (T/(A m^2)), (..., 3, 3)."""
+
+    position: Array
+    moment: Array
+
+
+class Pass(NamedTuple):
+    """A dipole at constant velocity: r0 (m, at the first time), v (m/s), m (A m^2)."""
+
+    r0: Array
+    v: Array
+    m: Array
+
+
+def field(position: ArrayLike, moment: ArrayLike) -> Array:
+    """Return the field of a dipole at a sensor.
+
+    Parameters
+    ----------
+    position : array_like, shape (..., 3)
+        Of the dipole from the sensor, metres.
+    moment : array_like, shape (..., 3)
+        A m^2.
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        Tesla.
+
+    Raises
+    ------
+    InputError
+        A dipole on the sensor, numbers that are not finite, shapes that do not fit.
+
+    Notes
+    -----
+    Dai, Zhou & Shan 2020, eq. (2), with mu0 / (4 pi) = 1e-7 H/m.
+
+    Examples
+    --------
+    >>> field([2.0, 0.0, 0.0], [4.0, 0.0, 0.0])
+    array([1.e-07, 0.e+00, 0.e+00])
+    """
+    return held(_core.dipole_field(position, moment), "the field")
+
+
+def jacobian(position: ArrayLike, moment: ArrayLike) -> Jacobian:
+    """Return the derivatives of `field` by position and by moment.
+
+    Parameters
+    ----------
+    position, moment : array_like, shape (..., 3)
+        As for `field`.
+
+    Returns
+    -------
+    Jacobian
+        Two arrays (..., 3, 3), both symmetric.
+
+    Notes
+    -----
+    Dai, Zhou & Shan 2020, eqs. (20) and (21), times the mu0 / (4 pi) that the
+    print drops.
+
+    Examples
+    --------
+    >>> j = jacobian([1.0, -2.0, 0.5], [3.0, 1.0, 2.0])
+    >>> bool(np.allclose(j.position @ [1.0, -2.0, 0.5], -3 * field([1.0, -2.0, 0.5], [3, 1, 2])))
+    True
+    """
+    both = held(_core.dipole_jacobian(position, moment), "the Jacobian")
+    return Jacobian(both[..., 0, :, :], both[..., 1, :, :])
+
+
+def moment(
+    permanent: ArrayLike, attitude: ArrayLike, induced_volume: float, earth_field: ArrayLike
+) -> Array:
+    """Return the moment of a body: permanent, turned with it, and induced.
+
+    Parameters
+    ----------
+    permanent : array_like, shape (..., 3)
+        In the body's frame, A m^2.
+    attitude : array_like, shape (..., 3, 3)
+        Rotation from the body's frame to the sensor's.
+    induced_volume : float
+        Volume times effective susceptibility, m^3.
+    earth_field : array_like, shape (..., 3)
+        In the sensor's frame, tesla.
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+
+    Notes
+    -----
+    Dai, Zhou & Shan 2020, eqs. (3) and (4).
+
+    Examples
+    --------
+    >>> moment([100.0, 0.0, 0.0], np.eye(3), 2.0, [0.0, 2e-5, -4.5e-5]).round(1)
+    array([100. ,  31.8, -71.6])
+    """
+    turn, own, earth = (
+        finite(value, name)
+        for name, value in (
+            ("attitude", attitude),
+            ("permanent", permanent),
+            ("earth_field", earth_field),
+        )
+    )
+    for name, array, shape in (
+        ("permanent", own, (3,)),
+        ("attitude", turn, (3, 3)),
+        ("earth_field", earth, (3,)),
+    ):
+        if array.shape[-len(shape) :] != shape:
+            raise InputError(
+                f"{name} has shape {array.shape}: must be (..., {', '.join(map(str, shape))})"
+            )
+    if not np.allclose(turn @ turn.swapaxes(-1, -2), np.eye(3), atol=1e-6):
+        raise InputError("attitude is no rotation: attitude times its transpose must be 1")
+    total: Array = (
+        np.einsum("...ij,...j->...i", turn, own)
+        + number(induced_volume, "induced_volume") / MU0 * earth
+    )
+    return total
+
+
+def rows(
+    r0: ArrayLike,
+    v: ArrayLike,
+    m: ArrayLike,
+    times: ArrayLike,
+    sigma: ArrayLike,
+    *,
+    sensors: ArrayLike | None = None,
+    ambient: ArrayLike | None = None,
+) -> Array:
+    """Return whitened rows of the field of a dipole at constant velocity.
+
+    Parameters
+    ----------
+    r0 : array_like, shape (..., 3)
+        Position at the first time, metres.
+    v : array_like, shape (..., 3)
+        Velocity, m/s.
+    m : array_like, shape (..., 3)
+        Moment, A m^2.
+    times : array_like, shape (..., K)
+        Increasing, seconds.
+    sigma : array_like, shape () or (..., K)
+        Standard deviation of each component, tesla, > 0.
+    sensors : array_like, shape (S, 3), optional
+        Where the sensors are, metres; one at the origin by default.
+    ambient : array_like, shape (3,), optional
+        The field without the dipole, tesla. With it the sensors are of the total
+        field: they measure |ambient + field|, one number instead of three.
+
+    Returns
+    -------
+    ndarray, shape (..., K * S * 3, 9) or (..., K * S, 9)
+        Derivatives by (r0, v, m) over sigma: for each time, in it for each
+        sensor, in it for each component.
+
+    Raises
+    ------
+    InputError
+        Shapes that do not fit, numbers that are not finite, times that do not
+        increase, a sigma that is not positive, a sample at which the dipole is
+        on a sensor.
+
+    Notes
+    -----
+    Dai, Zhou & Shan 2020, eq. (19). One sensor of three components always has
+    the null vector (r0, v, 3 m); one of the total field also has that of a turn
+    about the ambient field.
+
+    Examples
+    --------
+    >>> a = rows([-10, -10, 5], [1, 1, 0], [10, 20, 10], np.arange(21.0), 1e-9)
+    >>> a.shape, bool(abs(a @ [-10, -10, 5, 1, 1, 0, 30, 60, 30]).max() < 1e-12 * abs(a).max())
+    ((63, 9), True)
+    """
+    return held(
+        _core.dipole_rows(
+            times, r0, v, m, _at_least_1d(sigma), _sensors(sensors), _ambient(ambient)
+        ),
+        "a row",
+    )
+
+
+def measure(
+    r0: ArrayLike,
+    v: ArrayLike,
+    m: ArrayLike,
+    times: ArrayLike,
+    *,
+    sensors: ArrayLike | None = None,
+    ambient: ArrayLike | None = None,
+) -> Array:
+    """Return what sensors measure of a dipole at constant velocity, without noise.
+
+    Parameters
+    ----------
+    r0, v, m, times, sensors, ambient
+        As for `rows`.
+
+    Returns
+    -------
+    ndarray, shape (..., K, 3) or (..., K), with ``sensors`` (..., K, S, 3) or (..., K, S)
+        Tesla. With `ambient` the total field, otherwise three components.
+
+    Examples
+    --------
+    >>> measure([-10, -10, 5], [1, 1, 0], [10, 20, 10], np.arange(21.0)).shape
+    (21, 3)
+    """
+    out = _core.dipole_measure(times, r0, v, m, _sensors(sensors), _ambient(ambient))
+    out = held(out, "the field")
+    if sensors is None:
+        out = out[..., 0, :]
+    return out if ambient is None else out[..., 0]
+
+
+def simulate(
+    r0: ArrayLike,
+    v: ArrayLike,
+    m: ArrayLike,
+    times: ArrayLike,
+    sigma: float,
+    seed: int,
+    *,
+    sensors: ArrayLike | None = None,
+    ambient: ArrayLike | None = None,
+    trials: int | None = None,
+) -> Array:
+    """Return noisy fields of a pass, the same for the same seed on any machine.
+
+    Parameters
+    ----------
+    r0, v, m, times, sensors, ambient
+        As for `rows`, of one pass.
+    sigma : float
+        Standard deviation of each component, tesla.
+    seed : int
+        >= 0. Trial i depends on (seed, i) alone.
+    trials : int, optional
+        Number of trials; without it one trial without a leading axis.
+
+    Returns
+    -------
+    ndarray
+        As `measure` returns, with trials in front.
+
+    Examples
+    --------
+    >>> one = simulate([-10, -10, 5], [1, 1, 0], [10, 20, 10], [0, 1, 2], 1e-9, seed=4)
+    >>> one.shape
+    (3, 3)
+    """
+    seed = whole(seed, "seed", 0, SEED_MOST)
+    if trials is not None:
+        trials = whole(trials, "trials", 1)
+    sigma = number(sigma, "sigma")
+    if sigma < 0:
+        raise InputError(f"sigma = {sigma} T: must be >= 0 and finite")
+    exact = measure(r0, v, m, times, sensors=sensors, ambient=ambient)
+    if exact.ndim != 1 + (ambient is None) + (sensors is not None):
+        raise InputError("simulate takes one pass, without leading axes")
+    noise = _core.normals(seed, 0, trials or 1, exact.size).reshape(-1, *exact.shape)
+    noisy: Array = exact + sigma * noise
+    return noisy if trials is not None else noisy[0]
+
+
+def fisher(
+    r0: ArrayLike,
+    v: ArrayLike,
+    m: ArrayLike,
+    times: ArrayLike,
+    sigma: ArrayLike,
+    *,
+    sensors: ArrayLike | None = None,
+) -> Array:
+    """Return the Fisher information of (r0, v, m) from three-component sensors.
+
+    Parameters
+    ----------
+    r0, v, m, times, sigma, sensors
+        As for `rows`; leading axes broadcast.
+
+    Returns
+    -------
+    ndarray, shape (..., 9, 9)
+
+    Raises
+    ------
+    InputError
+        As for `rows`.
+
+    Notes
+    -----
+    Dai, Zhou & Shan 2020, eq. (18). At constant velocity all 42 different sums
+    in it are combinations of seven, the sums of t^k / r^12 for k = 0 to 6, which
+    is what is summed. Half the digits are lost in the matrix: take ranks and
+    bounds from `rows` or `problem`. For sensors of the total field use
+    ``gm.gram(rows(...))``.
+
+    Examples
+    --------
+    >>> j = fisher([-10, -10, 5], [1, 1, 0], [10, 20, 10], np.arange(21.0), 1e-9)
+    >>> round(float(j[0, 0]), 6)
+    216.076908
+    """
+    return held(
+        _core.dipole_fisher(times, r0, v, m, _at_least_1d(sigma), _sensors(sensors)),
+        "the information",
+    )
+
+
+def equivalents(
+    r0: ArrayLike, v: ArrayLike, m: ArrayLike, scale: ArrayLike
+) -> dict[Literal["same", "mirror"], Pass]:
+    """Return the passes that one sensor of three components cannot tell from this one.
+
+    Parameters
+    ----------
+    r0, v, m : array_like, shape (..., 3)
+        The pass.
+    scale : array_like, shape (...)
+        The sizes u > 0 wanted.
+
+    Returns
+    -------
+    dict
+        "same": (u r0, u v, u^3 m); "mirror": (-u r0, -u v, u^3 m). Both make the
+        same field at the origin as the pass itself.
+
+    Raises
+    ------
+    InputError
+        A scale that is not positive.
+
+    Notes
+    -----
+    Dai, Zhou & Shan 2020, eq. (28), which is printed for all u != 0. It holds for
+    u > 0: a negative u turns the sign of the field. The mirror image is an
+    ambiguity of its own, which the Fisher matrix cannot show.
+
+    Examples
+    --------
+    >>> far = equivalents([-10, -10, 5], [1, 1, 0], [10, 20, 10], 2.0)["same"]
+    >>> far.r0, far.m
+    (array([-20., -20.,  10.]), array([ 80., 160.,  80.]))
+    """
+    u = reals(scale, "scale")[..., None]
+    if not ((u > 0) & (u < np.inf)).all():
+        raise InputError(
+            f"scale = {scale!r}: must be > 0 and finite; a negative scale turns the sign of the "
+            "field, and the mirror image is returned beside"
+        )
+    start, velocity, strength = (
+        finite(value, name) for name, value in (("r0", r0), ("v", v), ("m", m))
+    )
+    for name, array in (("r0", start), ("v", velocity), ("m", strength)):
+        if array.shape[-1:] != (3,):
+            raise InputError(f"{name} has shape {array.shape}: must be (..., 3)")
+    return {
+        "same": Pass(u * start, u * velocity, u**3 * strength),
+        "mirror": Pass(-u * start, -u * velocity, u**3 * strength),
+    }
+
+
+def problem(
+    r0: ArrayLike,
+    v: ArrayLike,
+    m: ArrayLike,
+    times: ArrayLike,
+    sigma: ArrayLike,
+    *,
+    sensors: ArrayLike | None = None,
+    ambient: ArrayLike | None = None,
+    scale: ArrayLike | None = None,
+) -> Problem:
+    """Return the problem of one pass: rows with named states.
+
+    Parameters
+    ----------
+    r0, v, m, times, sigma, sensors, ambient
+        As for `rows`, without leading axes.
+    scale : array_like, shape (9,), optional
+        For each state the deviation that would be useless.
+
+    Returns
+    -------
+    Problem
+        States x0, y0, z0, vx, vy, vz, mx, my, mz; combinations "speed", "moment"
+        (its magnitude) and "range" (at the first time), linearised there.
+
+    Notes
+    -----
+    One sensor of three components: nullity 1, the scale; 2 where the moment is
+    perpendicular to the plane of the pass and the sensor; 3 for a radial or a
+    resting pass. Knowing a state repairs it only if its part in the null vector
+    (r0, v, 3 m) is not zero: z0 = 0 known says nothing.
+
+    Examples
+    --------
+    >>> import gramian as gm
+    >>> answer = gm.analyze(problem([-10, -10, 5], [1, 1, 0], [10, 20, 10], np.arange(21.0), 1e-9))
+    >>> scale = answer.null_space[:, 0]
+    >>> answer.nullity, (scale[6:] / scale[0]).round(9)
+    (1, array([-3., -6., -3.]))
+    >>> answer.knowing("speed").repairs, answer.knowing("vz").repairs
+    (True, False)
+    """
+    values = rows(r0, v, m, times, sigma, sensors=sensors, ambient=ambient)
+    if values.ndim != 2:
+        raise InputError(f"the rows have shape {values.shape}: a problem is one pass")
+    combinations = {}
+    for name, vector, first in (("range", r0, 0), ("speed", v, 3), ("moment", m, 6)):
+        along = reals(vector, name)
+        size = np.linalg.norm(along)
+        if size > 0:
+            combinations[name] = np.zeros(9)
+            combinations[name][first : first + 3] = along / size
+    return Problem(values, NAMES, units=UNITS, scale=scale, combinations=combinations)
+
+
+def _sensors(sensors: ArrayLike | None) -> ArrayLike:
+    return _ORIGIN if sensors is None else sensors
+
+
+def _at_least_1d(sigma: ArrayLike) -> Array:
+    array = reals(sigma, "sigma")
+    return array[None] if array.ndim == 0 else array
+
+
+def _ambient(ambient: ArrayLike | None) -> tuple[float, float, float] | None:
+    if ambient is None:
+        return None
+    array = reals(ambient, "ambient")
+    if array.shape != (3,) or not np.isfinite(array).all() or not array.any():
+        raise InputError(f"ambient = {ambient!r}: must be three finite numbers in tesla, not all 0")
+    return float(array[0]), float(array[1]), float(array[2])

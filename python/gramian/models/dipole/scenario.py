@@ -1,0 +1,482 @@
+"""Scenarios of a passing magnetic dipole: `model = "dipole"`."""
+
+from __future__ import annotations
+
+import warnings
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from gramian.analysis import Observability, analyze, plain
+from gramian.exceptions import UnobservableError
+from gramian.models import dipole
+from gramian.models.dipole import Localization
+from gramian.report import (
+    Picture,
+    Report,
+    Table,
+    Tone,
+    answer_pictures,
+    answer_tables,
+    number,
+    tone_of,
+)
+from gramian.scenario.base import Scenario, Section, Simulation
+from gramian.scenario.files import read_columns
+
+if TYPE_CHECKING:
+    from gramian.problem import Problem
+
+__all__ = ["DipoleScenario"]
+
+Array = NDArray[np.float64]
+Vector = tuple[float, float, float]
+Quantity = Literal[
+    "x", "y", "z", "x0", "y0", "z0", "vx", "vy", "vz", "mx", "my", "mz", "speed", "moment"
+]
+
+_UNITS = {"T": 1.0, "mT": 1e-3, "uT": 1e-6, "nT": 1e-9, "mG": 1e-7, "G": 1e-4}
+
+
+class Columns(Section):
+    """The names of the columns: time in seconds, three of the field for each sensor."""
+
+    time: str
+    field: list[tuple[str, str, str]] = Field(min_length=1)
+
+
+class Select(Section):
+    """Only the rows in which a column has this value."""
+
+    column: str
+    value: str
+
+
+class Record(Section):
+    """A recorded field."""
+
+    file: str
+    columns: Columns
+    unit: Literal["T", "mT", "uT", "nT", "mG", "G"]
+    select: Select | None = None
+    missing: Literal["raise", "drop"] = "raise"
+
+
+class Window(Section):
+    """Which times are used, seconds; without them the whole record, or the pass in it."""
+
+    start: float
+    end: float
+
+    @model_validator(mode="after")
+    def _order(self) -> Window:
+        if not self.end > self.start:
+            raise ValueError(f"end {self.end} s must be later than start {self.start} s")
+        return self
+
+
+class Prior(Section):
+    """What is known to a standard deviation."""
+
+    mean: float
+    sigma: float = Field(gt=0)
+
+
+class Fit(Section):
+    """How the record is fitted; see `gramian.dipole.localize`."""
+
+    background: Literal["none", "median", "fit"] = "median"
+    loss: Literal["gaussian", "huber"] = "huber"
+    window: Literal["pass"] | Window | None = "pass"
+    sigma_nT: float | None = Field(default=None, gt=0)
+    starts: int = Field(default=12, ge=1)
+
+
+class Pass(Section):
+    """A pass in place of a record: position (m) at the first time, velocity (m/s), moment."""
+
+    r0: Vector
+    v: Vector
+    m: Vector
+    duration: float = Field(gt=0)
+    step: float = Field(gt=0)
+    sigma_nT: float = Field(gt=0)
+
+    @model_validator(mode="after")
+    def _samples(self) -> Pass:
+        if self.duration / self.step > 1e6:
+            raise ValueError("a pass of more than a million samples: choose a longer step")
+        return self
+
+    @property
+    def times(self) -> Array:
+        """Instants from 0 to the duration."""
+        count = int(np.floor(self.duration / self.step * (1 + 1e-12))) + 1
+        return np.asarray(self.step * np.arange(count), dtype=float)
+
+
+class DipoleScenario(Scenario):
+    """One or more sensors, a record or an assumed pass, and what is known of it."""
+
+    model: Literal["dipole"]
+    sensors: list[Vector] = Field(default_factory=lambda: [(0.0, 0.0, 0.0)], min_length=1)
+    record: Record | None = None
+    assumed: Pass | None = Field(default=None, alias="pass")
+    known: dict[Quantity, float] = Field(default_factory=dict)
+    prior: dict[Quantity, Prior] = Field(default_factory=dict)
+    fit: Fit = Fit()
+
+    @model_validator(mode="after")
+    def _one_source(self) -> DipoleScenario:
+        if (self.record is None) == (self.assumed is None):
+            raise ValueError("give the section [record] (a recorded field) or [pass], one of them")
+        if self.record and len(self.record.columns.field) != len(self.sensors):
+            raise ValueError(
+                f"record.columns.field names {len(self.record.columns.field)} sensor(s), "
+                f"sensors has {len(self.sensors)} position(s): must be as many"
+            )
+        return self
+
+    @property
+    def _positions(self) -> Array:
+        return np.array(self.sensors, dtype=float)
+
+    @property
+    def _priors(self) -> dict[str, tuple[float, float]]:
+        return {name: (value.mean, value.sigma) for name, value in self.prior.items()}
+
+    @cached_property
+    def _samples(self) -> tuple[Array, Array]:
+        """Times and field (K, S, 3) in tesla."""
+        assert self.record is not None
+        record = self.record
+        path = self.beside(record.file)
+        numbers = {"time": record.columns.time}
+        for s, names in enumerate(record.columns.field):
+            numbers |= {
+                f"{axis} of sensor {s + 1}": name for axis, name in zip("xyz", names, strict=True)
+            }
+        texts = {"selection": record.select.column} if record.select else {}
+        missing: Literal["raise", "nan"] = "nan" if record.missing == "drop" else "raise"
+        values, words = read_columns(path, numbers, texts, missing=missing)
+        chosen = np.ones(values["time"].shape, dtype=bool)
+        if record.select:
+            chosen = words["selection"] == record.select.value
+            if not chosen.any():
+                there = ", ".join(sorted(set(words["selection"])))
+                raise self.mistake(
+                    "record.select.value", f"{record.select.value!r} is not in {path}: {there}"
+                )
+        times = values.pop("time")[chosen]
+        field = np.stack([column[chosen] for column in values.values()], axis=1)
+        return times, _UNITS[record.unit] * field.reshape(len(times), -1, 3)
+
+    def locate(self) -> Localization:
+        """Locate the dipole in the record."""
+        times, field = self._samples
+        fit = self.fit
+        window: Literal["pass"] | tuple[float, float] | None = (
+            (fit.window.start, fit.window.end) if isinstance(fit.window, Window) else fit.window
+        )
+        assert self.record is not None
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", UserWarning)
+            try:
+                return dipole.localize(
+                    times,
+                    field,
+                    {str(name): value for name, value in self.known.items()},
+                    prior=self._priors,
+                    sensors=self._positions,
+                    background=None if fit.background == "none" else fit.background,
+                    loss=fit.loss,
+                    sigma=None if fit.sigma_nT is None else 1e-9 * fit.sigma_nT,
+                    window=window,
+                    missing=self.record.missing,
+                    starts=fit.starts,
+                )
+            except UserWarning as warning:
+                raise self.mistake("record.unit", str(warning)) from None
+
+    def localize(self) -> Report:
+        """Estimate the pass from its field."""
+        if self.record is None:
+            raise self.mistake("record", "is missing: there is nothing to locate from")
+        try:
+            found = self.locate()
+        except UnobservableError as error:
+            return self._refusal(error)
+        return _located(found, self._title, self.model)
+
+    @property
+    def _title(self) -> str:
+        if self.record is None:
+            return self.path.stem
+        return f"{self.record.file}" + (
+            f" ({self.record.select.value})" if self.record.select else ""
+        )
+
+    def _refusal(self, error: UnobservableError) -> Report:
+        return Report(
+            title=self._title,
+            subtitle=f"{len(self.sensors)} three-component sensor(s), one dipole",
+            tone="bad",
+            headline="UNOBSERVABLE",
+            verdict=str(error),
+            facts=[("cannot be determined", text) for text in error.null_combinations],
+            data={"model": self.model, "null_combinations": list(error.null_combinations)},
+        )
+
+    @cached_property
+    def _problem(self) -> tuple[Problem, Array]:
+        """The rows of the pass, assumed or located, and its state."""
+        if self.assumed is not None:
+            given = self.assumed
+            state = np.array([*given.r0, *given.v, *given.m])
+            times, sigma = given.times, 1e-9 * given.sigma_nT
+        else:
+            found = self.locate()
+            start = found.r0 + (found.times[0] - found.origin) * found.v
+            state = np.concatenate([start, found.v, found.m])
+            times, sigma = found.times, found.sigma
+        problem = dipole.problem(
+            state[:3], state[3:6], state[6:], times, sigma, sensors=self._positions
+        )
+        return problem, state
+
+    def analyze(self) -> Report:
+        """Answer what the field of the pass determines, and what knowledge would add."""
+        if self.record is not None:
+            try:
+                problem, state = self._problem
+            except UnobservableError as error:
+                return self._refusal(error)
+        else:
+            problem, state = self._problem
+        names = {_long(name) for name in self.known}
+        sizes = [name for name in names if name not in dipole.NAMES]
+        fixed = [name for name in dipole.NAMES if name in names]
+        if len(fixed) == 9:
+            raise self.mistake("known", "names every state: nothing is left to determine")
+        if fixed:
+            problem = problem.fix(*fixed)
+        # Exactly known sizes: to a millionth of themselves, so that they stay rows.
+        sigmas = {name: 1e-6 * float(self._size(name, state)) for name in sizes}
+        sigmas |= {_long(name): value.sigma for name, value in self.prior.items()}
+        for name in sigmas:
+            if name not in problem.names and name not in problem.combinations:
+                raise self.mistake(f"prior.{name}", "is of something that is known")
+        answer = analyze(problem.prior(sigmas) if sigmas else problem)
+        return Report(
+            title=self._title,
+            subtitle=(
+                f"{len(problem.rows)} numbers of {len(self.sensors)} sensor(s), one passing dipole"
+            ),
+            tone=tone_of(answer),
+            headline={"weak": "WEAKLY OBSERVABLE"}.get(answer.status, answer.status.upper()),
+            verdict=answer.reason,
+            facts=_facts(answer),
+            tables=answer_tables(answer),
+            pictures=answer_pictures(answer),
+            data={"model": self.model, "state": plain(state), "observability": answer.to_dict()},
+        )
+
+    def _size(self, name: str, state: Array) -> float:
+        return float(np.linalg.norm(state[3:6] if name == "speed" else state[6:]))
+
+    def experiment(self) -> Simulation:
+        """Return the experiment of the assumed pass, with what is known of it."""
+        from gramian.monte_carlo import Dipole
+
+        if self.assumed is None:
+            raise self.mistake("pass", "is missing: there is nothing to simulate")
+        given = self.assumed
+        return Simulation(
+            Dipole(
+                given.r0,
+                given.v,
+                given.m,
+                given.times,
+                1e-9 * given.sigma_nT,
+                known=[_long(name) for name in self.known],
+                sensors=self._positions,
+            ),
+            title=self._title,
+            subtitle=f"{len(given.times)} samples, sigma {given.sigma_nT:g} nT",
+        )
+
+    def _true(self, name: str, state: Array) -> float:
+        if name in ("speed", "moment"):
+            return self._size(name, state)
+        return float(state[dipole.NAMES.index(_long(name))])
+
+    def simulate(
+        self, trials: int, seed: int, *, resume: Path | None = None, progress: bool = False
+    ) -> Report:
+        """Locate the assumed pass many times and compare with the bound.
+
+        With a prior, or knowledge that is not true of the pass, the trials are
+        run in one go: there is nothing to resume.
+        """
+        if self.assumed is None:
+            raise self.mistake("pass", "is missing: there is nothing to simulate")
+        given = self.assumed
+        state = np.array([*given.r0, *given.v, *given.m])
+        if not self.prior and all(
+            np.isclose(value, self._true(str(name), state), rtol=1e-9, atol=1e-12)
+            for name, value in self.known.items()
+        ):
+            return super().simulate(trials, seed, resume=resume, progress=progress)
+        known = {str(name): value for name, value in self.known.items()}
+        found = dipole.localize_trials(
+            given.r0,
+            given.v,
+            given.m,
+            given.times,
+            1e-9 * given.sigma_nT,
+            seed,
+            trials,
+            known=known,
+            prior=self._priors,
+            sensors=self._positions,
+        )
+        exact = dipole.measure(given.r0, given.v, given.m, given.times, sensors=self._positions)
+        bound = dipole.localize(
+            given.times,
+            exact,
+            known,
+            prior=self._priors,
+            sensors=self._positions,
+            sigma=1e-9 * given.sigma_nT,
+        ).std
+        rmse = np.sqrt(((found - state) ** 2).mean(axis=0))
+        ratio = np.divide(rmse, bound, out=np.ones(9), where=bound > 0)
+        spread = 3 / np.sqrt(2 * trials)
+        near = bool((np.abs(ratio - 1) < spread + 0.05).all())
+        return Report(
+            title=self._title,
+            subtitle=f"{trials} trials, seed {seed}",
+            tone="good" if near else "weak",
+            headline="AT THE BOUND" if near else "OFF THE BOUND",
+            verdict=f"errors (rms) are {ratio.min():.3f} to {ratio.max():.3f} times the bounds",
+            tables=[
+                Table(
+                    "Errors against the bound",
+                    ["state", "true", "root mean square error", "bound", "ratio"],
+                    [
+                        [
+                            name,
+                            number(state[i]),
+                            number(rmse[i]),
+                            number(bound[i]),
+                            f"{ratio[i]:.3f}",
+                        ]
+                        for i, name in enumerate(dipole.NAMES)
+                    ],
+                )
+            ],
+            data={
+                "model": self.model,
+                "trials": trials,
+                "seed": seed,
+                "rmse": plain(rmse),
+                "bound": plain(bound),
+            },
+        )
+
+
+def _located(found: Localization, title: str, model: str) -> Report:
+    near, speed, moment = found.closest, found.speed, found.moment
+    tone: Tone = "good" if found.status == "good" and found.converged else "weak"
+    facts = [
+        ("closest approach", f"{near.range:.3g} m +- {near.range_std:.2g} at {near.time:.4g} s"),
+        ("seen from the first sensor", "(" + ", ".join(f"{x:.2f}" for x in near.position) + ") m"),
+        ("speed", f"{speed[0]:.4g} m/s" + (f" +- {speed[1]:.2g}" if speed[1] > 0 else " (known)")),
+        ("direction of travel", "(" + ", ".join(f"{x:.3f}" for x in found.direction) + ")"),
+        ("moment", f"{moment[0]:.4g} A m^2" + (f" +- {moment[1]:.2g}" if moment[1] > 0 else "")),
+        ("mirror image", _mirror(found)),
+        (
+            "left over",
+            f"{100 * (1 - found.explained):.1f} % of the field's square; sigma "
+            f"{1e9 * found.sigma:.3g} nT; {found.spikes} spikes and {found.dropped} missing "
+            f"samples left out of {len(found.times) + found.dropped}",
+        ),
+    ]
+    values = np.concatenate([found.r0, found.v, found.m])
+    columns = ["state", "value", "standard deviation", "unit"]
+    mirror = None
+    if found.mirror is not None:
+        mirror = np.concatenate([found.mirror.r0, found.mirror.v, found.mirror.m])
+        columns.append("mirror image")
+    table = Table(
+        "The pass",
+        columns,
+        [
+            [
+                name,
+                number(values[i]),
+                number(found.std[i]) if found.std[i] > 0 else "known",
+                dipole.UNITS[i],
+                *([number(mirror[i])] if mirror is not None else []),
+            ]
+            for i, name in enumerate(dipole.NAMES)
+        ],
+        "Standard deviations are the bound with independent noise of the sigma above; where the "
+        "dipole is no more than a model of the body, the true errors are larger.",
+    )
+
+    def pictures() -> Any:
+        from gramian.models.dipole import plot as drawn
+
+        return drawn
+
+    return Report(
+        title=title,
+        subtitle=f"{len(found.times)} samples of {len(found.sensors)} three-component sensor(s)",
+        tone=tone,
+        headline="LOCATED" if tone == "good" else "LOCATED, VAGUELY",
+        verdict=(
+            f"one dipole explains {100 * found.explained:.1f} % of the field; it passes at "
+            f"{near.range:.3g} m, +- {100 * near.range_std / near.range:.2g} %"
+        ),
+        facts=facts,
+        tables=[table],
+        pictures=[
+            Picture(
+                "Field",
+                "Samples, the field of the dipole, and what it leaves over.",
+                found.plot,
+            ),
+            Picture(
+                "Path",
+                "From above and from the side. At one sensor its mirror image has the same field.",
+                lambda: pictures().path(found),
+            ),
+        ],
+        data={"model": model, "localization": found.to_dict()},
+    )
+
+
+def _mirror(found: Localization) -> str:
+    if found.mirror is None:
+        return found.no_mirror
+    if found.mirror.cost <= found.cost * (1 + 1e-6) + 1e-9:
+        return "(-r0, -v, m) fits exactly as well: a prior of one component would tell them apart"
+    return f"fits worse: cost {found.mirror.cost:.5g} against {found.cost:.5g}"
+
+
+def _facts(answer: Observability) -> list[tuple[str, str]]:
+    facts = [("cannot be determined", text) for text in answer.null_combinations]
+    if answer.nullity and answer.suggestions:
+        repairs = [s.name for s in answer.suggestions if s.repairs]
+        if repairs:
+            facts.append(("any one of these would repair it", ", ".join(repairs)))
+    return facts
+
+
+def _long(name: str) -> str:
+    return f"{name}0" if name in ("x", "y", "z") else name

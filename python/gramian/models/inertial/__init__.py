@@ -1,0 +1,28 @@
+"""Error models of a strapdown inertial navigator, for questions of observability.
+
+Axes are north, west, up (N, W, U) for navigation and forward, left, up for the
+body, so that a level vehicle that heads north has both the same. States, in
+this order: tilt phi (rad), velocity error dV (m/s), errors of latitude and
+longitude (rad) and height (m), gyro bias eps (rad/s) and accelerometer bias
+Delta (m/s^2) in body axes. Errors are what the navigator says less what is.
+"""
+
+from __future__ import annotations
+
+from gramian.models.inertial._earth import EARTH_RATE, gravity, radii
+from gramian.models.inertial._flight import Flight, Leg, segments
+from gramian.models.inertial._model import NAMES, UNITS, error_model, rotation, static_base
+
+__all__ = [
+    "EARTH_RATE",
+    "NAMES",
+    "UNITS",
+    "Flight",
+    "Leg",
+    "error_model",
+    "gravity",
+    "radii",
+    "rotation",
+    "segments",
+    "static_base",
+]

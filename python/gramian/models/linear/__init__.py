@@ -1,0 +1,35 @@
+"""Linear systems x' = A x, y = C x: what their outputs tell of the state, and how well.
+
+Every function takes A and C as arrays, or in place of A a state-space object of
+SciPy or python-control (anything with attributes ``A`` and ``C``), or a `System`.
+"""
+
+from gramian.models.linear._degrees import Degree, Information, degree, information
+from gramian.models.linear._levels import (
+    BatchLevels,
+    Levels,
+    batch_levels,
+    levels,
+    observability_matrix,
+)
+from gramian.models.linear._systems import System
+from gramian.models.linear._windows import Piecewise, gramian, piecewise, problem, rows, transition
+
+__all__ = [
+    "BatchLevels",
+    "Degree",
+    "Information",
+    "Levels",
+    "Piecewise",
+    "System",
+    "batch_levels",
+    "degree",
+    "gramian",
+    "information",
+    "levels",
+    "observability_matrix",
+    "piecewise",
+    "problem",
+    "rows",
+    "transition",
+]

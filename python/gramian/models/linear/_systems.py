@@ -1,0 +1,172 @@
+"""What a linear system is given as."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gramian._arrays import reals
+from gramian.exceptions import InputError
+
+__all__ = ["StateSpace", "System", "SystemLike", "matrices", "system_of", "whitener"]
+
+Array = NDArray[np.float64]
+
+
+class StateSpace(Protocol):
+    """What SciPy's and python-control's state-space objects have in common."""
+
+    A: Any
+    C: Any
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """A linear system with names: what `gramian.inertial` makes.
+
+    Attributes
+    ----------
+    A : ndarray, shape (n, n)
+    C : ndarray, shape (p, n)
+    names, units : tuple of str, length n
+        Of the states.
+    prior : ndarray, shape (n,)
+        What each state is known to beforehand, standard deviation; NaN for not at all.
+    outputs : tuple of str, length p
+    noise : ndarray, shape (p,)
+        Standard deviation of each output; NaN where it is not known.
+    combinations : mapping of str to ndarray, shape (n,)
+        Named linear combinations of the states.
+    """
+
+    A: Array
+    C: Array
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    prior: Array
+    outputs: tuple[str, ...]
+    noise: Array
+    combinations: Mapping[str, Array] = field(default_factory=dict)
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return len(self.names)
+
+
+SystemLike = ArrayLike | StateSpace | System
+
+
+def matrices(A: SystemLike, C: ArrayLike | None) -> tuple[Any, Any]:
+    """Return A and C of whatever a system is given as."""
+    if hasattr(A, "A") and hasattr(A, "C") and not isinstance(A, np.ndarray):
+        if C is not None:
+            raise InputError("C was given beside a state-space object, which has its own")
+        return A.A, A.C
+    if C is None:
+        raise InputError(
+            "C is missing: give A and C, or an object with both, "
+            "as scipy.signal.StateSpace and control.StateSpace have"
+        )
+    return A, C
+
+
+def system_of(
+    A: SystemLike,
+    C: ArrayLike | None,
+    names: Sequence[str] | None = None,
+    units: Sequence[str] | None = None,
+    prior: ArrayLike | Mapping[str, float] | None = None,
+    R: ArrayLike | None = None,
+) -> System:
+    """Return one system with its matrices checked and its names filled in."""
+    a, c = matrices(A, C)
+    a, c = _numbers(a, "A"), _numbers(c, "C")
+    if a.ndim != 2 or a.shape[0] != a.shape[1] or a.size == 0:
+        raise InputError(f"A has shape {a.shape}: must be square, a row and a column a state")
+    n = len(a)
+    if c.ndim != 2 or c.shape[1] != n or c.size == 0:
+        raise InputError(f"C has shape {c.shape}: must be (outputs, {n}), a column a state of A")
+    known = A if isinstance(A, System) else None
+    checked = _names(names if names is not None else (known.names if known else None), n)
+    if units is None:
+        units = known.units if known else ("",) * n
+    if len(units) != n:
+        raise InputError(f"units has {len(units)} entries: must have {n}, one for each state")
+    std = known.prior if known else np.full(n, np.nan)
+    if isinstance(prior, Mapping):
+        std = std.copy()
+        for name, value in prior.items():
+            if name not in checked:
+                raise InputError(f"no state is named {name!r}: the states are {', '.join(checked)}")
+            std[checked.index(name)] = value
+    elif prior is not None:
+        std = _numbers(prior, "prior")
+        if std.shape != (n,):
+            raise InputError(f"prior has shape {std.shape}: must be ({n},), one for each state")
+    for name, value in zip(checked, std, strict=True):
+        if not (np.isnan(value) or 0 < value < np.inf):
+            raise InputError(f"prior of {name} = {value}: must be > 0 and finite")
+    noise = known.noise if known and R is None else np.full(len(c), np.nan)
+    return System(
+        A=a,
+        C=c,
+        names=checked,
+        units=tuple(units),
+        prior=std,
+        outputs=known.outputs if known else tuple(f"y{i}" for i in range(len(c))),
+        noise=noise,
+        combinations=MappingProxyType(dict(known.combinations if known else {})),
+    )
+
+
+def whitener(R: ArrayLike | None, p: int, noise: Array | None = None) -> Array:
+    """Return the matrix that makes outputs of covariance R white, R^-1/2.
+
+    Without R the known deviations of the outputs count, or each is 1.
+    """
+    if R is None:
+        if noise is None or np.isnan(noise).any():
+            return np.eye(p)
+        return np.diag(1 / noise)
+    r = _numbers(R, "R")
+    if r.ndim == 0:
+        r = np.full(p, float(r))
+    if r.ndim == 1:
+        if r.shape != (p,):
+            raise InputError(f"R has shape {r.shape}: must be ({p},) variances or ({p}, {p})")
+        if (bad := np.flatnonzero(~(r > 0))).size:
+            raise InputError(f"R[{bad[0]}] = {r[bad[0]]}: a variance must be > 0")
+        return np.diag(1 / np.sqrt(r))
+    if r.shape != (p, p) or not np.allclose(r, r.T, rtol=1e-10, atol=0):
+        raise InputError(f"R has shape {r.shape}: must be a symmetric ({p}, {p}) covariance")
+    try:
+        factor = np.linalg.cholesky(r)
+    except np.linalg.LinAlgError:
+        raise InputError("R is not positive definite: a covariance must be") from None
+    inverse: Array = np.linalg.inv(factor)
+    return inverse
+
+
+def _names(names: Sequence[str] | None, n: int) -> tuple[str, ...]:
+    if names is None:
+        return tuple(f"x{i}" for i in range(n))
+    checked = tuple(names)
+    if isinstance(names, str) or len(checked) != n:
+        raise InputError(f"names has {len(checked)} entries: must have {n}, one for each state")
+    if len(set(checked)) < n:
+        raise InputError("names has an entry twice: each state needs its own")
+    return checked
+
+
+def _numbers(value: Any, name: str) -> Array:
+    array = reals(value, name).copy()
+    if (bad := np.argwhere(~np.isfinite(array))).size and name != "prior":
+        index = ", ".join(str(i) for i in bad[0])
+        raise InputError(f"{name}[{index}] = {array[tuple(bad[0])]}: must be finite")
+    return array

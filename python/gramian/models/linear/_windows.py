@@ -1,0 +1,412 @@
+"""What a window of outputs tells: Gramians, rows, and systems constant by segments."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gramian import _core
+from gramian._arrays import finite, number, reals
+from gramian.analysis import describe_combination
+from gramian.exceptions import InputError
+from gramian.models.linear._levels import observability_matrix
+from gramian.models.linear._systems import System, SystemLike, matrices, system_of, whitener
+from gramian.problem import Problem
+
+__all__ = ["Piecewise", "gramian", "piecewise", "problem", "rows", "transition"]
+
+Array = NDArray[np.float64]
+
+#: Rows are kept, a block for each sample.
+MOST_SAMPLES = 10_000_000
+
+
+def transition(A: ArrayLike, duration: float) -> Array:
+    """Return e^(A duration), the transition of the state over a duration.
+
+    Parameters
+    ----------
+    A : array_like, shape (n, n)
+    duration : float
+        In the unit of time of A.
+
+    Raises
+    ------
+    InputError
+        A result that exceeds the numbers.
+
+    Examples
+    --------
+    >>> transition([[0, 1], [0, 0]], 3.0)
+    array([[1., 3.],
+           [0., 1.]])
+    """
+    return _core.linear_transition(A, number(duration, "duration"))
+
+
+def gramian(
+    A: SystemLike,
+    C: ArrayLike | None = None,
+    *,
+    window: float,
+    dt: float | None = None,
+    R: ArrayLike | None = None,
+    Q: ArrayLike | None = None,
+) -> Array:
+    """Return the observability Gramian of a finite window: the information about x(0).
+
+    Parameters
+    ----------
+    A : array_like, shape (..., n, n), or state-space object
+        Of x' = A x; with `dt`, of x[k+1] = A x[k]. Need not be stable.
+    C : array_like, shape (..., p, n)
+    window : float
+        How long outputs are taken, > 0, in the unit of time of the system.
+    dt : float, optional
+        Time between samples of a discrete system; there are
+        floor(window / dt) + 1 of them, from 0 on.
+    R : array_like, shape (), (p,) or (p, p), optional
+        Covariance of the outputs (variances, or the matrix), in continuous time
+        its density; 1 by default, or the noise of a `System`.
+    Q : array_like, shape (n, n), optional
+        Covariance of the process noise of a step, in continuous time its
+        density. It makes what is seen late say less about the beginning.
+
+    Returns
+    -------
+    ndarray, shape (..., n, n)
+        Without Q, the integral of e^(A^T t) C^T R^-1 C e^(A t), or the sum of
+        Phi^kT C^T R^-1 C Phi^k.
+
+    Raises
+    ------
+    InputError
+        Shapes that do not fit, a window that is not positive, a covariance that
+        is not one, a Gramian that exceeds the numbers.
+
+    Notes
+    -----
+    A short window by the exponential of Van Loan 1978's block matrix, then
+    doubled as often as it takes; all sums are of positive terms. Rank and
+    bounds of long windows keep twice the digits when taken from `problem`.
+
+    Examples
+    --------
+    >>> gramian([[0, 1], [0, 0]], [[1, 0]], window=2.0)
+    array([[2.        , 2.        ],
+           [2.        , 2.66666667]])
+    """
+    a, c = matrices(A, C)
+    c = reals(c, "C")
+    if c.ndim < 2:
+        raise InputError(f"C has shape {c.shape}: must be (outputs, states)")
+    samples = _samples(window, dt)
+    noise = A.noise if isinstance(A, System) else None
+    white = whitener(R, c.shape[-2], noise) @ c
+    if Q is not None:
+        q = finite(Q, "Q")
+        if q.ndim < 2 or q.shape[-1] != q.shape[-2] or not q.size:
+            raise InputError(f"Q has shape {q.shape}: must be a covariance (n, n) of the states")
+        if not np.allclose(q, np.swapaxes(q, -1, -2), rtol=1e-10, atol=0):
+            raise InputError("Q is not symmetric: a covariance must be")
+        spread = np.sqrt(np.abs(np.diagonal(q, axis1=-2, axis2=-1)))
+        spread = np.where(spread > 0, spread, 1.0)
+        scaled = q / spread[..., :, None] / spread[..., None, :]
+        if (np.linalg.eigvalsh(scaled) < -1e-10).any():
+            raise InputError("Q has a negative eigenvalue: a covariance must not")
+    return _core.linear_gramian(a, white, Q, float(window), samples)
+
+
+def rows(
+    A: SystemLike,
+    C: ArrayLike | None = None,
+    *,
+    window: float,
+    dt: float,
+    R: ArrayLike | None = None,
+    time: str = "continuous",
+) -> Array:
+    """Return whitened rows R^-1/2 C e^(A t) of samples at 0, dt, .., window.
+
+    Parameters
+    ----------
+    A, C : array_like or state-space object
+        One system.
+    window, dt : float
+        How long and how often outputs are taken: floor(window / dt) + 1 samples.
+    R : array_like, optional
+        Covariance of the outputs of one sample.
+    time : {"continuous", "discrete"}
+        Whether A is that of x' = A x, or of x[k+1] = A x[k] with step `dt`.
+
+    Returns
+    -------
+    ndarray, shape (samples p, n)
+        About the state at time 0.
+    """
+    system = system_of(A, C, R=R)
+    samples = _samples(window, number(dt, "dt"))
+    if time not in ("continuous", "discrete"):
+        raise InputError(f'time = {time!r}: must be "continuous" or "discrete"')
+    assert samples is not None
+    if samples > MOST_SAMPLES:
+        raise InputError(
+            f"window = {window} and dt = {dt}: {samples} samples, more than {MOST_SAMPLES}: "
+            "sample less often, or take `gramian`, which keeps no rows"
+        )
+    white = whitener(R, len(system.C), system.noise) @ system.C
+    step = transition(system.A, dt) if time == "continuous" else system.A
+    block, out = white, [white]
+    with np.errstate(over="ignore", invalid="ignore"):
+        for _ in range(samples - 1):
+            block = block @ step
+            out.append(block)
+    if not np.isfinite(block).all():
+        raise InputError(
+            f"window = {window}: the rows exceed the numbers, the system grows too fast for it"
+        )
+    return np.concatenate(out)
+
+
+def problem(
+    A: SystemLike,
+    C: ArrayLike | None = None,
+    *,
+    window: float,
+    dt: float,
+    R: ArrayLike | None = None,
+    time: str = "continuous",
+    names: Sequence[str] | None = None,
+    units: Sequence[str] | None = None,
+    prior: ArrayLike | Mapping[str, float] | None = None,
+) -> Problem:
+    """Return the problem of a window of samples, for `gramian.analyze`.
+
+    Parameters
+    ----------
+    A, C, window, dt, R, time
+        As for `rows`.
+    names, units : sequence of str, length n, optional
+    prior : array_like, shape (n,), or mapping of str to float, optional
+        Standard deviation of what is known beforehand of each state (NaN: not at
+        all); that of a `System` by default.
+
+    Returns
+    -------
+    Problem
+        About the state at time 0.
+
+    Examples
+    --------
+    >>> import gramian as gm
+    >>> answer = gm.analyze(problem([[0, 1], [0, 0]], [[1, 0]], window=10.0, dt=1.0))
+    >>> answer.status
+    'observable'
+    """
+    system = system_of(A, C, names, units, prior, R)
+    found = Problem(
+        rows(A, C, window=window, dt=dt, R=R, time=time),
+        system.names,
+        units=system.units,
+        scale=system.prior,
+        combinations=dict(system.combinations),
+    )
+    known = ~np.isnan(system.prior)
+    return found.prior(
+        {name: s for name, s, k in zip(system.names, system.prior, known, strict=True) if k}
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Piecewise:
+    """A system that is constant by segments, and what each of them adds.
+
+    Attributes
+    ----------
+    names : tuple of str, length n
+    segment_ranks : tuple of int
+        The rank of each segment alone.
+    stripped_ranks : tuple of int
+        The rank of [Q_1; ..; Q_j], the stripped observability matrix, after each.
+    total_ranks : tuple of int
+        The rank of [Q_1; Q_2 Phi_1; ..], the total one: what counts.
+    kernel_rests : tuple of bool
+        Whether the kernel of each segment's Q lies in that of its A. Where all
+        do, stripped and total matrix have the same kernel.
+    null_space : ndarray, shape (n, nullity)
+        What the whole does not see of the state at the beginning.
+    A, C : ndarray, shape (segments, n, n) and (segments, p, n)
+    durations : ndarray, shape (segments,)
+    """
+
+    names: tuple[str, ...]
+    segment_ranks: tuple[int, ...]
+    stripped_ranks: tuple[int, ...]
+    total_ranks: tuple[int, ...]
+    kernel_rests: tuple[bool, ...]
+    null_space: Array
+    A: Array
+    C: Array
+    durations: Array
+
+    @property
+    def rank(self) -> int:
+        """Rank of the total observability matrix."""
+        return self.total_ranks[-1]
+
+    @property
+    def null_combinations(self) -> tuple[str, ...]:
+        """The null space in words."""
+        return tuple(describe_combination(column, self.names) for column in self.null_space.T)
+
+    def stripped_matrix(self) -> Array:
+        """Return [Q_1; ..; Q_r], shape (r n p, n)."""
+        stacked = observability_matrix(self.A, self.C)
+        return stacked.reshape(-1, stacked.shape[-1])
+
+    def rows(self, *, dt: float, R: ArrayLike | None = None) -> Array:
+        """Return whitened rows of samples at 0, dt, 2 dt, ... from the beginning.
+
+        Parameters
+        ----------
+        dt : float
+            Time between samples; the last is that at the end, if one falls there.
+        R : array_like, optional
+            Covariance of the outputs of one sample.
+
+        Returns
+        -------
+        ndarray, shape (samples p, n)
+            About the state at the beginning.
+        """
+        if not number(dt, "dt") > 0:
+            raise InputError(f"dt = {dt}: must be > 0 and finite")
+        n, p = self.A.shape[-1], self.C.shape[-2]
+        white = whitener(R, p)
+        ends = np.cumsum(self.durations)
+        # A sample at the border of two segments is the second one's; but for rounding.
+        counts = np.ceil(ends / dt * (1 - 1e-12)).astype(int)
+        counts[-1] = int(ends[-1] / dt * (1 + 1e-12)) + 1
+        phi, out = np.eye(n), np.empty((counts[-1], p, n))
+        begin, first = 0.0, 0
+        for a, c, end, last in zip(self.A, self.C, ends, counts, strict=True):
+            if last > first:
+                here = transition(a, max(first * dt - begin, 0.0)) @ phi
+                step = transition(a, dt)
+                seen = white @ c
+                for k in range(first, last):
+                    out[k] = seen @ here
+                    if k + 1 < last:
+                        here = step @ here
+            phi = transition(a, end - begin) @ phi
+            begin, first = end, max(first, last)
+        return out.reshape(-1, n)
+
+    def summary(self) -> str:
+        """Return the ranks segment by segment, as text."""
+        lines = [f"rank {self.rank} of {len(self.names)} after {len(self.durations)} segments"]
+        ranks = zip(self.segment_ranks, self.stripped_ranks, self.total_ranks, strict=True)
+        for j, (alone, stripped, total) in enumerate(ranks):
+            lines.append(f"  segment {j}: alone {alone}, stripped {stripped}, total {total}")
+        lines += [f"  never seen: {text}" for text in self.null_combinations]
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the answer as plain lists, numbers and strings, fit for JSON."""
+        return {
+            "names": list(self.names),
+            "segment_ranks": list(self.segment_ranks),
+            "stripped_ranks": list(self.stripped_ranks),
+            "total_ranks": list(self.total_ranks),
+            "kernel_rests": list(self.kernel_rests),
+            "null_space": self.null_space.tolist(),
+            "null_combinations": list(self.null_combinations),
+            "durations": self.durations.tolist(),
+        }
+
+
+def piecewise(
+    A: ArrayLike,
+    C: ArrayLike,
+    durations: ArrayLike,
+    names: Sequence[str] | None = None,
+    *,
+    rtol: float | None = None,
+) -> Piecewise:
+    """Analyse a system that is constant by segments: a maneuver, a time-varying system.
+
+    Parameters
+    ----------
+    A : array_like, shape (segments, n, n)
+    C : array_like, shape (segments, p, n) or (p, n)
+    durations : array_like, shape (segments,)
+        Each > 0.
+    names : sequence of str, length n, optional
+    rtol : float, optional
+        As for `levels`.
+
+    Returns
+    -------
+    Piecewise
+
+    Raises
+    ------
+    InputError
+        Shapes that do not fit, a duration that is not positive, an unknown name.
+
+    Notes
+    -----
+    Goshen-Meskin & Bar-Itzhack 1992. The stripped matrix may be used in place of
+    the total one where the kernel of each segment rests, A_j N_j = 0 (their
+    theorem 1); the total rank is found in any case. Segments are compared in one
+    balance of the states, kernel by kernel, not by powers of A. A time-varying
+    system is given as short segments.
+
+    Examples
+    --------
+    >>> still, moved = [[0, 0], [0, 0]], [[0, 1], [0, 0]]
+    >>> found = piecewise([still, moved], [[1, 0]], [1.0, 1.0])
+    >>> found.total_ranks
+    (1, 2)
+    """
+    a = reals(A, "A")
+    if a.ndim != 3:
+        raise InputError(f"A has shape {a.shape}: must be (segments, n, n)")
+    c = reals(C, "C")
+    if c.ndim == 2:
+        c = np.broadcast_to(c, (len(a), *c.shape))
+    if c.ndim != 3 or len(a) == 0:
+        raise InputError(f"C has shape {c.shape}: must be (segments, p, n) or (p, n)")
+    times = np.atleast_1d(reals(durations, "durations"))
+    checked = system_of(a[0], c[0], names).names
+    alone, stripped, total, rests, null = _core.piecewise_ranks(a, c, times, rtol)
+    return Piecewise(
+        names=checked,
+        segment_ranks=tuple(alone.tolist()),
+        stripped_ranks=tuple(stripped.tolist()),
+        total_ranks=tuple(total.tolist()),
+        kernel_rests=tuple(rests),
+        null_space=null,
+        A=a,
+        C=c,
+        durations=times,
+    )
+
+
+def _samples(window: float, dt: float | None) -> int | None:
+    window = number(window, "window")
+    if not window > 0:
+        raise InputError(f"window = {window}: must be > 0 and finite")
+    if dt is None:
+        return None
+    dt = number(dt, "dt")
+    if not 0 < dt <= window:
+        raise InputError(f"dt = {dt}: must be > 0 and no longer than the window, {window}")
+    if not window / dt < 2**53:
+        raise InputError(f"window = {window} and dt = {dt}: more samples than can be counted")
+    # A window of whole steps counts its last sample in spite of rounding.
+    return int(np.floor(window / dt * (1 + 1e-12))) + 1

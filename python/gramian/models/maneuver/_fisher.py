@@ -1,0 +1,168 @@
+"""The information that bearings along a path hold on a target."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gramian import _core
+from gramian._arrays import above_rounding, held, reals, rounding_of_columns
+from gramian.exceptions import InputError
+from gramian.problem import Problem
+
+__all__ = ["fisher", "fisher_det", "problem"]
+
+Array = NDArray[np.float64]
+
+
+def fisher(
+    positions: ArrayLike, target: ArrayLike, sigma: ArrayLike, times: ArrayLike | None = None
+) -> Array:
+    """Return the Fisher information of bearings of a target along a path.
+
+    Parameters
+    ----------
+    positions : array_like, shape (..., m, 2)
+        East and north of the observer at each bearing, metres.
+    target : array_like, shape (..., 2) or (..., 4)
+        A fixed target, or the state (x0, y0, vx, vy) at the first time of one at
+        constant velocity; then `times` is needed.
+    sigma : array_like, shape () or (..., m)
+        Standard deviation of the bearings, radians, > 0.
+    times : array_like, shape (..., m), optional
+        Increasing, seconds.
+
+    Returns
+    -------
+    ndarray, shape (..., 2, 2) or (..., 4, 4)
+        On (x, y) or (x0, y0, vx, vy).
+
+    Raises
+    ------
+    InputError
+        Shapes that do not fit, numbers that are not finite, a sigma that is not
+        positive, times that do not increase or are missing, a position on the target.
+
+    Notes
+    -----
+    Xu et al. 2009, eqs. (9) and (10); with the times, the rows of
+    `gramian.bearings.rows`. The sum keeps half the digits of the rows: take bounds
+    from `gramian.analyze` of `problem` and determinants from `fisher_det`.
+
+    Examples
+    --------
+    >>> fisher([[0, 0], [1000, 0]], [0.0, 1000.0], 0.01).round(6)
+    array([[0.0125, 0.0025],
+           [0.0025, 0.0025]])
+    """
+    return _core.maneuver_fisher(*_arguments(positions, target, sigma, times))
+
+
+def fisher_det(
+    positions: ArrayLike,
+    target: ArrayLike,
+    sigma: ArrayLike,
+    times: ArrayLike | None = None,
+    *,
+    method: Literal["root", "pairs"] = "root",
+) -> Array:
+    """Return the determinant of `fisher`, without the loss of forming it.
+
+    Parameters
+    ----------
+    positions, target, sigma, times
+        As for `fisher`.
+    method : {"root", "pairs"}
+        From the triangular factor of the rows, O(m); or the sum over pairs of
+        sin^2(b_i - b_j) / (sigma_i sigma_j r_i r_j)^2, O(m^2), for a fixed target.
+
+    Returns
+    -------
+    ndarray, shape (...)
+
+    Raises
+    ------
+    InputError
+        As for `fisher`; "pairs" for a moving target.
+
+    Notes
+    -----
+    "pairs" is eq. (14) of Xu et al. 2009.
+
+    Examples
+    --------
+    >>> float(fisher_det([[0, 0], [1000, 0]], [0.0, 1000.0], 0.01).round(9))
+    2.5e-05
+    """
+    if method not in ("root", "pairs"):
+        raise InputError(f'method = {method!r}: must be "root" or "pairs"')
+    arguments = _arguments(positions, target, sigma, times)
+    if method == "pairs" and arguments[1].shape[-1] == 4:
+        raise InputError('method = "pairs" is for a fixed target: a moving one has four states')
+    return held(_core.maneuver_fisher_det(*arguments, method == "pairs"), "the determinant")[()]
+
+
+def problem(positions: ArrayLike, target: ArrayLike, sigma: ArrayLike) -> Problem:
+    """Return the problem of locating a fixed target: rows with named states.
+
+    Parameters
+    ----------
+    positions, target, sigma
+        As for `fisher`, a fixed target, without leading axes.
+
+    Returns
+    -------
+    Problem
+        States x and y; combinations "range" and "bearing" from the last position.
+
+    Examples
+    --------
+    >>> import gramian as gm
+    >>> gm.analyze(problem([[0, 0], [0, 100]], [0.0, 1000.0], 0.01)).status
+    'unobservable'
+    """
+    places, at = reals(positions, "positions"), reals(target, "target")
+    if places.ndim != 2 or at.shape != (2,):
+        raise InputError(
+            f"positions has shape {places.shape}, target {at.shape}: must be (m, 2) and (2,)"
+        )
+    # Checks everything.
+    fisher(places, at, sigma)
+    offsets = at - places
+    ranges = np.hypot(offsets[:, 0], offsets[:, 1])
+    east, north = (offsets / ranges[:, None]).T
+    noise = np.broadcast_to(reals(sigma, "sigma"), ranges.shape)
+    rows = np.stack([north, -east], axis=1) / (ranges * noise)[:, None]
+    # Offsets between large coordinates carry the rounding of those coordinates.
+    size = (np.abs(places) + np.abs(at)).max(axis=1)
+    noise = rounding_of_columns(rows, 8 * np.finfo(float).eps * size / ranges, 2)
+    rows, rtol = above_rounding(rows, noise)
+    return Problem(
+        rows,
+        ("x", "y"),
+        units=("m", "m"),
+        rtol=rtol,
+        combinations={
+            "range": np.array([east[-1], north[-1]]),
+            "bearing": np.array([north[-1], -east[-1]]) / ranges[-1],
+        },
+    )
+
+
+def _arguments(
+    positions: ArrayLike, target: ArrayLike, sigma: ArrayLike, times: ArrayLike | None
+) -> tuple[ArrayLike, Array, Array, ArrayLike | None]:
+    place, noise = reals(target, "target"), reals(sigma, "sigma")
+    if place.ndim == 0 or place.shape[-1] not in (2, 4):
+        raise InputError(
+            f"target has shape {place.shape}: must be (..., 2), or (..., 4): x0, y0, vx, vy"
+        )
+    if (place.shape[-1] == 4) != (times is not None):
+        raise InputError(
+            f"target has {place.shape[-1]} numbers and times are "
+            f"{'given' if times is not None else 'missing'}: a moving target needs times, "
+            "a fixed one has none"
+        )
+    return positions, place, noise[None] if noise.ndim == 0 else noise, times

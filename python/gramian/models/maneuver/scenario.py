@@ -1,0 +1,325 @@
+"""Scenarios of an observer whose path is to be chosen: `model = "maneuver"`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from gramian.exceptions import InputError
+from gramian.models import maneuver
+from gramian.report import Picture, Report, Table, Tone, number
+from gramian.scenario.base import Scenario, Section
+
+if TYPE_CHECKING:
+    from gramian.models.maneuver import ClosedLoop, Plan
+
+__all__ = ["ManeuverScenario"]
+
+Positive = Annotated[float, Field(gt=0)]
+Pair = tuple[float, float]
+Method = Literal["max_det", "hammel_liu", "bearing_rate", "perpendicular", "plan"]
+
+UNITS = {"x": "m", "y": "m", "x0": "m", "y0": "m", "vx": "m/s", "vy": "m/s"}
+
+
+class Target(Section):
+    """Where the target is, or may be, at the first bearing."""
+
+    position: Pair | None = None
+    positions: list[Pair] | None = Field(default=None, min_length=1)
+    weights: list[float] | None = None
+    velocity: Pair | None = None
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> Target:
+        if (self.position is None) == (self.positions is None):
+            raise ValueError("give position, or positions for several possible targets")
+        return self
+
+    def states(self) -> list[list[float]]:
+        """Return a row for each possible target, with its velocity if it moves."""
+        places = [self.position] if self.position else self.positions or []
+        return [[*place, *(self.velocity or ())] for place in places]
+
+
+class Observer(Section):
+    """Where the observer starts and how it can move."""
+
+    start: Pair
+    speed: Positive | tuple[Positive, Positive]
+    heading_deg: float | None = None
+    max_turn_rate_deg: Positive | None = None
+    legs: int | None = Field(default=None, ge=1)
+
+
+class Bearings(Section):
+    """How many bearings, how often, how good."""
+
+    count: int = Field(ge=2, le=100_000)
+    step: Positive
+    sigma_deg: float = Field(gt=0, lt=90)
+
+
+class Limits(Section):
+    """What the path keeps clear of."""
+
+    standoff: float | None = Field(default=None, ge=0)
+    keep_out: list[tuple[float, float, Positive]] = Field(default_factory=list)
+
+
+class Goal(Section):
+    """What is to be made best, and how hard it is searched."""
+
+    criterion: Literal["D", "A", "E"] = "D"
+    combination: str | list[float] | None = None
+    starts: int = Field(default=8, ge=1)
+    seed: int = Field(default=0, ge=0)
+
+
+class Loop(Section):
+    """The closed loop: an observer that does not know the target."""
+
+    first_range: tuple[Positive, Positive]
+    methods: tuple[Method, ...] = ("plan", "max_det", "hammel_liu", "bearing_rate")
+    trials: int = Field(default=40, ge=1)
+    seed: int = Field(default=0, ge=0)
+    lost: float = Field(default=0.0, ge=0, lt=1)
+    when_lost: Literal["predict", "hold"] = "predict"
+    opening: int = Field(default=0, ge=0)
+    replan: int = Field(default=15, ge=1)
+
+
+class ManeuverScenario(Scenario):
+    """An observer, a target and the limits of the path between them."""
+
+    model: Literal["maneuver"]
+    target: Target
+    observer: Observer
+    bearings: Bearings
+    limits: Limits = Field(default_factory=Limits)
+    goal: Goal = Field(default_factory=Goal)
+    prior: dict[str, Positive] = Field(default_factory=dict)
+    closed_loop: Loop | None = None
+
+    def plan(self) -> Report:
+        """Plan the path, compare it with the laws, and fly both if asked to."""
+        try:
+            best = self._plan()
+            loop = self._loop()
+        except InputError as error:
+            raise self.mistake("plan", str(error)) from error
+        return _report(self.path.name, best, loop)
+
+    def _plan(self) -> Plan:
+        observer, limits, goal = self.observer, self.limits, self.goal
+        combination = goal.combination
+        return maneuver.plan(
+            self.target.states(),
+            observer.start,
+            observer.speed,
+            self.bearings.step,
+            self.bearings.count,
+            criterion=goal.criterion if combination is None else {"combination": combination},
+            sigma=float(np.radians(self.bearings.sigma_deg)),
+            standoff=limits.standoff,
+            keep_out=limits.keep_out or None,
+            max_turn_rate=_radians(observer.max_turn_rate_deg),
+            heading=_radians(observer.heading_deg),
+            legs=observer.legs,
+            prior=self.prior or None,
+            weights=self.target.weights,
+            starts=goal.starts,
+            seed=goal.seed,
+        )
+
+    def _loop(self) -> ClosedLoop | None:
+        loop = self.closed_loop
+        if loop is None:
+            return None
+        if self.target.position is None or self.target.velocity is not None:
+            raise InputError("closed_loop: wants one fixed target: target.position alone")
+        if not isinstance(self.observer.speed, float):
+            raise InputError("closed_loop: wants one speed, not a range")
+        return maneuver.closed_loop(
+            self.target.position,
+            self.observer.start,
+            self.observer.speed,
+            self.bearings.step,
+            self.bearings.count,
+            sigma=float(np.radians(self.bearings.sigma_deg)),
+            first_range=loop.first_range,
+            methods=loop.methods,
+            lost=loop.lost,
+            when_lost=loop.when_lost,
+            opening=loop.opening,
+            standoff=self.limits.standoff,
+            keep_out=self.limits.keep_out or None,
+            max_turn_rate=_radians(self.observer.max_turn_rate_deg),
+            replan=loop.replan,
+            trials=loop.trials,
+            seed=loop.seed,
+        )
+
+
+def _radians(degrees: float | None) -> float | None:
+    return None if degrees is None else float(np.radians(degrees))
+
+
+def _report(title: str, plan: Plan, loop: ClosedLoop | None) -> Report:
+    from gramian.models.maneuver import plot as pictures
+
+    tone: Tone = "good"
+    headline = "PLANNED"
+    if not plan.converged:
+        broken = plan.message.startswith("no path")
+        tone, headline = ("bad", "A LIMIT IS BROKEN") if broken else ("weak", "NOT CONVERGED")
+    best = plan.laws[0]
+    position = _position_bound(plan.crlb_std, plan.weights)
+    verdict = f"the target's position is known to {number(position, 3)} m"
+    verdict += f", by the best law to {number(_position_bound(best.crlb_std, plan.weights), 3)} m"
+    if not plan.converged:
+        verdict += f"; {plan.message}"
+    facts = [
+        ("which optimum", ("the one" if plan.optima == 1 else f"the best of {plan.optima}")
+         + f" that {len(plan.starts)} starts led to, chosen among {plan.guesses} guesses"),
+        ("where from", plan.starts[0].name),
+    ]  # fmt: skip
+    if np.isfinite(plan.clearance):
+        facts.append(("nearest to a limit", f"{max(plan.clearance, 0.0):.3g} m"))
+    if plan.turns.size:
+        times = ", ".join(f"{plan.times[turn]:.6g} s" for turn in plan.turns)
+        facts.append(("turns at", times))
+    if loop is not None:
+        first = loop.runs[0]
+        facts.append(
+            ("flown without knowing", f"{first.method} ends with {first.final_rms:.3g} m rms")
+        )
+    shown = [
+        Picture(
+            "Paths",
+            "The planned path with a dot for each bearing, and the laws on the same limits.",
+            lambda: pictures.paths(plan),
+        ),
+        Picture(
+            "Information along the paths",
+            "What is known after each bearing; a plan may lose at first to win in the end.",
+            lambda: pictures.information(plan),
+        ),
+        Picture(
+            "Error ellipses",
+            "The region that holds 95 % of the errors at the bound, without the prior.",
+            lambda: pictures.ellipses(plan),
+        ),
+    ]
+    tables = [_laws_table(plan), _bounds_table(plan), _starts_table(plan)]
+    data: dict[str, Any] = _plain(plan.to_dict())
+    if loop is not None:
+        tables.insert(1, _loop_table(loop))
+        data["closed_loop"] = _plain(loop.to_dict())
+        shown.append(
+            Picture(
+                "Closed loop",
+                "Errors of an observer that estimates the target as it goes, on the same noise.",
+                lambda: pictures.errors(loop),
+            )
+        )
+    return Report(
+        title=title,
+        subtitle=f"{len(plan.path)} bearings over {plan.times[-1]:.6g} s, "
+        f"sigma {np.degrees(plan.sigma):.3g} deg",
+        tone=tone,
+        headline=headline,
+        verdict=verdict,
+        facts=facts,
+        tables=tables,
+        pictures=shown,
+        data=data,
+    )
+
+
+def _position_bound(crlb_std: Any, weights: Any) -> float:
+    return float(np.sqrt(weights @ (crlb_std[:, :2] ** 2).sum(axis=1)))
+
+
+def _laws_table(plan: Plan) -> Table:
+    rows = [
+        ["plan", number(plan.value, 5), "", number(_position_bound(plan.crlb_std, plan.weights))]
+    ]
+    rows += [
+        [
+            f"law {law.law}" + ("" if law.kept else " (breaks a limit)"),
+            number(law.value, 5),
+            "" if np.isinf(law.behind) else f"{law.behind:.4g}",
+            number(_position_bound(law.crlb_std, plan.weights)),
+        ]
+        for law in plan.laws
+    ]
+    noun = {
+        "D": "log det of the information",
+        "A": "trace of the bound",
+        "E": "smallest eigenvalue",
+        "combination": "variance",
+    }[plan.criterion]
+    return Table(
+        "The plan and the closed-form laws on the same limits",
+        ["path", noun, "times behind", "position known to, m"],
+        rows,
+        "Times behind: the ratio of determinants, traces, eigenvalues or variances.",
+    )
+
+
+def _bounds_table(plan: Plan) -> Table:
+    columns = ["state", "unit"]
+    several = len(plan.targets) > 1
+    columns += [f"possible target {i + 1}" for i in range(len(plan.targets))] if several else [
+        "standard deviation"
+    ]  # fmt: skip
+    rows = [
+        [name, UNITS[name], *(number(value) for value in plan.crlb_std[:, i])]
+        for i, name in enumerate(plan.names)
+    ]
+    return Table("How accurately, at best, at the end", columns, rows)
+
+
+def _starts_table(plan: Plan) -> Table:
+    rows = [
+        [
+            start.name,
+            number(start.guess, 5),
+            number(start.value, 5),
+            "yes" if start.converged else "no",
+        ]
+        for start in plan.starts
+    ]
+    note = "Only the most promising are carried to the end."
+    return Table("Starts", ["first guess", "guess", "path", "converged"], rows, note)
+
+
+def _loop_table(loop: ClosedLoop) -> Table:
+    rows = [
+        [
+            run.method,
+            str(run.trials),
+            f"{run.final_rms:.3g} +- {run.uncertainty:.1g}",
+            f"{run.final_median:.3g}",
+            f"{run.final_p90:.3g}",
+            f"{run.nearest.min():.4g}",
+        ]
+        for run in loop.runs
+    ]
+    columns = ["method", "trials", "final error rms, m", "median, m", "90 %, m", "nearest range, m"]
+    note = "The target is not known to the observer: it estimates, chooses, moves and measures."
+    return Table("Closed loop", columns, rows, note)
+
+
+def _plain(value: Any) -> Any:
+    """Replace what JSON has no number for: infinity becomes null."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value

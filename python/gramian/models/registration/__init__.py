@@ -1,0 +1,49 @@
+"""Registration of sensors: the constant biases of radars that see the same targets.
+
+Each of N sensors at a known place measures range and azimuth, in space also
+elevation, of a target: truth + constant bias + noise. The targets' positions are
+not known and not needed: they are eliminated look by look. `rows`, `problem` and
+`fisher` say what a set of looks can tell, `degree`, `singular_tracks` and `field`
+where it tells well, `select` which targets of a crowd tell most, and `estimate`
+finds the biases, or says why it cannot.
+
+Metres and radians; x is east, y is north; azimuths clockwise from north.
+"""
+
+from __future__ import annotations
+
+from gramian.models.registration._degree import degree, eta
+from gramian.models.registration._estimate import Estimate, estimate, estimate_trials
+from gramian.models.registration._field import Field, field
+from gramian.models.registration._model import fisher, gauges, problem, rows
+from gramian.models.registration._reports import Reports, match, simulate
+from gramian.models.registration._select import Selection, select
+from gramian.models.registration._tracks import (
+    SingularTrack,
+    TrackCheck,
+    check_track,
+    singular_tracks,
+)
+
+__all__ = [
+    "Estimate",
+    "Field",
+    "Reports",
+    "Selection",
+    "SingularTrack",
+    "TrackCheck",
+    "check_track",
+    "degree",
+    "estimate",
+    "estimate_trials",
+    "eta",
+    "field",
+    "fisher",
+    "gauges",
+    "match",
+    "problem",
+    "rows",
+    "select",
+    "simulate",
+    "singular_tracks",
+]

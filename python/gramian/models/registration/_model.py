@@ -1,0 +1,425 @@
+"""Sensors, their biases by name, and the rows that reports put on them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gramian import _core
+from gramian._arrays import above_rounding, finite, held, reals
+from gramian.exceptions import InputError
+from gramian.problem import Problem
+
+if TYPE_CHECKING:
+    from gramian.models.registration._reports import Reports
+
+Array = NDArray[np.float64]
+Extra = Literal["gain", "position", "attitude"]
+SensorsLike = ArrayLike | Mapping[str, ArrayLike]
+
+EXTRAS: tuple[Extra, ...] = ("gain", "position", "attitude")
+LETTERS = tuple("ABCDEFGHIJKLMNOPQRSTUVWXYZ")
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """Checked sensors: names, places (N, d), deviations (N, d), further biases."""
+
+    labels: tuple[str, ...]
+    places: Array
+    sigma: Array
+    extras: tuple[Extra, ...]
+
+    @property
+    def d(self) -> int:
+        """Number of coordinates."""
+        return int(self.places.shape[1])
+
+    @property
+    def flags(self) -> tuple[bool, bool, bool]:
+        """Which extras there are, in the order of the extension module."""
+        extras = self.extras
+        if not extras:
+            return False, False, False
+        return "gain" in extras, "position" in extras, "attitude" in extras
+
+    @property
+    def kinds(self) -> tuple[tuple[str, str], ...]:
+        """The biases of one sensor: name and unit."""
+        space = self.d == 3
+        kinds = [("range", "m"), ("azimuth", "rad")]
+        kinds += [("elevation", "rad")] if space else []
+        if "gain" in self.extras:
+            kinds.append(("gain", ""))
+        if "position" in self.extras:
+            kinds += [("east", "m"), ("north", "m")] + ([("up", "m")] if space else [])
+        if "attitude" in self.extras:
+            kinds += [("tilt_east", "rad"), ("tilt_north", "rad")] if space else []
+            kinds.append(("heading", "rad"))
+        return tuple(kinds)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All biases: "A.range", "A.azimuth", ..."""
+        return tuple(f"{label}.{kind}" for label in self.labels for kind, _ in self.kinds)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Their units."""
+        return tuple(unit for _ in self.labels for _, unit in self.kinds)
+
+    @property
+    def n(self) -> int:
+        """Number of biases."""
+        return len(self.labels) * (len(self.kinds) if self.extras else self.d)
+
+    def biases(self, value: ArrayLike | Mapping[str, float] | None, name: str = "biases") -> Array:
+        """Return biases (..., n) from an array or from values by name."""
+        if value is None:
+            return np.zeros(self.n)
+        if not isinstance(value, Mapping):
+            array = reals(value, name)
+            if array.ndim == 0 or array.shape[-1] != self.n:
+                raise InputError(
+                    f"{name} has shape {array.shape}: must be (..., {self.n}), "
+                    f"for {', '.join(self.names)}"
+                )
+            return array
+        array = np.zeros(self.n)
+        for key, number in value.items():
+            array[self.index(key)] = number
+        return array
+
+    def index(self, name: str) -> int:
+        """Return the place of a bias."""
+        try:
+            return self.names.index(name)
+        except ValueError:
+            raise InputError(
+                f"no bias is named {name!r}: there are {', '.join(self.names)}"
+            ) from None
+
+    @property
+    def is_pair(self) -> bool:
+        """Whether these are two sensors in the plane without further biases."""
+        return self.places.shape == (2, 2) and not self.extras
+
+
+def setup(sensors: SensorsLike, sigma: ArrayLike | None, extras: Sequence[Extra] = ()) -> Setup:
+    """Check sensors and deviations; `sigma` None stands for deviations of 1."""
+    # Small calls are common: what is an array is told first, which is quickest.
+    if not isinstance(sensors, np.ndarray) and isinstance(sensors, Mapping):
+        labels = tuple(str(key) for key in sensors)
+        rows = [reals(place, f"sensors[{key!r}]") for key, place in sensors.items()]
+        if len({row.shape for row in rows}) > 1:
+            raise InputError(
+                "sensors has places of different length: "
+                + ", ".join(f"{k} {r.shape}" for k, r in zip(labels, rows, strict=True))
+            )
+        places = np.array(rows)
+    else:
+        places = reals(sensors, "sensors")
+        count = places.shape[0] if places.ndim else 0
+        labels = LETTERS[:count] if count <= 26 else tuple(f"S{i + 1}" for i in range(count))
+    if places.ndim != 2 or places.shape[1] not in (2, 3):
+        raise InputError(
+            f"sensors has shape {places.shape}: must be (N, 2), east and north, "
+            "or (N, 3), east, north and up"
+        )
+    # On a few numbers Python is faster than numpy, and small calls are common.
+    numbers = places.ravel().tolist()
+    if not isfinite(sum(numbers)):
+        finite(places, "sensors")
+    if len(places) < 2:
+        raise InputError(f"sensors has {len(places)} entries: registration wants 2 or more sensors")
+    ordered = _ordered(extras) if extras else ()
+    if (
+        max(numbers) - min(numbers) > 1e100
+        and (span := (places.max(axis=0) - places.min(axis=0)).max()) > 1e100
+    ):
+        raise InputError(f"sensors are {span:.3g} m apart: their squares cannot be held")
+    d = places.shape[1]
+    noise = np.ones(d) if sigma is None else reals(sigma, "sigma")
+    if noise.shape not in ((d,), (len(places), d)):
+        quantities = "range, azimuth" + (", elevation" if d == 3 else "")
+        raise InputError(
+            f"sigma has shape {noise.shape}: must be ({d},), {quantities} of every sensor, "
+            f"or ({len(places)}, {d}), one line for each sensor"
+        )
+    if noise.ndim == 1:
+        noise = np.tile(noise, (len(places), 1))
+    return Setup(labels, places, noise, ordered)
+
+
+def _ordered(extras: Sequence[Extra]) -> tuple[Extra, ...]:
+    if isinstance(extras, str):
+        raise InputError(
+            f"extras is the string {extras!r}: must be a sequence such as ({extras!r},)"
+        )
+    for extra in extras:
+        if extra not in EXTRAS:
+            raise InputError(f"extras has {extra!r}: must be of {', '.join(map(repr, EXTRAS))}")
+    return tuple(extra for extra in EXTRAS if extra in extras)
+
+
+def targets(
+    known: Setup, value: ArrayLike | Reports, biases: ArrayLike | Mapping[str, float] | None
+) -> Array:
+    """Return positions (..., K, d) from positions or from reports."""
+    # Small calls are common, and even a repeated import takes its time.
+    if isinstance(value, np.ndarray):
+        return value
+    from gramian.models.registration._reports import Reports, fused
+
+    if isinstance(value, Reports):
+        return fused(known, value.values, known.biases(biases))
+    return reals(value, "positions")
+
+
+def rows(
+    positions: ArrayLike | Reports,
+    sensors: SensorsLike,
+    sigma: ArrayLike,
+    *,
+    extras: Sequence[Extra] = (),
+    biases: ArrayLike | Mapping[str, float] | None = None,
+) -> Array:
+    """Return whitened rows on the biases alone, the targets' positions unknown.
+
+    Parameters
+    ----------
+    positions : array_like, shape (..., K, d), or Reports
+        Where the target of each look is: east and north (d = 2), and up (d = 3),
+        metres. Of `Reports` the positions that they give together.
+    sensors : array_like, shape (N, d), or mapping of str to array_like, shape (d,)
+        Places of the N >= 2 sensors, metres, with their names; without names
+        they are A, B, C, ...
+    sigma : array_like, shape (d,) or (N, d)
+        Standard deviations of range (m), azimuth and, with d = 3, elevation
+        (rad): of every sensor, or a line for each.
+    extras : sequence of {"gain", "position", "attitude"}
+        Further biases: a range that comes out too long by a factor; a sensor
+        that is not quite where it is believed to be; axes that are turned about
+        the vertical (clockwise) and, with d = 3, about east and north.
+    biases : array_like, shape (..., n), or mapping of str to float, optional
+        The biases about which to linearise; 0 by default. They matter for
+        reports, and for gain, tilts and position errors that are not small.
+
+    Returns
+    -------
+    ndarray, shape (..., K (N - 1) d, n)
+        The n columns are the biases of the first sensor, then of the second,
+        and so on; `problem` names them.
+
+    Raises
+    ------
+    InputError
+        Coincident sensors, a target on a sensor or straight above one, a wrong
+        shape, a number that is not finite, a deviation that is not positive.
+
+    Notes
+    -----
+    The position is eliminated from each look's N d measurements by an orthogonal
+    transformation, which leaves exactly the information that is there when it is
+    unknown. For two sensors in the plane that is the track-independent model of
+    Zhu, Tang & He 2013, eqs. (5) to (12), whitened; in biases over their deviations
+    each look's rows span a plane of two dimensions, wherever the target is. The
+    map is flat: over distances where the earth's curvature matters, give positions
+    in a common local frame and use d = 3.
+
+    Examples
+    --------
+    >>> look = rows([[20e3, 30e3]], [[0, 0], [60e3, 0]], (50.0, 0.00175))
+    >>> look.shape
+    (2, 4)
+    """
+    known = setup(sensors, sigma, extras)
+    about = known.biases(biases)
+    return held(
+        _core.registration_rows(
+            targets(known, positions, about), known.places, known.sigma, about, known.flags
+        ),
+        "a row",
+    )
+
+
+def problem(
+    positions: ArrayLike | Reports,
+    sensors: SensorsLike,
+    sigma: ArrayLike,
+    *,
+    extras: Sequence[Extra] = (),
+    biases: ArrayLike | Mapping[str, float] | None = None,
+    scale: Mapping[str, float] | None = None,
+) -> Problem:
+    """Return the problem of registering these sensors by these targets.
+
+    Parameters
+    ----------
+    positions, sensors, sigma, extras, biases
+        As for `rows`, without leading axes: the looks of all targets together.
+    scale : mapping of str to float, optional
+        For a bias ("A.range") or a kind of bias ("range") the deviation that
+        would be useless; bounds above it make the answer "weak".
+
+    Returns
+    -------
+    Problem
+        States "A.range", "A.azimuth", "B.range", ...
+
+    Notes
+    -----
+    What no look can tell comes out as null combinations: on a singular track
+    (`singular_tracks`), and as gauge freedoms where the extras bring them. With
+    position errors all sensors and targets may move or turn together; a heading
+    error is the same as an azimuth bias.
+
+    Examples
+    --------
+    >>> import numpy as np, gramian as gm
+    >>> along = np.stack([np.linspace(6e3, 54e3, 50), np.zeros(50)], axis=1)
+    >>> sensors = {"A": (0, 0), "B": (60e3, 0)}
+    >>> gm.analyze(problem(along, sensors, (50.0, 0.00175))).null_combinations
+    ('1 A.range - 1 B.range',)
+    """
+    known = setup(sensors, sigma, extras)
+    about = known.biases(biases)
+    places = targets(known, positions, about)
+    values = _core.registration_rows(places, known.places, known.sigma, about, known.flags)
+    if values.ndim != 2:
+        raise InputError(
+            f"the rows have shape {values.shape}: a problem is one set of looks, positions (K, d)"
+        )
+    scales = None
+    if scale is not None:
+        scales = np.full(known.n, np.nan)
+        for key, value in scale.items():
+            chosen = [i for i, name in enumerate(known.names) if key in (name, name.split(".")[-1])]
+            if not chosen:
+                known.index(key)
+            scales[chosen] = value
+    # Offsets between large coordinates carry the rounding of those coordinates, which
+    # whitening enlarges where a sensor's range and azimuth differ in accuracy: what the
+    # rows change by when the targets move by many roundings tells how much.
+    size = float(max(np.abs(places).max(), np.abs(known.places).max()))
+    many = 256.0
+    step = many * 8 * np.finfo(float).eps * size
+    squares = np.zeros(known.n)
+    for axis in np.eye(known.d):
+        moved = _core.registration_rows(
+            places + step * axis, known.places, known.sigma, about, known.flags
+        )
+        squares += np.linalg.norm(moved - values, axis=0) ** 2
+    values, rtol = above_rounding(values, np.sqrt(squares) / many)
+    return Problem(
+        values,
+        known.names,
+        units=known.units,
+        scale=scales,
+        rtol=rtol,
+    )
+
+
+def fisher(
+    positions: ArrayLike | Reports,
+    sensors: SensorsLike,
+    sigma: ArrayLike,
+    *,
+    extras: Sequence[Extra] = (),
+    biases: ArrayLike | Mapping[str, float] | None = None,
+) -> Array:
+    """Return the Fisher information on the biases, the targets' positions unknown.
+
+    Parameters
+    ----------
+    positions, sensors, sigma, extras, biases
+        As for `rows`.
+
+    Returns
+    -------
+    ndarray, shape (..., n, n)
+
+    Notes
+    -----
+    For two sensors, J = sum of H^T R^-1 H with R = H Sigma H^T: the Schur
+    complement of all positions. It is summed without an inverse from the minors
+    of H Sigma^(1/2), in vectors over the looks. As always, take ranks and bounds
+    from `rows` or `problem`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> s = np.array([50.0, 0.00175, 50.0, 0.00175])
+    >>> j = fisher([[20e3, 30e3]], [[0, 0], [60e3, 0]], s[:2])
+    >>> round(float(np.trace(j * np.outer(s, s))), 12)  # the same for every look
+    2.0
+    """
+    known = setup(sensors, sigma, extras)
+    about = known.biases(biases)
+    return _core.registration_fisher(
+        targets(known, positions, about), known.places, known.sigma, about, known.flags
+    )
+
+
+def gauges(sensors: SensorsLike, extras: Sequence[Extra] = ()) -> dict[str, Array]:
+    """Return the combinations of biases that no target whatever can tell, by name.
+
+    Parameters
+    ----------
+    sensors, extras
+        As for `rows`.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n,)
+        "shift east", "shift north", "shift up" and "turn": all sensors and
+        targets moved together; "stretch": all distances from the origin longer;
+        "A.heading = A.azimuth": two names for one thing. "tilt east" and
+        "tilt north" tilt the whole map, with attitude and position errors.
+
+    Examples
+    --------
+    >>> list(gauges([[0, 0], [60e3, 0]], ["position"]))
+    ['shift east', 'shift north', 'turn']
+    >>> list(gauges([[0, 0], [60e3, 0]]))
+    []
+    """
+    known = setup(sensors, None, extras)
+    found: dict[str, Array] = {}
+    axes = ("east", "north", "up")[: known.d]
+
+    def vector(values: Mapping[str, Array]) -> Array:
+        out = np.zeros(known.n)
+        for kind, numbers in values.items():
+            for label, number in zip(known.labels, numbers, strict=True):
+                out[known.index(f"{label}.{kind}")] = number
+        return out
+
+    ones, zeros = np.ones(len(known.labels)), np.zeros(len(known.labels))
+    place = dict(zip(("east", "north", "up"), [*known.places.T, zeros], strict=False))
+    if "position" in known.extras:
+        for axis in axes:
+            found[f"shift {axis}"] = vector({axis: ones})
+        # Clockwise by a small angle: all azimuths come out too small by it.
+        found["turn"] = vector({"east": place["north"], "north": -place["east"], "azimuth": -ones})
+        if "gain" in known.extras:
+            found["stretch"] = vector({axis: place[axis] for axis in axes} | {"gain": -ones})
+        if known.d == 3 and "attitude" in known.extras:
+            found["tilt east"] = vector(
+                {"north": -place["up"], "up": place["north"], "tilt_east": -ones}
+            )
+            found["tilt north"] = vector(
+                {"east": place["up"], "up": -place["east"], "tilt_north": -ones}
+            )
+    if "attitude" in known.extras:
+        for label in known.labels:
+            one = np.zeros(known.n)
+            one[known.index(f"{label}.azimuth")] = 1.0
+            one[known.index(f"{label}.heading")] = -1.0
+            found[f"{label}.heading = {label}.azimuth"] = one
+    return found

@@ -1,0 +1,200 @@
+"""The most informative targets of a crowd."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gramian import _core
+from gramian._arrays import finite
+from gramian.analysis import plain
+from gramian.exceptions import InputError
+from gramian.models.registration._model import Array, Extra, SensorsLike, rows, setup
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """What `select` chose, best first.
+
+    Attributes
+    ----------
+    chosen : tuple of str
+        Names of tracks, or of pieces "name[first:end]" of looks.
+    gains : ndarray, shape (budget,)
+        1/2 log det of the information, gained by each, in nats; `inf` while the
+        rank is still short.
+    bounds : ndarray, shape (budget, n)
+        Standard deviation of each bias at the bound after each.
+    all_bounds : ndarray, shape (n,)
+        The same with every track.
+    names, units : tuple of str, length n
+    looks : mapping of str to (str, slice)
+        The track and the looks of each choice.
+    """
+
+    chosen: tuple[str, ...]
+    gains: Array
+    bounds: Array
+    all_bounds: Array
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    looks: Mapping[str, tuple[str, slice]]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the choice as plain lists, numbers and strings, fit for JSON."""
+        return {
+            "chosen": list(self.chosen),
+            "gains": plain(self.gains),
+            "names": list(self.names),
+            "bounds": plain(self.bounds),
+            "all_bounds": plain(self.all_bounds),
+        }
+
+    def summary(self) -> str:
+        """Return the choice as text."""
+        lines = [f"{'':24}" + "".join(f"{name:>14}" for name in self.names)]
+        for name, bound in [*zip(self.chosen, self.bounds, strict=True), ("all", self.all_bounds)]:
+            label = f"+ {name}" if name != "all" else "all tracks"
+            cells = [
+                "not observ." if np.isinf(b) else f"{np.degrees(b):.3g} deg" if unit == "rad"
+                else f"{b:.3g} {unit}"
+                for b, unit in zip(bound, self.units, strict=True)
+            ]  # fmt: skip
+            lines.append(f"{label:<24}" + "".join(f"{cell:>14}" for cell in cells))
+        return "\n".join(lines)
+
+
+def select(
+    tracks: Mapping[str, ArrayLike] | Sequence[ArrayLike],
+    sensors: SensorsLike,
+    sigma: ArrayLike,
+    budget: int,
+    *,
+    piece: int | None = None,
+    goal: str = "information",
+    extras: Sequence[Extra] = (),
+    prior: ArrayLike | Mapping[str, float] | None = None,
+) -> Selection:
+    """Choose the targets of a crowd that tell most about the biases.
+
+    Parameters
+    ----------
+    tracks : mapping of str to array_like, shape (K_i, d), or sequence of those
+        Positions of each target, in metres; smoothed is better than raw.
+    sensors, sigma, extras
+        As for `rows`.
+    budget : int
+        How many to choose; at most the number of tracks or pieces.
+    piece : int, optional
+        Cut tracks into pieces of so many looks and choose pieces.
+    goal : str
+        "information": the gain 1/2 log det(I + R^-1 H J0^-1 H^T) in what is known
+        already; or the name of a bias, whose bound is to fall.
+    prior : mapping of str to float, or array_like, shape (n,), optional
+        Deviations of biases known beforehand.
+
+    Returns
+    -------
+    Selection
+
+    Notes
+    -----
+    Greedy: each choice is the best addition to those before. While the rank is
+    short, more rank comes first, then the larger product of the singular values
+    that count. With a prior the gain is submodular, and the greedy choice is
+    worth at least 1 - 1/e of the best there is.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.linspace(0, 60e3, 50)
+    >>> crowd = {
+    ...     "along the baseline": np.stack([x, 0 * x + 1.0], axis=1),
+    ...     "across it": np.stack([0 * x + 30e3, x], axis=1),
+    ...     "far away": np.stack([x, 0 * x + 200e3], axis=1),
+    ... }
+    >>> select(crowd, [[0, 0], [60e3, 0]], (50.0, 0.00175), 2).chosen
+    ('across it', 'along the baseline')
+    """
+    known = setup(sensors, sigma, extras)
+    named = (
+        {str(name): track for name, track in tracks.items()}
+        if isinstance(tracks, Mapping)
+        else {f"track {i}": track for i, track in enumerate(tracks)}
+    )
+    looks: dict[str, tuple[str, slice]] = {}
+    pieces: dict[str, Array] = {}
+    if piece is not None and piece < 1:
+        raise InputError(f"piece = {piece}: must be >= 1 looks")
+    for name, track in named.items():
+        places = finite(track, f"track {name!r}")
+        if places.ndim != 2 or places.shape[1] != known.d or not len(places):
+            raise InputError(f"track {name!r} has shape {places.shape}: must be (K, {known.d})")
+        step = piece or len(places)
+        for start in range(0, len(places), step):
+            end = min(start + step, len(places))
+            key = name if piece is None else f"{name}[{start}:{end}]"
+            looks[key], pieces[key] = (name, slice(start, end)), places[start:end]
+    if not 1 <= budget <= len(pieces):
+        raise InputError(f"budget = {budget}: must be from 1 to {len(pieces)}, the number there is")
+    target = None if goal == "information" else known.index(goal)
+    keys = list(pieces)
+    factors = np.array([_factor(rows(p, sensors, sigma, extras=extras)) for p in pieces.values()])
+    beforehand = np.full(known.n, np.inf) if prior is None else known.biases(prior, "prior")
+    if isinstance(prior, Mapping):
+        beforehand = np.where(beforehand == 0, np.inf, beforehand)
+    if not (beforehand > 0).all():
+        raise InputError("prior: every deviation must be > 0, or inf for none")
+    have = np.diag(1 / beforehand)
+    left, chosen = list(range(len(keys))), []
+    before = _worth(have[None])
+    gains, bounds = [], []
+    for _ in range(budget):
+        stacks = np.concatenate(
+            [np.broadcast_to(have, (len(left), *have.shape)), factors[left]], axis=1
+        )
+        ranks, logs = _worth(stacks)
+        std = _core.crlb_std(stacks, None)
+        order = (
+            np.lexsort((-logs, -ranks)) if target is None else np.lexsort((-logs, std[:, target]))
+        )
+        best = int(order[0])
+        full = before[0][0] == known.n
+        gains.append(float(logs[best] - before[1][0]) if full else np.inf)
+        bounds.append(std[best])
+        have = _factor(stacks[best])
+        before = (ranks[best : best + 1], logs[best : best + 1])
+        chosen.append(left.pop(best))
+    everything = np.concatenate([np.diag(1 / beforehand), *factors])
+    return Selection(
+        chosen=tuple(keys[i] for i in chosen),
+        gains=np.array(gains),
+        bounds=np.array(bounds),
+        all_bounds=_core.crlb_std(everything, None),
+        names=known.names,
+        units=known.units,
+        looks={keys[i]: looks[keys[i]] for i in chosen},
+    )
+
+
+def _factor(array: Array) -> Array:
+    """Return the triangular factor (n, n) of rows."""
+    n = array.shape[1]
+    padded = np.vstack([array, np.zeros((max(n - len(array), 0), n))])
+    factor: Array = np.asarray(np.linalg.qr(padded, mode="r"))
+    return factor
+
+
+def _worth(stacks: Array) -> tuple[Array, Array]:
+    """Rank, and half the log of the product of what counts, of each stack of rows."""
+    norms = np.linalg.norm(stacks, axis=-2)
+    scale = np.where(norms > 0, norms, 1.0)
+    values = np.linalg.svd(stacks / scale[..., None, :], compute_uv=False)
+    limit = 32 * np.finfo(float).eps * np.sqrt(stacks.shape[-2])
+    counts = values > limit * np.maximum(values[..., :1], np.finfo(float).tiny)
+    logs = np.where(counts, np.log(np.where(counts, values, 1.0)), 0.0).sum(axis=-1)
+    return counts.sum(axis=-1), logs + np.log(scale).sum(axis=-1)

@@ -1,0 +1,146 @@
+"""Reports of sensors with constant biases."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gramian import _core
+from gramian._arrays import reals
+from gramian.models import registration
+from gramian.models.registration._model import Extra, Setup, setup
+from gramian.monte_carlo.experiment import Estimates, Experiment, squared_over
+from gramian.problem import Problem
+
+__all__ = ["Registration"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Registration(Experiment):
+    """Reports of sensors with biases, as `gramian.registration`.
+
+    A trial's measurements are the reports (K, N, d): for each look and sensor
+    range, azimuth (and elevation).
+
+    Parameters
+    ----------
+    positions : array_like, shape (K, d)
+        The true positions of the looks' targets, metres.
+    sensors, sigma
+        As for `registration.rows`.
+    biases : mapping of str to float, or array_like, shape (n,), optional
+        The true biases: ``{"A.range": 300.0}``; 0 where none is given.
+    extras : sequence of str
+        As for `registration.rows`.
+
+    Notes
+    -----
+    Estimators "ml", "gls" and "ls" are the methods of `registration.estimate`;
+    the NEES is by the covariance that each claims.
+
+    Examples
+    --------
+    >>> import numpy as np, gramian as gm
+    >>> path = np.stack([np.linspace(-20e3, 60e3, 100), np.full(100, 25e3)], axis=1)
+    >>> sensors = {"A": (0, 0), "B": (60e3, 0)}
+    >>> scene = gm.monte_carlo.Registration(path, sensors, (50.0, 0.00175), {"A.range": 300.0})
+    >>> result = gm.monte_carlo.run(scene, 500, seed=1)
+    >>> bool((abs(result.efficiency - 1) < 0.15).all())
+    True
+    """
+
+    positions: Array
+    sensors: Any
+    sigma: Array
+    biases: Array
+    extras: tuple[Extra, ...]
+    estimators: ClassVar[tuple[str, ...]] = ("ml", "gls", "ls")
+
+    def __init__(
+        self,
+        positions: ArrayLike,
+        sensors: ArrayLike | Mapping[str, ArrayLike],
+        sigma: ArrayLike,
+        biases: ArrayLike | Mapping[str, float] | None = None,
+        extras: Sequence[Extra] = (),
+    ) -> None:
+        object.__setattr__(self, "positions", reals(positions, "positions").copy())
+        object.__setattr__(self, "sensors", _copied(sensors))
+        object.__setattr__(self, "sigma", reals(sigma, "sigma").copy())
+        object.__setattr__(self, "extras", tuple(extras))
+        object.__setattr__(self, "biases", np.array(self._setup.biases(biases)))
+        # Checks everything else.
+        self.problem()
+
+    @property
+    def _setup(self) -> Setup:
+        return setup(self.sensors, self.sigma, self.extras)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The biases: "A.range", "A.azimuth", ..."""
+        return self._setup.names
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Metres and radians."""
+        return self._setup.units
+
+    @property
+    def truth(self) -> Array:
+        """The true biases."""
+        return self.biases
+
+    @property
+    def cost(self) -> float:
+        """Seconds for a trial, roughly."""
+        return 2e-6 * len(self.positions)
+
+    def problem(self) -> Problem:
+        """Return the problem at the true biases."""
+        return registration.problem(
+            self.positions, self.sensors, self.sigma, extras=self.extras, biases=self.biases
+        )
+
+    def simulate(self, seed: int, first: int, trials: int) -> Array:
+        """Return reports (trials, K, N, d)."""
+        known = self._setup
+        exact = _core.registration_reports(
+            self.positions, known.places, known.sigma, self.biases, known.flags
+        )
+        noise = _core.normals(seed, first, trials, exact.size).reshape(-1, *exact.shape)
+        reports: Array = exact + known.sigma * noise
+        return reports
+
+    def estimate(self, name: str, seed: int, first: int, trials: int) -> Estimates:
+        """Return the errors of the estimated biases."""
+        method: Any = name
+        found = registration.estimate_trials(
+            self.positions,
+            self.sensors,
+            self.sigma,
+            self.biases,
+            seed=seed,
+            trials=trials,
+            first=first,
+            method=method,
+            extras=self.extras,
+        )
+        status = np.select(
+            [found.status == "not converged", found.status == "unobservable"], [1, 2], 0
+        )
+        errors = found.biases - self.truth
+        nees = squared_over(errors, found.covariance)
+        return Estimates(errors, nees, status, {1: "not converged", 2: "unobservable"})
+
+
+def _copied(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): reals(item, f"sensors[{key!r}]").copy() for key, item in value.items()}
+    return reals(value, "sensors").copy()

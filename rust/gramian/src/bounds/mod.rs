@@ -1,0 +1,5 @@
+//! Bounds beyond the Cramer-Rao bound of one set of rows.
+
+#[cfg(feature = "std")]
+pub mod batch;
+pub mod posterior;

@@ -1,0 +1,312 @@
+//! The posterior Cramer-Rao bound of a state that moves, as a recursion on
+//! triangular factors.
+//!
+//! Textbooks write the recursion in information matrices and invert the process
+//! noise, which loses every digit when that noise is small. Here neither the
+//! information J nor the covariance P is formed. One factor is kept,
+//! P = C^T C or J = R^T R, and everything is done to it by orthogonal
+//! transformations; in a batch without square roots, as C = D^(1/2) V. Two primitives
+//! serve both forms:
+//!
+//! | | `absorb`: rows are added | `shrink`: a row is measured |
+//! |---|---|---|
+//! | [`Form::Covariance`] | process noise: P + G G^T | measurement: (P^-1 + h h^T)^-1 |
+//! | [`Form::Information`] | measurement: J + h h^T | process noise: (J^-1 + g g^T)^-1 |
+//!
+//! The covariance form needs a finite prior and takes any transition; the
+//! information form needs a transition that can be inverted and takes any prior,
+//! none included. Noise that is singular, or absent, is nothing special in either.
+//!
+//! # Source
+//! Tichavsky, Muravchik & Nehorai 1998, "Posterior Cramer-Rao bounds for
+//! discrete-time nonlinear filtering"; as eqs. (4) and (5) in Xu et al. 2009.
+//! `shrink` is Carlson's triangular measurement update (1973).
+
+use crate::bound::crlb_std;
+use crate::numbers::lane::Lane;
+use crate::scalar::{NumberError, Real, check_finite, check_length};
+use crate::spectrum::Spectrum;
+use crate::square_root::SquareRootInformation;
+
+/// Which matrix the factor is a root of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Form {
+    /// P = C^T C.
+    Covariance,
+    /// J = R^T R.
+    Information,
+}
+
+/// Replaces the upper triangular factor of M by that of (M^-1 + h h^T)^-1, that
+/// is of M - M h h^T M / (1 + h^T M h), without a subtraction that cancels.
+///
+/// `work` holds at least n numbers.
+///
+/// # Source
+/// Carlson 1973, "Fast triangular formulation of the square root filter". Rows
+/// are rotated from the last to the first, which keeps the triangle.
+#[inline(always)]
+pub(crate) fn shrink<L: Lane>(root: &mut [L], n: usize, h: &[L], work: &mut [L]) {
+    let zero = root[0].splat(0.0);
+    let q = &mut work[..n];
+    q.fill(zero);
+    let mut sum = zero.splat(1.0);
+    let mut before = sum;
+    for i in (0..n).rev() {
+        let mut a = root[i * n + i] * h[i];
+        for j in i + 1..n {
+            a = root[i * n + j].mul_add(h[j], a);
+        }
+        sum = a.mul_add(a, sum);
+        // The square root is at least 1.
+        let after = sum.root();
+        let inverse = after.inverse();
+        let (c, s) = (before * inverse, a * inverse);
+        before = after;
+        for j in i..n {
+            let x = root[i * n + j];
+            root[i * n + j] = s.negate_mul_add(q[j], c * x);
+            q[j] = s.mul_add(x, c * q[j]);
+        }
+    }
+}
+
+/// The upper triangular factor of a covariance that may be singular:
+/// covariance = out^T out, all n x n, row-major.
+///
+/// # Errors
+/// [`Error::Asymmetric`] and [`Error::Indefinite`], with the place; [`Error::Number`]
+/// for an entry that is not finite; [`NumberError::Length`] for slices that are not n x n.
+pub fn semidefinite_root<T: Real>(covariance: &[T], n: usize, out: &mut [T]) -> Result<(), Error> {
+    for (array, given) in [("covariance", covariance.len()), ("out", out.len())] {
+        check_length(array, given, n.saturating_mul(n))?;
+    }
+    check_finite("covariance", covariance)?;
+    for j in 0..n {
+        for i in 0..j {
+            let (above, below) = (covariance[i * n + j], covariance[j * n + i]);
+            let size = above.abs().max(below.abs());
+            // Symmetric to half the digits: what a product of matrices leaves.
+            if (above - below).abs() > size * T::EPSILON.sqrt() {
+                return Err(Error::Asymmetric { row: i, column: j });
+            }
+        }
+        if covariance[j * n + j] < T::zero() {
+            return Err(Error::Indefinite { index: j });
+        }
+    }
+    let slack = T::EPSILON * T::of(16.0 * n as f64);
+    if !definite_root(covariance, n, slack, out) {
+        pivoted_root(covariance, n, slack, out)?;
+    }
+    Ok(())
+}
+
+/// The factor of a covariance whose every state has a variance of its own, given
+/// those before it; false where one has none left.
+fn definite_root<T: Real>(covariance: &[T], n: usize, slack: T, out: &mut [T]) -> bool {
+    out[..n * n].fill(T::zero());
+    for j in 0..n {
+        let diagonal = covariance[j * n + j];
+        let mut pivot = diagonal;
+        for i in 0..j {
+            pivot -= out[i * n + j] * out[i * n + j];
+        }
+        // NaN too: of an entry far larger than its variances allow.
+        if !(pivot > slack * diagonal) {
+            return false;
+        }
+        let root = pivot.sqrt();
+        out[j * n + j] = root;
+        for k in j + 1..n {
+            let mut rest = covariance[j * n + k];
+            for i in 0..j {
+                rest -= out[i * n + j] * out[i * n + k];
+            }
+            out[j * n + k] = rest / root;
+        }
+    }
+    true
+}
+
+/// The factor of any covariance: the state with the largest part of its variance
+/// left goes next, so that rounding never grows into a variance below zero.
+///
+/// # Source
+/// Higham, Accuracy and Stability of Numerical Algorithms, section 10.3.
+fn pivoted_root<T: Real>(covariance: &[T], n: usize, slack: T, out: &mut [T]) -> Result<(), Error> {
+    out[..n * n].fill(T::zero());
+    // What the first `rank` rows leave of an entry.
+    let rest = |out: &[T], rank: usize, i: usize, j: usize| {
+        let mut left = covariance[i.min(j) * n + i.max(j)];
+        for row in out[..rank * n].chunks_exact(n) {
+            left -= row[i] * row[j];
+        }
+        left
+    };
+    let mut rank = 0;
+    while rank < n {
+        let mut next = (T::zero(), 0);
+        for j in 0..n {
+            let diagonal = covariance[j * n + j];
+            if diagonal == T::zero() {
+                continue;
+            }
+            let part = rest(out, rank, j, j) / diagonal;
+            // NaN too: of an entry far larger than its variances allow.
+            if !(part >= -slack) {
+                return Err(Error::Indefinite { index: j });
+            }
+            if part > next.0 {
+                next = (part, j);
+            }
+        }
+        let (part, pivot) = next;
+        if part <= slack {
+            break;
+        }
+        let root = (part * covariance[pivot * n + pivot]).sqrt();
+        for k in 0..n {
+            out[rank * n + k] = rest(out, rank, pivot, k) / root;
+        }
+        out[rank * n + pivot] = root;
+        rank += 1;
+    }
+    for k in 0..n {
+        for j in 0..k {
+            let (a, b) = (covariance[j * n + j], covariance[k * n + k]);
+            let allowed = (slack + slack) * (a.sqrt() * b.sqrt());
+            if !(rest(out, rank, j, k).abs() <= allowed) {
+                return Err(Error::Indefinite { index: k });
+            }
+        }
+    }
+    // Rows in the order of the pivots: rotated into a triangle.
+    for row in 1..n {
+        let (triangle, tail) = out.split_at_mut(row * n);
+        for (k, upper) in triangle.chunks_exact_mut(n).enumerate() {
+            let (a, b) = (upper[k], tail[k]);
+            if b == T::zero() {
+                continue;
+            }
+            let h = crate::scalar::hypot(a, b);
+            let (c, s) = (a / h, b / h);
+            for j in k..n {
+                let (x, y) = (upper[j], tail[j]);
+                upper[j] = c * x + s * y;
+                tail[j] = c * y - s * x;
+            }
+            tail[k] = T::zero();
+        }
+    }
+    Ok(())
+}
+
+/// A state of fixed size and what is known of it: the recursion without
+/// allocation, in information form.
+///
+/// # Source
+/// Tichavsky, Muravchik & Nehorai 1998; Xu et al. 2009, eqs. (4) and (5).
+///
+/// ```
+/// use gramian::posterior::Posterior;
+/// // A position and a velocity; only the position is measured, to 1 m.
+/// let mut bound = Posterior::<f64, 2>::unknown();
+/// bound.update(&[1.0, 0.0])?;
+/// assert!(bound.standard_deviations()[1].is_infinite());
+/// // x' = x + v: the inverse transition, and no process noise.
+/// bound.predict(&[[1.0, -1.0], [0.0, 1.0]], &[])?;
+/// bound.update(&[1.0, 0.0])?;
+/// let [position, velocity] = bound.standard_deviations();
+/// assert!((position - 1.0).abs() < 1e-15 && (velocity - 2.0_f64.sqrt()).abs() < 1e-15);
+/// # Ok::<(), gramian::scalar::NumberError>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Posterior<T: Real, const N: usize> {
+    root: SquareRootInformation<T, N>,
+}
+
+impl<T: Real, const N: usize> Posterior<T, N> {
+    /// Nothing is known.
+    pub fn unknown() -> Self {
+        Self {
+            root: SquareRootInformation::new(),
+        }
+    }
+
+    /// Takes in one whitened measurement row, or a row of prior knowledge.
+    ///
+    /// # Errors
+    /// As [`SquareRootInformation::push`]; the row is not taken in then.
+    pub fn update(&mut self, row: &[T; N]) -> Result<(), NumberError> {
+        self.root.push(row)
+    }
+
+    /// Moves the state: x' = F x + sum of g w, with `inverse` = F^-1, `noise` the
+    /// vectors g and w of unit variance.
+    ///
+    /// # Errors
+    /// [`NumberError::NotFinite`] with the entry, row by row, of `inverse` or
+    /// `noise`; [`NumberError::Overflow`] where the information moved exceeds the
+    /// numbers of this type. The state is not moved then.
+    pub fn predict(&mut self, inverse: &[[T; N]; N], noise: &[[T; N]]) -> Result<(), NumberError> {
+        check_finite("inverse", inverse.as_flattened())?;
+        check_finite("noise", noise.as_flattened())?;
+        let mut work = [[T::zero(); N]; N];
+        let mut moved = SquareRootInformation::new();
+        for row in self.root.factor() {
+            let mut out = [T::zero(); N];
+            for j in 0..N {
+                for k in 0..N {
+                    out[k] += row[j] * inverse[j][k];
+                }
+            }
+            moved.absorb(&out);
+        }
+        let mut factor = *moved.factor();
+        for g in noise {
+            shrink(factor.as_flattened_mut(), N, g, work.as_flattened_mut());
+        }
+        let mut root = SquareRootInformation::new();
+        for row in &factor {
+            root.absorb(row);
+        }
+        self.root = root.sound()?;
+        Ok(())
+    }
+
+    /// The triangular factor of the information.
+    pub fn root(&self) -> &SquareRootInformation<T, N> {
+        &self.root
+    }
+
+    /// The bound on each state; infinite where it is not determined, or exceeds the
+    /// numbers of this type.
+    pub fn standard_deviations(&self) -> [T; N] {
+        crlb_std(&Spectrum::new(&self.root))
+    }
+}
+
+/// What can be wrong with a covariance.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// A number that is not finite.
+    #[error(transparent)]
+    Number(#[from] NumberError),
+    /// Two entries that should be equal are not.
+    #[error("entries [{row}, {column}] and [{column}, {row}] differ: a covariance is symmetric")]
+    Asymmetric {
+        /// Row of the one above the diagonal.
+        row: usize,
+        /// Its column.
+        column: usize,
+    },
+    /// A variance, given those before it, that is below zero.
+    #[error(
+        "not positive semidefinite: state {index} has a variance below zero, given those before it"
+    )]
+    Indefinite {
+        /// Of which state.
+        index: usize,
+    },
+}

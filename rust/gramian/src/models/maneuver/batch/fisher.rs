@@ -1,0 +1,566 @@
+//! Fisher information of bearings along a path, trial by trial.
+
+use alloc::vec::Vec;
+
+use pulp::Simd;
+
+use crate::batch::simd::{Path, apart, lane_sums, last_pairs, pairs};
+use crate::batch::{Items, Threads};
+use crate::bearings;
+use crate::maneuver::{Error, unchecked_row};
+use crate::scalar::{NumberError, all_finite, check_finite};
+use crate::square_root::SquareRootInformation;
+
+/// Samples that are taken apart into vectors at once.
+const CHUNK: usize = 64;
+
+/// A batch of paths from which bearings of one target each are taken.
+#[derive(Clone, Copy, Debug)]
+pub struct Sightings<'a> {
+    /// Positions of the observer (m, 2).
+    pub positions: Items<'a>,
+    /// East and north of a fixed target, or the state (x0, y0, vx, vy) of one at
+    /// constant velocity, at the first time.
+    pub target: Items<'a>,
+    /// Times (m); empty for a fixed target.
+    pub times: Items<'a>,
+    /// Standard deviations: one, or one for each bearing.
+    pub sigma: Items<'a>,
+}
+
+impl Sightings<'_> {
+    /// Number of states: 2 for a fixed target, 4 for one at constant velocity.
+    pub fn states(&self) -> usize {
+        self.target.size()
+    }
+
+    /// The same input counted from trial `first` on.
+    #[must_use]
+    pub fn skip(self, first: usize) -> Self {
+        Self {
+            positions: self.positions.skip(first),
+            target: self.target.skip(first),
+            times: self.times.skip(first),
+            sigma: self.sigma.skip(first),
+        }
+    }
+
+    fn at(&self, trial: usize) -> Sighting<'_> {
+        let (positions, _) = self.positions.get(trial).as_chunks::<2>();
+        Sighting {
+            positions,
+            target: self.target.get(trial),
+            times: self.times.get(trial),
+            sigma: self.sigma.get(trial),
+        }
+    }
+}
+
+/// One trial of the batch.
+#[derive(Clone, Copy)]
+struct Sighting<'a> {
+    positions: &'a [[f64; 2]],
+    target: &'a [f64],
+    times: &'a [f64],
+    sigma: &'a [f64],
+}
+
+impl Sighting<'_> {
+    /// Time since the first, offset of the target, and sigma of sample `i`.
+    #[inline]
+    fn sample(&self, i: usize) -> (f64, f64, f64, f64) {
+        let [x, y] = self.positions[i];
+        let sigma = self.sigma[if self.sigma.len() == 1 { 0 } else { i }];
+        if let [x0, y0, vx, vy] = *self.target {
+            let time = self.times[i] - self.times[0];
+            (time, x0 + time * vx - x, y0 + time * vy - y, sigma)
+        } else {
+            (0.0, self.target[0] - x, self.target[1] - y, sigma)
+        }
+    }
+
+    /// The sum row by row, for what exceeds the numbers of the vectors on its way, or
+    /// what is wrong: the first sample that is on the target, or not finite.
+    fn row_by_row(&self, out: &mut [f64]) -> Result<(), Error> {
+        let n = self.target.len();
+        out.fill(0.0);
+        for i in 0..self.positions.len() {
+            check_finite("positions", &self.positions[i])
+                .map_err(|error| Error::from(error).at(i))?;
+            let (time, east, north, sigma) = self.sample(i);
+            let [a, b] = unchecked_row(east, north, sigma).map_err(|error| error.at(i))?;
+            let row = [a, b, time * a, time * b];
+            for j in 0..n {
+                for k in 0..n {
+                    out[j * n + k] += row[j] * row[k];
+                }
+            }
+        }
+        if all_finite(out) {
+            return Ok(());
+        }
+        Err(NumberError::Overflow {
+            result: "information",
+        }
+        .into())
+    }
+}
+
+/// Trials of one call of a kernel: choosing a path takes as long as some samples.
+const GROUP: usize = 8;
+
+/// Fisher information (n, n) of each trial. Positions that are not finite are refused.
+///
+/// # Errors
+/// [`Error::OnTarget`] with the trial and the sample; [`Error::Number`] for a position
+/// that is not finite and for information that exceeds the numbers of this type.
+///
+/// # Source
+/// Xu et al. 2009, eqs. (9) and (10).
+pub fn fisher(
+    sightings: Sightings<'_>,
+    threads: Threads,
+    path: Path,
+    out: &mut [f64],
+) -> Result<(), (usize, Error)> {
+    let n = sightings.states();
+    let m = sightings.positions.size() / 2;
+    let even = sightings.sigma.size() == 1;
+    let moves = n == 4 && even && sightings.times.is_shared();
+    let clock = if moves {
+        let times = sightings.times.get(0);
+        times.iter().flat_map(|t| [t - times[0]; 2]).collect()
+    } else {
+        Vec::new()
+    };
+    threads.over_groups(out, n * n, GROUP, m as f64, |first, out| {
+        let sightings = sightings.skip(first);
+        if n == 2 && even {
+            path.run(Fixed { sightings, out });
+        } else if moves {
+            path.run(Moving {
+                sightings,
+                clock: &clock,
+                out,
+            });
+        } else {
+            path.run(Sums { sightings, out });
+        }
+        for (trial, out) in out.chunks_exact_mut(n * n).enumerate() {
+            // Zero ranges divide to infinity or NaN, and what is not finite stays so.
+            if !all_finite(out) {
+                sightings
+                    .at(trial)
+                    .row_by_row(out)
+                    .map_err(|error| (first + trial, error))?;
+            }
+        }
+        Ok(())
+    })
+}
+
+/// Sums of a a, a b, b b over the rows (a, b) of fixed targets, one deviation for all
+/// bearings of a trial: positions go straight from memory into vectors.
+struct Fixed<'a> {
+    sightings: Sightings<'a>,
+    out: &'a mut [f64],
+}
+
+impl pulp::WithSimd for Fixed<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        for (trial, out) in self.out.as_chunks_mut::<4>().0.iter_mut().enumerate() {
+            let Sighting { target, sigma, .. } = self.sightings.at(trial);
+            let target = [simd.splat_f64s(target[0]), simd.splat_f64s(target[1])];
+            let noise = simd.splat_f64s(sigma[0]);
+            let places = self.sightings.positions.get(trial);
+            let (whole, rest) = pairs::<S>(places);
+            let one = simd.splat_f64s(1.0);
+            let mut sums = [simd.splat_f64s(0.0); 3];
+            for &pair in whole {
+                let offset = between(simd, target, apart(simd, pair));
+                add(simd, rows(simd, offset, noise, one), &mut sums);
+            }
+            if !rest.is_empty() {
+                let (last, new) = last_pairs(simd, places, rest.len());
+                let offset = between(simd, target, last);
+                add(simd, rows(simd, offset, noise, new), &mut sums);
+            }
+            let [xx, xy, yy] = lane_sums(simd, &sums);
+            *out = [xx, -xy, -xy, yy];
+        }
+    }
+}
+
+/// The same for targets at constant velocity that are seen at the same times in all
+/// trials: those sums, and the same times time and its square.
+struct Moving<'a> {
+    sightings: Sightings<'a>,
+    /// Each time since the first, twice: in pairs, as the positions are, and so in the
+    /// same order once they are taken apart.
+    clock: &'a [f64],
+    out: &'a mut [f64],
+}
+
+impl pulp::WithSimd for Moving<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let (times, _) = pairs::<S>(self.clock);
+        let one = simd.splat_f64s(1.0);
+        for (trial, out) in self.out.as_chunks_mut::<16>().0.iter_mut().enumerate() {
+            let Sighting { target, sigma, .. } = self.sightings.at(trial);
+            let mut state = [one; 4];
+            for i in 0..4 {
+                state[i] = simd.splat_f64s(target[i]);
+            }
+            let noise = simd.splat_f64s(sigma[0]);
+            let places = self.sightings.positions.get(trial);
+            let (whole, rest) = pairs::<S>(places);
+            let mut sums = [simd.splat_f64s(0.0); 9];
+            for (&pair, &time) in whole.iter().zip(times) {
+                let [time, _] = apart(simd, time);
+                let offset = between(simd, moved(simd, &state, time), apart(simd, pair));
+                add_moved(simd, rows(simd, offset, noise, one), time, &mut sums);
+            }
+            if !rest.is_empty() {
+                let (last, new) = last_pairs(simd, places, rest.len());
+                let ([time, _], _) = last_pairs(simd, self.clock, rest.len());
+                let offset = between(simd, moved(simd, &state, time), last);
+                add_moved(simd, rows(simd, offset, noise, new), time, &mut sums);
+            }
+            spread(&lane_sums(simd, &sums), 4, out);
+        }
+    }
+}
+
+/// Sums of a a, a b, b b over the rows (a, b), times 1, time and its square.
+struct Sums<'a> {
+    sightings: Sightings<'a>,
+    out: &'a mut [f64],
+}
+
+impl pulp::WithSimd for Sums<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let n = self.sightings.states();
+        for (trial, out) in self.out.chunks_exact_mut(n * n).enumerate() {
+            spread(&self.sightings.at(trial).sums(simd), n, out);
+        }
+    }
+}
+
+impl Sighting<'_> {
+    #[inline(always)]
+    fn sums<S: Simd>(self, simd: S) -> [f64; 9] {
+        let sighting = self;
+        let one = simd.splat_f64s(1.0);
+        let mut sums = [simd.splat_f64s(0.0); 9];
+        // Samples beyond the last: far away, so that they add nothing.
+        let far = [f64::INFINITY; CHUNK];
+        let mut start = 0;
+        while start < sighting.positions.len() {
+            let count = CHUNK.min(sighting.positions.len() - start);
+            let (mut time, mut east, mut north) = ([0.0; CHUNK], [0.0; CHUNK], [0.0; CHUNK]);
+            let mut noise = if count < CHUNK { far } else { [0.0; CHUNK] };
+            for i in 0..count {
+                let t;
+                (t, east[i], north[i], noise[i]) = sighting.sample(start + i);
+                time[i] = t;
+            }
+            for i in count..CHUNK {
+                north[i] = 1.0;
+            }
+            let (times, _) = S::as_simd_f64s(&time);
+            let (easts, _) = S::as_simd_f64s(&east);
+            let (norths, _) = S::as_simd_f64s(&north);
+            let (noises, _) = S::as_simd_f64s(&noise);
+            for v in 0..count.div_ceil(S::F64_LANES) {
+                let rows = rows(simd, [easts[v], norths[v]], noises[v], one);
+                // Times are zero for a fixed target.
+                add_moved(simd, rows, times[v], &mut sums);
+            }
+            start += count;
+        }
+        lane_sums(simd, &sums)
+    }
+}
+
+/// From the observer's places to the target.
+#[inline(always)]
+fn between<S: Simd>(simd: S, target: [S::f64s; 2], places: [S::f64s; 2]) -> [S::f64s; 2] {
+    [
+        simd.sub_f64s(target[0], places[0]),
+        simd.sub_f64s(target[1], places[1]),
+    ]
+}
+
+/// Where a target at constant velocity is.
+#[inline(always)]
+fn moved<S: Simd>(simd: S, state: &[S::f64s; 4], time: S::f64s) -> [S::f64s; 2] {
+    [
+        simd.mul_add_e_f64s(time, state[2], state[0]),
+        simd.mul_add_e_f64s(time, state[3], state[1]),
+    ]
+}
+
+/// Rows (a, b) for targets at `offset` (east, north), each times `weight`, b without its
+/// sign: that goes into the sums at the end.
+#[inline(always)]
+fn rows<S: Simd>(simd: S, offset: [S::f64s; 2], noise: S::f64s, weight: S::f64s) -> [S::f64s; 2] {
+    let [x, y] = offset;
+    let square = simd.mul_add_e_f64s(x, x, simd.mul_f64s(y, y));
+    let scale = simd.div_f64s(weight, simd.mul_f64s(square, noise));
+    [simd.mul_f64s(y, scale), simd.mul_f64s(x, scale)]
+}
+
+/// What is added up of rows: the products a a, a b, b b.
+#[inline(always)]
+fn add<S: Simd>(simd: S, [a, b]: [S::f64s; 2], sums: &mut [S::f64s; 3]) {
+    sums[0] = simd.mul_add_e_f64s(a, a, sums[0]);
+    sums[1] = simd.mul_add_e_f64s(a, b, sums[1]);
+    sums[2] = simd.mul_add_e_f64s(b, b, sums[2]);
+}
+
+/// Those products, and the same times time and its square.
+#[inline(always)]
+fn add_moved<S: Simd>(simd: S, [a, b]: [S::f64s; 2], time: S::f64s, sums: &mut [S::f64s; 9]) {
+    let products = [
+        simd.mul_f64s(a, a),
+        simd.mul_f64s(a, b),
+        simd.mul_f64s(b, b),
+    ];
+    for i in 0..3 {
+        let moved = simd.mul_f64s(products[i], time);
+        sums[i] = simd.add_f64s(sums[i], products[i]);
+        sums[3 + i] = simd.add_f64s(sums[3 + i], moved);
+        sums[6 + i] = simd.mul_add_e_f64s(moved, time, sums[6 + i]);
+    }
+}
+
+/// The n x n matrix of blocks (xx, -xy, yy) times the powers 0, 1, 2 of time.
+#[inline(always)]
+fn spread(sums: &[f64; 9], n: usize, out: &mut [f64]) {
+    for i in 0..n {
+        for j in 0..n {
+            let sum = sums[i % 2 + j % 2 + 3 * (i / 2 + j / 2)];
+            out[i * n + j] = if i % 2 == j % 2 { sum } else { -sum };
+        }
+    }
+}
+
+/// How a determinant of the information is found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Determinant {
+    /// From the triangular factor of the rows: O(m).
+    Root,
+    /// The sum over pairs of bearings of sin^2 of their difference, over both
+    /// ranges and deviations squared: O(m^2), fixed targets alone.
+    Pairs,
+}
+
+/// The determinant of the information of each trial.
+///
+/// # Errors
+/// As [`row`](crate::maneuver::row), with the trial and the sample.
+///
+/// # Source
+/// Xu et al. 2009, eq. (14), for [`Determinant::Pairs`].
+pub fn fisher_det(
+    sightings: Sightings<'_>,
+    method: Determinant,
+    threads: Threads,
+    out: &mut [f64],
+) -> Result<(), (usize, Error)> {
+    let m = sightings.positions.size() / 2;
+    let cost = match method {
+        Determinant::Root => 40.0 * m as f64,
+        Determinant::Pairs => (m * m) as f64,
+    };
+    threads.over(out, 1, cost, |trial, out| {
+        let sighting = sightings.at(trial);
+        out[0] = if sightings.states() == 4 {
+            root_det_moving(sighting)
+        } else if method == Determinant::Pairs {
+            pairs_det(sighting)
+        } else {
+            root_det(sighting)
+        }
+        .map_err(|error| (trial, error))?;
+        Ok(())
+    })
+}
+
+fn root_det(sighting: Sighting<'_>) -> Result<f64, Error> {
+    let mut root = SquareRootInformation::<f64, 2>::new();
+    for i in 0..sighting.positions.len() {
+        let (_, east, north, sigma) = sighting.sample(i);
+        root.absorb(&unchecked_row(east, north, sigma).map_err(|error| error.at(i))?);
+    }
+    Ok(root.determinant())
+}
+
+fn root_det_moving(sighting: Sighting<'_>) -> Result<f64, Error> {
+    let mut root = SquareRootInformation::<f64, 4>::new();
+    for i in 0..sighting.positions.len() {
+        let (time, east, north, sigma) = sighting.sample(i);
+        let row = bearings::unchecked_row(time, east, north, sigma)
+            .map_err(|_| Error::OnTarget { index: i })?;
+        root.absorb(&row);
+    }
+    Ok(root.determinant())
+}
+
+fn pairs_det(sighting: Sighting<'_>) -> Result<f64, Error> {
+    let mut sum = 0.0;
+    for i in 0..sighting.positions.len() {
+        let (_, east, north, sigma) = sighting.sample(i);
+        let [a, b] = unchecked_row(east, north, sigma).map_err(|error| error.at(i))?;
+        for j in 0..i {
+            let (_, east, north, sigma) = sighting.sample(j);
+            let weight = 1.0 / ((east * east + north * north) * sigma);
+            // sin of the difference over both ranges: the rows' cross product.
+            let cross = weight * (a * east + b * north);
+            sum += cross * cross;
+        }
+    }
+    Ok(sum)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alloc::vec;
+    use alloc::vec::Vec;
+
+    #[test]
+    fn one_deviation_for_all_bearings_gives_the_sum_of_the_rows() {
+        let mut stream = crate::batch::Stream::new(6, 0);
+        let trials = 11;
+        for (m, n) in [1, 2, 3, 7, 8, 9, 16, 100, 149]
+            .into_iter()
+            .flat_map(|m| [(m, 2), (m, 4)])
+        {
+            let mut draw = |count: usize, size: f64, middle: f64| -> Vec<f64> {
+                (0..count)
+                    .map(|_| middle + size * stream.normal())
+                    .collect()
+            };
+            let positions = draw(2 * m * trials, 100.0, 0.0);
+            let mut target = draw(n * trials, 50.0, 900.0);
+            for state in target.chunks_exact_mut(n).filter(|_| n == 4) {
+                // Fast enough to be somewhere else at the end, never at the path.
+                (state[2], state[3]) = (3.0, 0.02 * state[1]);
+            }
+            let times: Vec<f64> = (0..m).map(|i| 5.0 + 1.5 * i as f64).collect();
+            let sigma = [0.03];
+            let sightings = Sightings {
+                positions: Items::each(&positions, 2 * m),
+                target: Items::each(&target, n),
+                times: Items::shared(if n == 4 { &times } else { &[] }),
+                sigma: Items::shared(&sigma),
+            };
+            let size = n * n;
+            let mut plain = vec![0.0; size * trials];
+            for (trial, out) in plain.chunks_exact_mut(size).enumerate() {
+                assert_eq!(sightings.at(trial).row_by_row(out), Ok(()));
+            }
+            for path in Path::available() {
+                let mut out = vec![0.0; size * trials];
+                assert_eq!(fisher(sightings, Threads::One, path, &mut out), Ok(()));
+                for (found, wanted) in out.chunks(size).zip(plain.chunks(size)) {
+                    for i in 0..n {
+                        for j in 0..n {
+                            let scale = (wanted[i * n + i] * wanted[j * n + j]).sqrt();
+                            let (a, b) = (found[i * n + j], wanted[i * n + j]);
+                            assert!((a - b).abs() <= 1e-14 * scale, "{path:?} {m}: {a} {b}");
+                        }
+                    }
+                }
+                // Without anything left over from a trial's neighbours.
+                let mut alone = vec![0.0; size];
+                let last = sightings.skip(trials - 1);
+                assert_eq!(fisher(last, Threads::One, path, &mut alone), Ok(()));
+                assert_eq!(out[size * (trials - 1)..], alone);
+            }
+        }
+    }
+
+    #[test]
+    fn what_the_vectors_cannot_hold_is_summed_row_by_row_or_refused() {
+        let sigma = [1.0];
+        for path in Path::available() {
+            let one = |place: f64, target: f64| {
+                let mut positions = [5.0; 22];
+                (positions[12], positions[13]) = (place, 7.0);
+                let target = [target, 7.0];
+                let sightings = Sightings {
+                    positions: Items::shared(&positions),
+                    target: Items::shared(&target),
+                    times: Items::shared(&[]),
+                    sigma: Items::shared(&sigma),
+                };
+                let mut out = [0.0; 4];
+                fisher(sightings, Threads::One, path, &mut out).map(|()| out)
+            };
+            assert_eq!(one(3.0, 3.0), Err((0, Error::OnTarget { index: 6 })));
+            for wrong in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+                assert!(
+                    matches!(
+                        one(wrong, 3.0),
+                        Err((0, Error::Number(NumberError::NotFinite { index: 6, .. })))
+                    ),
+                    "{path:?} {wrong}"
+                );
+            }
+            // At 1e-170 m the square vanishes, at 1e-150 m it does not.
+            assert!(matches!(
+                one(0.0, 1e-170),
+                Err((0, Error::Number(NumberError::Overflow { .. })))
+            ));
+            let near = one(0.0, 1e-150).map(|out| out[3]);
+            assert!(near.is_ok_and(|yy| (yy * 1e-300 - 1.0).abs() < 1e-14));
+        }
+    }
+
+    #[test]
+    fn every_path_gives_the_sum_of_the_rows() {
+        let m = 149;
+        let mut stream = crate::batch::Stream::new(5, 0);
+        let positions: Vec<f64> = (0..2 * m).map(|_| 100.0 * stream.normal()).collect();
+        let times: Vec<f64> = (0..m).map(f64::from).collect();
+        let sigma: Vec<f64> = (0..m).map(|_| 0.01 + stream.uniform()).collect();
+        for target in [vec![900.0, 300.0], vec![900.0, 300.0, 2.0, -1.0]] {
+            let n = target.len();
+            let sightings = Sightings {
+                positions: Items::shared(&positions),
+                target: Items::shared(&target),
+                times: Items::shared(&times),
+                sigma: Items::shared(&sigma),
+            };
+            let mut plain = vec![0.0; n * n];
+            for i in 0..positions.len() / 2 {
+                let (time, east, north, sigma) = sightings.at(0).sample(i);
+                let [a, b] = unchecked_row(east, north, sigma).unwrap_or([f64::NAN; 2]);
+                let row = [a, b, time * a, time * b];
+                for j in 0..n {
+                    for k in 0..n {
+                        plain[j * n + k] += row[j] * row[k];
+                    }
+                }
+            }
+            for path in Path::available() {
+                let mut out = vec![0.0; n * n];
+                assert_eq!(fisher(sightings, Threads::One, path, &mut out), Ok(()));
+                for (a, b) in out.iter().zip(&plain) {
+                    assert!((a - b).abs() <= 1e-12 * plain[0].max(b.abs()), "{a} {b}");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,7 @@
+//! The models: each makes rows, and brings what is special to it.
+
+pub mod bearings;
+pub mod dipole;
+pub mod linear;
+pub mod maneuver;
+pub mod registration;

@@ -1,0 +1,165 @@
+//! sum of w row^T row, trial by trial.
+
+use crate::batch::simd::{Path, lane_sums};
+use crate::batch::{Items, Threads};
+
+/// Gram matrices (trials, n, n) of rows (trials, K, n), with a weight for each
+/// row if given. `out` holds n x n entries for each trial.
+pub fn gram(
+    rows: Items<'_>,
+    weights: Option<Items<'_>>,
+    n: usize,
+    threads: Threads,
+    path: Path,
+    out: &mut [f64],
+) {
+    let count = rows.size().checked_div(n).unwrap_or(0);
+    let cost = 0.3 * (count * n * n) as f64;
+    let each = |trial: usize, out: &mut [f64]| -> Result<(), core::convert::Infallible> {
+        let rows = rows.get(trial);
+        let weights = weights.map(|w| w.get(trial));
+        match n {
+            4 if weights.is_none() => path.run(Four { rows, out }),
+            4 => path.run(Fixed::<4> { rows, weights, out }),
+            9 => path.run(Fixed::<9> { rows, weights, out }),
+            _ => any_size(rows, weights, n, out),
+        }
+        Ok(())
+    };
+    let Ok(()) = threads.over(out, n * n, cost, each);
+}
+
+fn any_size(rows: &[f64], weights: Option<&[f64]>, n: usize, out: &mut [f64]) {
+    out.fill(0.0);
+    for (k, row) in rows.chunks_exact(n).enumerate() {
+        let w = weights.map_or(1.0, |w| w[k]);
+        for i in 0..n {
+            let x = w * row[i];
+            for j in 0..n {
+                out[i * n + j] += x * row[j];
+            }
+        }
+    }
+}
+
+/// Four columns, the commonest case: blocks of rows are turned into one vector a
+/// column, and the ten sums run down the lanes.
+struct Four<'a> {
+    rows: &'a [f64],
+    out: &'a mut [f64],
+}
+
+impl pulp::WithSimd for Four<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, simd: S) {
+        let (vectors, _) = S::as_simd_f64s(self.rows);
+        let (blocks, _) = vectors.as_chunks::<4>();
+        let mut sums = [simd.splat_f64s(0.0); 10];
+        for block in blocks {
+            let columns = simd.deinterleave_shfl_f64s(*block);
+            let mut k = 0;
+            for i in 0..4 {
+                for j in i..4 {
+                    sums[k] = simd.mul_add_e_f64s(columns[i], columns[j], sums[k]);
+                    k += 1;
+                }
+            }
+        }
+        let mut sums = lane_sums(simd, &sums);
+        let (rest, _) = self.rows[blocks.len() * 4 * S::F64_LANES..].as_chunks::<4>();
+        for row in rest {
+            let mut k = 0;
+            for i in 0..4 {
+                for j in i..4 {
+                    sums[k] += row[i] * row[j];
+                    k += 1;
+                }
+            }
+        }
+        let mut k = 0;
+        for i in 0..4 {
+            for j in i..4 {
+                self.out[4 * i + j] = sums[k];
+                self.out[4 * j + i] = sums[k];
+                k += 1;
+            }
+        }
+    }
+}
+
+struct Fixed<'a, const N: usize> {
+    rows: &'a [f64],
+    weights: Option<&'a [f64]>,
+    out: &'a mut [f64],
+}
+
+impl<const N: usize> pulp::WithSimd for Fixed<'_, N> {
+    type Output = ();
+
+    // The width comes from the target features of the path this is inlined
+    // into: N is fixed, so the inner loops become vectors.
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _simd: S) {
+        let mut sums = [[0.0_f64; N]; N];
+        let (rows, _) = self.rows.as_chunks::<N>();
+        match self.weights {
+            None => {
+                for row in rows {
+                    for i in 0..N {
+                        for j in 0..N {
+                            sums[i][j] += row[i] * row[j];
+                        }
+                    }
+                }
+            }
+            Some(weights) => {
+                for (row, &w) in rows.iter().zip(weights) {
+                    for i in 0..N {
+                        for j in 0..N {
+                            sums[i][j] += w * row[i] * row[j];
+                        }
+                    }
+                }
+            }
+        }
+        self.out.copy_from_slice(sums.as_flattened());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::batch::Stream;
+
+    /// Every path and size against the plain loop.
+    #[test]
+    fn all_paths_agree_with_the_plain_sum() {
+        let mut random = Stream::new(1, 0);
+        for n in [2, 4, 9] {
+            for count in [0, 1, 7, 8, 33, 100] {
+                let rows: alloc::vec::Vec<f64> = (0..count * n).map(|_| random.normal()).collect();
+                let weights: alloc::vec::Vec<f64> = (0..count).map(|_| random.uniform()).collect();
+                for weights in [None, Some(weights.as_slice())] {
+                    let mut expected = alloc::vec![0.0; n * n];
+                    any_size(&rows, weights, n, &mut expected);
+                    for path in Path::available() {
+                        let mut found = alloc::vec![f64::NAN; n * n];
+                        gram(
+                            Items::each(&rows, rows.len()),
+                            weights.map(Items::shared),
+                            n,
+                            Threads::One,
+                            path,
+                            &mut found,
+                        );
+                        for (f, e) in found.iter().zip(&expected) {
+                            assert!((f - e).abs() < 1e-12, "{path:?} {n} {count}: {f} {e}");
+                        }
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,12 @@
+//! Everything that follows from the rows, whatever model made them: information,
+//! triangular factor, spectrum, bound and the verdict.
+
+#[cfg(feature = "std")]
+pub mod batch_gram;
+pub mod bound;
+pub mod information;
+#[cfg(feature = "alloc")]
+pub mod observability;
+pub mod rows;
+pub mod spectrum;
+pub mod square_root;

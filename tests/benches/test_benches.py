@@ -1,0 +1,131 @@
+"""The benchmark suite's own parts: what it measures must be what it says."""
+
+import math
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benches"))
+
+import exact
+import report
+from harness import OURS, Case, Contest, Contestant, Row, c_function, markdown, pointer, run
+from limits import KINDS, Limit, larger, measure
+
+RATES = {"one": dict.fromkeys(KINDS, 1e9), "all": dict.fromkeys(KINDS, 2e9)}
+needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
+
+
+@needs_gcc
+def test_every_limit_is_measured_however_short_the_time():
+    rates = measure(seconds=0.0)
+    for threads in ("one", "all"):
+        assert set(rates[threads]) == set(KINDS)
+        assert min(rates[threads].values()) > 1e7
+    assert rates["one"]["fma"] > rates["one"]["divide"] > rates["one"]["sincos"] / 100
+
+
+def test_the_slowest_group_of_operations_binds():
+    rates = {"fma": 10.0, "sincos": 1.0, "divide": 2.0, "root": 1.0, "cache": 5.0, "memory": 1.0}
+    limit = Limit({"fma": 20.0, "sincos": 1.0, "divide": 2.0, "root": 4.0, "memory": 4.5}, "")
+    assert limit.best(rates) == (5.0, "divide + root")
+    assert Limit({"fma": 20.0, "sincos": 1.0}, "").best(rates) == (3.0, "fma + sincos")
+    better = larger(RATES, {"one": dict.fromkeys(KINDS, 3e9), "all": dict.fromkeys(KINDS, 1e9)})
+    assert (better["one"]["fma"], better["all"]["fma"]) == (3e9, 2e9)
+
+
+def test_a_contest_lists_times_errors_and_what_failed():
+    def fails(_):
+        raise ImportError("no such peer | at all")
+
+    contest = Contest(
+        "sums",
+        "number",
+        1000.0,
+        np.arange(1000.0),
+        [
+            Contestant(OURS, lambda data: data.sum),
+            Contestant("slow", lambda data: lambda: sum(float(x) for x in data)),
+            Contestant("wrong", lambda data: lambda: data[0] * np.nan),
+            Contestant("missing", fails),
+        ],
+        limit=Limit({"cache": 8.0}, "8 bytes each"),
+        cases={"well": Case(np.arange(11.0), lambda found: exact.relative(found, 55))},
+        size=1000.0,
+        series="sums against size",
+    )
+    rows = {row.contestant: row for row in run(contest, rounds=3, limits=RATES, seconds=1e-3)}
+    assert rows[OURS].ratio == 1
+    assert rows["slow"].ratio > 3
+    assert rows[OURS].fraction == pytest.approx(8e-9 / rows[OURS].minimum)
+    assert rows[OURS].errors == {"well": 0.0}
+    assert rows["wrong"].errors == {"well": math.inf}
+    assert rows["missing"].message == "ImportError: no such peer | at all"
+    assert rows["missing"].minimum is None
+    text = markdown(rows.values())
+    lines = [line for line in text.splitlines() if line.startswith("|")]
+    # A message must not break the table.
+    assert {line.replace("\\|", "").count("|") for line in lines} == {7}
+    assert "no digit" in text
+
+
+def test_slopes_are_those_of_whole_calls():
+    rows = [
+        Row("c", name, "trial", 1, work=size, minimum=each * size**power, size=size, series="s")
+        for size in (10.0, 100.0, 1000.0)
+        for name, each, power in ((OURS, 1e-9, 0.0), ("peer", 1e-8, 1.0))
+    ]
+    slopes = report.growth(rows)["s"]
+    assert slopes[OURS] == pytest.approx(1.0)
+    assert slopes["peer"] == pytest.approx(2.0)
+
+
+def test_what_did_not_run_and_who_is_faster_are_named():
+    rows = [
+        Row("c", OURS, "trial", 1, minimum=1.0, median=1.0, ratio=1.0),
+        Row("c", "C", "trial", 1, minimum=0.5, median=0.5, ratio=0.5, errors={"well": 1e-16}),
+        Row("c", "JAX", "trial", 1, message="ImportError: none"),
+    ]
+    text = report.worst(rows)
+    assert "| c | C | 0.50 | well 1e-16 |" in text
+    assert "| ImportError: none | JAX | c |" in text
+
+
+def test_pictures_are_drawn(tmp_path):
+    rows = [
+        Row(
+            "c", name, "trial", 1, work=10.0, minimum=size * 1e-6, median=size * 1e-6, ratio=1.0,
+            errors={"well": 1e-16, "ill": 1e-9}, fraction=0.5, limit="fma: two", size=size,
+            series=series,
+        )
+        for size in (10.0, 100.0)
+        for name in (OURS, "C", "numpy")
+        for series in ("", "time against size")
+    ]  # fmt: skip
+    report.pictures(rows, tmp_path)
+    assert {path.name for path in tmp_path.glob("*.png")} == {
+        "accuracy.png",
+        "limit.png",
+        "size.png",
+    }
+
+
+def test_exact_numbers():
+    rows = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
+    assert float(exact.det(exact.gram(rows))) == 24.0
+    np.testing.assert_allclose(
+        exact.bounds(exact.gram(rows)), np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
+    )
+
+
+@needs_gcc
+def test_c_kernels_agree_with_numpy_and_refuse_strides():
+    rows = np.random.default_rng(1).normal(size=(3, 7, 4))
+    out = np.empty((3, 4, 4))
+    c_function("linear.c", "gram4")(rows, 3, 7, out)
+    np.testing.assert_allclose(out, rows.transpose(0, 2, 1) @ rows, atol=1e-12)
+    with pytest.raises(ValueError, match="contiguous"):
+        pointer(rows[:, ::2])

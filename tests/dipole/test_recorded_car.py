@@ -1,0 +1,70 @@
+"""A car that passes two magnetometers, as recorded."""
+
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gramian as gm
+
+pytestmark = pytest.mark.recorded
+EXAMPLE = Path(__file__).parents[2] / "examples" / "car_passes.py"
+
+
+@pytest.fixture(scope="module")
+def example():
+    return runpy.run_path(str(EXAMPLE))
+
+
+@pytest.fixture
+def passes(example, recorded):
+    return list(example["passes"](recorded("car_magnetometer.csv")))
+
+
+def test_one_dipole_explains_the_field_at_each_sensor_and_their_directions_agree(example, passes):
+    assert len(passes) == 2
+    for _, speed, times, field in passes:
+        each = [example["alone"](times, field, s, speed) for s in (0, 1)]
+        for found in each:
+            assert found.explained >= 0.85
+            assert 1.2 < found.closest.range < 2.0
+            assert abs(found.direction[1]) > 0.9, "along the road, the sensors' y"
+            assert found.speed == (pytest.approx(speed), 0.0)
+            # One sensor cannot tell the mirror image.
+            np.testing.assert_allclose(found.mirror.cost, found.cost, rtol=1e-6)
+        assert example["angle"](*each) < 15
+
+
+def test_both_sensors_tell_the_speed_and_the_side(example, passes):
+    for _, speed, times, field in passes:
+        found = example["together"](times, field)
+        assert found.speed[0] == pytest.approx(speed, rel=0.15)
+        assert found.explained >= 0.85
+        assert found.mirror is None or found.mirror.cost > 1.2 * found.cost
+        assert found.direction[1] > 0.9, "from the first sensor to the second"
+
+
+def test_spikes_of_the_recorder_are_rejected(passes):
+    _, speed, times, field = passes[0]
+    assert abs(field).max() > 1e-3, "the record has spikes of 2 mT in a signal of 4 uT"
+    kept = gm.dipole.localize(
+        times, field[:, 0], {"speed": speed}, background="median", loss="huber"
+    )
+    assert kept.spikes > 0
+    good = kept.weights[:, 0].min(axis=-1) > 0
+    assert abs(field[good, 0] - kept.background).max() < 1e-5
+    assert kept.closest.range == pytest.approx(1.5, abs=0.3)
+
+
+def test_nothing_known_at_one_sensor_is_refused(passes):
+    _, _, times, field = passes[1]
+    with pytest.raises(gm.UnobservableError, match="speed"):
+        gm.dipole.localize(times, field[:, 0], background="median", loss="huber", window="pass")
+
+
+def test_the_example_runs(example, recorded, capsys):
+    example["main"](recorded("car_magnetometer.csv"))
+    text = capsys.readouterr().out
+    assert text.count("sensor 1 alone") == 2
+    assert "km/h" in text

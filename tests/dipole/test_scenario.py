@@ -1,0 +1,146 @@
+"""Dipole scenarios, the command on them, the made example, and the paper's figures."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gramian as gm
+from gramian.reproduce import dai_2020
+from gramian.scenario import load
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+#: What examples/make_dipole_pass.py made the record of.
+SPEED, RANGE, MOMENT = np.hypot(0.2, 7.0), 1.58, np.sqrt(60**2 + 25**2 + 70**2)
+
+
+def write(tmp_path, text):
+    path = tmp_path / "scenario.toml"
+    path.write_text(text)
+    return path
+
+
+def test_one_sensor_with_known_speed_and_a_prior_of_the_side():
+    report = load(EXAMPLES / "dipole_one_sensor.toml").localize()
+    found = report.data["localization"]
+    assert report.headline == "LOCATED"
+    assert found["closest"]["range"] == pytest.approx(RANGE, abs=0.05)
+    assert found["moment"][0] == pytest.approx(MOMENT, rel=0.05)
+    assert found["mirror"]["cost"] > found["cost"] + 10
+    json.loads(report.to_json())
+    for picture in report.pictures:
+        picture.draw()
+
+
+def test_two_sensors_find_the_speed():
+    report = load(EXAMPLES / "dipole_two_sensors.toml").localize()
+    found = report.data["localization"]
+    value, std = found["speed"]
+    assert abs(value - SPEED) < 4 * std
+    assert value == pytest.approx(SPEED, rel=0.02)
+
+
+def test_without_knowledge_the_refusal_is_a_report(tmp_path):
+    text = (EXAMPLES / "dipole_one_sensor.toml").read_text()
+    text = text.split("\n[known]")[0].replace(
+        "dipole_pass.csv", str(EXAMPLES / "dipole_pass.csv").replace("\\", "/")
+    )
+    report = load(write(tmp_path, text)).localize()
+    assert report.headline == "UNOBSERVABLE"
+    assert "speed" in report.verdict
+    assert load(write(tmp_path, text)).analyze().headline == "UNOBSERVABLE"
+
+
+def test_analyze_an_assumed_pass_and_what_repairs_it(tmp_path):
+    path = EXAMPLES / "dipole_table_1.toml"
+    report = load(path).analyze()
+    assert report.headline == "UNOBSERVABLE"
+    known = write(tmp_path, path.read_text() + "\n[known]\nz = 5.0\nvz = 0.0\n")
+    data = load(known).analyze().data["observability"]
+    assert data["names"] == ["x0", "y0", "vx", "vy", "mx", "my", "mz"]
+    bound = gm.crlb_std(
+        gm.dipole.problem([-10, -10, 5], [1, 1, 0], [10, 20, 10], np.arange(21.0), 1e-9).fix(
+            "z0", "vz"
+        )
+    )
+    np.testing.assert_allclose(data["crlb_std"], bound)
+    speed = write(tmp_path, path.read_text() + "\n[known]\nspeed = 1.4142\n")
+    assert load(speed).analyze().headline != "UNOBSERVABLE"
+
+
+def test_simulate_reaches_the_bound(tmp_path):
+    path = write(
+        tmp_path,
+        (EXAMPLES / "dipole_table_1.toml").read_text() + "\n[known]\nz = 5.0\nvz = 0.0\n",
+    )
+    report = load(path).simulate(200, 1)
+    assert report.headline == "REACHES THE BOUND"
+    assert len(report.pictures) == 4
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (('unit = "uT"', 'unit = "V"'), "unit = 'V'"),
+        (('unit = "uT"', 'unit = "T"'), "must be in tesla"),
+        (("s1_x_uT", "s9_x_uT"), "has no column 's9_x_uT'"),
+        (("speed = 7.003", "haste = 7.003"), "haste"),
+        (("sigma = 3.0", "sigma = -3.0"), "must be > 0"),
+        (('[["s1_x_uT"', '[["s2_x_uT", "s2_y_uT", "s2_z_uT"], ["s1_x_uT"'), "sensors has 1"),
+    ],
+)
+def test_mistakes_are_named(tmp_path, change, message):
+    text = (EXAMPLES / "dipole_one_sensor.toml").read_text()
+    text = text.replace("dipole_pass.csv", str(EXAMPLES / "dipole_pass.csv").replace("\\", "/"))
+    assert change[0] in text
+    with pytest.raises(gm.ScenarioError, match=message):
+        load(write(tmp_path, text.replace(*change))).localize()
+
+
+def test_missing_cells_are_left_out_only_if_asked(tmp_path):
+    lines = (EXAMPLES / "dipole_pass.csv").read_text().splitlines()
+    cells = lines[300].split(",")
+    lines[300] = ",".join([cells[0], "", *cells[2:]])
+    (tmp_path / "holes.csv").write_text("\n".join(lines))
+    text = (EXAMPLES / "dipole_one_sensor.toml").read_text().replace("dipole_pass.csv", "holes.csv")
+    with pytest.raises(gm.ScenarioError, match=r"holes.csv:301: s1_x_uT = ''"):
+        load(write(tmp_path, text)).localize()
+    dropping = text.replace('unit = "uT"', 'unit = "uT"\nmissing = "drop"')
+    found = load(write(tmp_path, dropping)).localize().data["localization"]
+    assert found["dropped"] == 1
+
+
+def test_the_command_locates(tmp_path):
+    done = subprocess.run(
+        [
+            *(sys.executable, "-m", "gramian", "localize"),
+            *(EXAMPLES / "dipole_one_sensor.toml", "--out", tmp_path),
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "LOCATED" in done.stdout
+    assert (tmp_path / "report.html").exists()
+
+
+def test_dai_2020():
+    report = dai_2020.run(generations=30)
+    data = report.data
+    assert data["figure_2"]["relative_difference"] < 1e-14
+    # Each published estimate is on the family of its printed u, within its rounding.
+    for row in data["table_2"]:
+        assert row["from_r"] == pytest.approx(row["printed"], rel=0.05)
+        assert row["from_m"] == pytest.approx(row["printed"], rel=0.05)
+    methods = {row["method"]: row for row in data["table_3"]}
+    assert methods["published genetic algorithm"]["error"] == pytest.approx(0.04, abs=0.01)
+    ours = methods["gramian, its own starts"]
+    assert ours["error"] < 1e-8
+    assert ours["seconds"] < 0.05
+    assert ours["cost"] < 1e-30
+    for picture in report.pictures[:2]:
+        picture.draw()

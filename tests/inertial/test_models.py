@@ -1,0 +1,272 @@
+"""The inertial error model against differences of a nonlinear mechanisation, and maneuvers."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import gramian as gm
+from gramian.models.inertial import EARTH_RATE, Leg, error_model, rotation, segments, static_base
+
+# A mechanisation of its own: WGS 84 with Somigliana's gravity.
+SEMI_MAJOR, INVERSE_FLATTENING = 6378137.0, 298.257223563
+FLATTENING = 1 / INVERSE_FLATTENING
+E2 = FLATTENING * (2 - FLATTENING)
+RATIO = 0.00344978650684
+
+
+def curvature(latitude):
+    w = np.sqrt(1 - E2 * np.sin(latitude) ** 2)
+    return SEMI_MAJOR * (1 - E2) / w**3, SEMI_MAJOR / w
+
+
+def somigliana(latitude, height):
+    s = np.sin(latitude) ** 2
+    ground = 9.7803253359 * (1 + 0.00193185265241 * s) / np.sqrt(1 - E2 * s)
+    above = 1 - 2 / SEMI_MAJOR * (1 + FLATTENING + RATIO - 2 * FLATTENING * s) * height
+    return ground * (above + 3 * height**2 / SEMI_MAJOR**2)
+
+
+def earth_and_transport(velocity, place):
+    latitude, _, height = place
+    meridian, normal = curvature(latitude)
+    north, west, _ = velocity
+    earth = EARTH_RATE * np.array([np.cos(latitude), 0, np.sin(latitude)])
+    transport = np.array(
+        [
+            -west / (normal + height),
+            north / (meridian + height),
+            -west * np.tan(latitude) / (normal + height),
+        ]
+    )
+    return earth, transport
+
+
+def rates(c, velocity, place, force_body, gyro_body, weight):
+    """Return the rates of attitude (as a rotation vector), velocity and place."""
+    earth, transport = earth_and_transport(velocity, place)
+    turning = c @ gyro_body - (earth + transport)
+    fall = np.array([0, 0, -weight(place[0], place[2])])
+    acceleration = c @ force_body - np.cross(2 * earth + transport, velocity) + fall
+    meridian, normal = curvature(place[0])
+    moving = np.array(
+        [
+            velocity[0] / (meridian + place[2]),
+            -velocity[1] / ((normal + place[2]) * np.cos(place[0])),
+            velocity[2],
+        ]
+    )
+    return turning, acceleration, moving
+
+
+def small_rotation(phi):
+    """Return exp(-[phi x]): the computed axes are turned by phi."""
+    angle = np.linalg.norm(phi)
+    k = np.cross(phi, np.eye(3)).T
+    if angle == 0:
+        return np.eye(3)
+    return np.eye(3) - np.sin(angle) / angle * k + (1 - np.cos(angle)) / angle**2 * k @ k
+
+
+class Vehicle:
+    """A true motion and, for an error state, what the navigator computes."""
+
+    def __init__(self, rng, *, still=False):
+        self.c = np.eye(3) if still else rotation(*rng.uniform(-1.0, 1.0, 3))
+        self.v = np.zeros(3) if still else rng.uniform(-200, 200, 3)
+        self.p = np.array([rng.uniform(-1.3, 1.3), 0.3, rng.uniform(0, 9000)])
+        self.l = rng.uniform(-3, 3, 3)
+        self.w_nb = np.zeros(3) if still else rng.uniform(-0.5, 0.5, 3)
+        earth, transport = earth_and_transport(self.v, self.p)
+        self.gyro = self.w_nb + self.c.T @ (earth + transport)
+        self.force = rng.uniform(-20, 20, 3)
+        if still:
+            self.force = np.array([0, 0, somigliana(self.p[0], self.p[2])])
+
+    def weight(self, gradient):
+        here = somigliana(self.p[0], self.p[2])
+        return somigliana if gradient == "include" else lambda *_: here
+
+    def computed(self, x):
+        c = small_rotation(x[0:3]) @ self.c
+        return c, self.v + x[3:6], self.p + x[6:9], self.force + x[12:15], self.gyro + x[9:12]
+
+    def error_rates(self, x, gradient):
+        """Rate of (phi, dV, dP). The tilt's is exact to first order in x."""
+        c, v, p, force, gyro = self.computed(x)
+        weight = self.weight(gradient)
+        turning, acceleration, moving = rates(c, v, p, force, gyro, weight)
+        true = rates(self.c, self.v, self.p, self.force, self.gyro, weight)
+        # C^ = exp(-[phi x]) C with C^' = [w^ x] C^, C' = [w x] C.
+        tilt = -(turning - small_rotation(x[0:3]) @ true[0])
+        return np.concatenate([tilt, acceleration - true[1], moving - true[2]])
+
+    def antenna(self, x):
+        c, v, p, _, gyro = self.computed(x)
+        arm = self.l + (x[15:18] if len(x) > 15 else 0)
+        earth, transport = earth_and_transport(v, p)
+        speed = v + c @ np.cross(gyro - c.T @ (earth + transport), arm)
+        meridian, normal = curvature(p[0])
+        metres = c @ arm
+        offset = metres / [meridian + p[2], -(normal + p[2]) * np.cos(p[0]), 1.0]
+        return np.concatenate([speed, p + offset])
+
+    def model(self, **options):
+        return error_model(
+            self.p[0],
+            self.p[2],
+            specific_force=self.c @ self.force,
+            velocity=self.v,
+            attitude=self.c,
+            angular_rate=self.w_nb,
+            lever_arm=self.l,
+            **options,
+        )
+
+
+# Steps small enough for the products of errors, large enough for rounding.
+STEPS = np.array([1e-4] * 3 + [1e-1] * 3 + [1e-4, 1e-4, 10.0] + [1e-5] * 3 + [1e-1] * 3 + [0.1] * 3)
+# What an error in an entry must be small against: the natural size of the rates.
+SIZES = np.array([1e-4] * 3 + [10.0] * 3 + [1e-4, 1e-4, 100.0])
+
+
+def differences(f, n):
+    columns = []
+    for i in range(n):
+
+        def at(step, i=i):
+            x = np.zeros(n)
+            x[i] = step
+            return (f(x) - f(-x)) / (2 * step)
+
+        wide, narrow = at(STEPS[i]), at(STEPS[i] / 2)
+        columns.append((4 * narrow - wide) / 3)
+    return np.array(columns).T
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from(["include", "omit"]))
+def test_every_entry_of_a_is_the_derivative_of_the_mechanisation(seed, gradient):
+    vehicle = Vehicle(np.random.default_rng(seed))
+    system = vehicle.model(gravity_gradient=gradient, lever_arm_states="estimated")
+    expected = differences(lambda x: vehicle.error_rates(x, gradient), 18)
+    # In units of each rate for a change of each state that matters.
+    unit = SIZES[:, None] / (1e3 * STEPS)
+    assert np.abs((system.A[:9] - expected) / unit).max() < 1e-6
+    # Entries of size are right to seven digits each.
+    large = np.abs(expected) > 1e-3 * unit
+    assert np.allclose(system.A[:9][large], expected[large], rtol=1e-5, atol=0)
+    assert not system.A[9:].any()
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_every_entry_of_c_is_the_derivative_of_the_antenna(seed):
+    vehicle = Vehicle(np.random.default_rng(seed))
+    system = vehicle.model(lever_arm_states="estimated")
+    expected = differences(vehicle.antenna, 18)
+    scale = np.array([1, 1, 1, 1e-7, 1e-7, 1])
+    assert np.abs((system.C - expected) / scale[:, None] * STEPS).max() < 1e-6
+    assert np.allclose(system.C, expected, rtol=1e-5, atol=1e-8 * np.abs(expected).max())
+
+
+def test_a_model_at_rest_is_the_static_base():
+    static = static_base(0.7, 120.0)
+    moving = error_model(0.7, 120.0, gravity_gradient="omit")
+    assert np.array_equal(static.A, moving.A)
+    assert np.array_equal(static.C[:, 3:9], np.eye(6))
+    assert static.names == gm.inertial.NAMES
+
+
+def test_gravity_and_radii_of_the_ellipsoid():
+    # NIMA TR8350.2, table 3.4: gravity at the equator and the poles.
+    assert gm.inertial.gravity(0.0) == 9.7803253359
+    assert abs(gm.inertial.gravity(math.pi / 2) - 9.8321849378) < 1e-9
+    # Polar radius of curvature, ibid.
+    assert abs(gm.inertial.radii(math.pi / 2)[0] - 6399593.6258) < 1e-3
+    # Free air: about 3.086e-6 a metre.
+    slope = (gm.inertial.gravity(0.8, 100.0) - gm.inertial.gravity(0.8)) / 100
+    assert abs(slope + 3.083e-6) < 5e-9
+
+
+def test_rotation_turns_clockwise_nose_up_and_right_side_down():
+    east = rotation(math.pi / 2) @ [1, 0, 0]
+    assert np.allclose(east, [0, -1, 0])
+    assert np.allclose(rotation(0, math.pi / 2) @ [1, 0, 0], [0, 0, 1])
+    # Left of the body rises when the right side goes down.
+    assert np.allclose(rotation(0, 0, math.pi / 2) @ [0, 1, 0], [0, 0, 1])
+
+
+STRAIGHT = Leg(60.0)
+
+
+def test_a_straight_flight_leaves_three_combinations():
+    for legs in ([STRAIGHT], [STRAIGHT, STRAIGHT]):
+        found = segments(legs, 0.6, speed=0.0).piecewise()
+        assert found.total_ranks[-1] == 12
+
+
+def test_a_quarter_turn_with_acceleration_makes_all_three_observable():
+    latitude = math.radians(28.15)
+    legs = [
+        STRAIGHT,
+        Leg(30.0, turn=math.pi / 2, speed_change=10.0),
+        Leg(20.0, speed_change=20.0),
+    ]
+    flight = segments(legs, latitude, speed=50.0)
+    assert flight.upto(0).piecewise().rank == 12
+    assert flight.upto(1).piecewise().rank == 15
+    assert flight.piecewise().rank == 15
+    # And by how much: the three combinations before and after, in prior units.
+    root = np.diag(flight.system.prior)
+    ratios = {}
+    for name, path in (("straight", [Leg(110.0)]), ("maneuver", legs)):
+        rows = segments(path, latitude, speed=50.0).rows(dt=1.0)
+        found = gm.linear._degrees.posterior(
+            rows @ root, root, flight.system.names, flight.system.units, 110.0
+        )
+        ratios[name] = dict(zip(found.names, found.ratio, strict=True))
+    assert ratios["straight"]["phi_U"] > 0.99
+    assert ratios["maneuver"]["phi_U"] < 0.3
+    assert ratios["straight"]["Delta_N"] > 0.9
+    assert ratios["maneuver"]["Delta_N"] < 0.6
+    assert ratios["maneuver"]["phi_N"] < 0.7 * ratios["straight"]["phi_N"]
+
+
+def test_lever_arm_needs_rotation():
+    still = error_model(0.6, lever_arm_states="estimated")
+    turning = error_model(0.6, lever_arm_states="estimated", angular_rate=(0.0, 0.1, 0.3))
+    assert gm.linear.levels(still).nullity > gm.linear.levels(turning).nullity
+
+
+POLE = math.pi / 2
+BAD = [
+    (lambda: static_base(1.6), "latitude = 1.6 rad: must be within"),
+    (lambda: static_base(-90.0), "latitude = -90.0 rad: must be within"),
+    (lambda: static_base(POLE), "is a pole: west and longitude do not exist there"),
+    (lambda: static_base(-POLE), "is a pole"),
+    (lambda: static_base(math.radians(90)), "is a pole"),
+    (lambda: static_base(math.nan), "latitude = nan"),
+    (lambda: static_base(0.5, math.inf), "height = inf"),
+    (lambda: static_base(0.5, tilt=0.0), "tilt = 0"),
+    (lambda: error_model(0.5, velocity=(1.0, 2.0)), "velocity = "),
+    (lambda: error_model(0.5, attitude=2 * np.eye(3)), "attitude is not a rotation"),
+    (lambda: error_model(0.5, gravity_gradient="some"), "gravity_gradient = 'some'"),
+    (lambda: error_model(0.5, lever_arm_states="some"), "lever_arm_states = 'some'"),
+    (lambda: segments([], 0.5), "legs is empty"),
+    (lambda: segments([Leg(0.0)], 0.5), r"legs\[0\].duration = 0"),
+]
+
+
+@pytest.mark.parametrize(("call", "message"), BAD)
+def test_bad_input_is_named(call, message):
+    with pytest.raises(gm.InputError, match=message):
+        call()
+
+
+def test_a_latitude_next_to_the_pole_is_finite():
+    system = static_base(math.radians(89.9999))
+    assert np.isfinite(system.A).all()
+    assert gm.linear.levels(system).rank in (11, 12)

@@ -1,0 +1,158 @@
+"""Registration: scenario files, and the paper's claims."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gramian as gm
+from gramian import registration as reg
+from gramian.reproduce import reproduce
+from gramian.scenario import load
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def test_analyze_and_localize_the_example(tmp_path):
+    scenario = load(EXAMPLES / "two_radars.toml")
+    report = scenario.analyze()
+    assert report.headline == "OBSERVABLE"
+    assert report.data["observability"]["rank"] == 4
+    assert report.data["selection"]["chosen"] == ["parallel", "baseline"]
+    report.write(tmp_path)
+    assert (tmp_path / "report.html").stat().st_size > 10_000
+    found = scenario.localize()
+    assert found.headline == "ESTIMATED"
+    estimate = found.data["estimates"]["all targets"]
+    truth = [300.0, np.radians(0.5), -200.0, np.radians(-0.4)]
+    error = (np.array(estimate["biases"]) - truth) / np.array(estimate["std"])
+    assert np.abs(error).max() < 4
+    assert "best 2" in found.data["estimates"]
+    found.write(tmp_path / "localize")
+    checked = scenario.simulate(300, 1, progress=False, resume=tmp_path / "trials")
+    assert checked.headline == "REACHES THE BOUND"
+    assert len(checked.pictures) >= 3
+    assert checked.data["monte_carlo"]["trials"] == 300
+    # The bias of one state in four is beyond 95 % of its own: chance, not a bias.
+    assert dict(checked.facts)["is it unbiased?"] == "yes, at 95 %"
+
+
+def test_a_singular_example_is_refused_by_name():
+    scenario = load(EXAMPLES / "baseline_only.toml")
+    report = scenario.analyze()
+    assert report.headline == "UNOBSERVABLE"
+    assert "1 A.range - 1 B.range" in report.verdict
+    found = scenario.localize()
+    assert found.headline == "UNOBSERVABLE"
+    assert found.tone == "bad"
+    assert "1 A.range - 1 B.range" in found.verdict
+
+
+def scenario_file(folder, text):
+    path = folder / "s.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+SENSORS = """model = "registration"
+[sensors.A]
+east = 0.0
+north = 0.0
+sigma_range = 50.0
+sigma_azimuth_deg = 0.1
+[sensors.B]
+east = 60000.0
+north = 0.0
+sigma_range = 50.0
+sigma_azimuth_deg = 0.1
+"""
+
+
+def test_reports_from_a_file(tmp_path):
+    sensors, sigma = {"A": (0.0, 0.0), "B": (60e3, 0.0)}, (50.0, np.radians(0.1))
+    lines = ["target,t,radar,r,az"]
+    for name, start in (("T1", -20e3), ("T2", 10e3)):
+        k = np.arange(100.0)
+        path = np.stack([start + 400 * k, 25e3 + 50 * k], axis=1)
+        values = reg.simulate(path, sensors, sigma, {"B.range": -150.0}, seed=3).values
+        for t, look in zip(k, values, strict=True):
+            for sensor, (r, azimuth) in zip("AB", look, strict=True):
+                lines.append(f"{name},{t},{sensor},{r},{np.degrees(azimuth)}")
+    (tmp_path / "r.csv").write_text("\n".join(lines), encoding="utf-8")
+    section = """[reports]
+file = "r.csv"
+columns = { target = "target", time = "t", sensor = "radar", range = "r", azimuth_deg = "az" }
+"""
+    found = load(scenario_file(tmp_path, SENSORS + section)).localize()
+    assert found.headline == "ESTIMATED"
+    estimate = found.data["estimates"]["all targets"]
+    assert abs(estimate["biases"][2] + 150) < 4 * estimate["std"][2]
+    (tmp_path / "r.csv").write_text("\n".join(lines[:-1]), encoding="utf-8")
+    with pytest.raises(gm.InputError, match="different length"):
+        load(scenario_file(tmp_path, SENSORS + section)).localize()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (SENSORS, "give the targets once"),
+        (SENSORS.replace("50.0", "-50.0", 1), "sigma_range"),
+        (SENSORS + "[biases.C]\nrange = 1.0\n[tracks.T]\nstart=[0,1]\nvelocity=[1,1]\n"
+         "duration=9\nstep=1\n", r"biases\.C: no sensor is named so"),
+        (SENSORS + "[tracks.T]\nstart=[0,1]\nvelocity=[1,1]\nduration=9\nstep=1\nspeed=3\n",
+         "speed"),
+    ],
+)  # fmt: skip
+def test_mistakes_are_named(tmp_path, text, message):
+    with pytest.raises(gm.ScenarioError, match=message):
+        load(scenario_file(tmp_path, text))
+
+
+def test_the_claims_of_the_paper():
+    report = reproduce("zhu-2013")
+    verdicts = [claim["verdict"].split(",")[0] for claim in report.data["claims"]]
+    assert verdicts == ["yes", "no", "no", "yes", "yes", "no", "yes"]
+    for name in "ABC":
+        errors = report.data["targets"][name]
+        assert errors["ml"][0] < 1.25 * errors["bound"][0]
+    trend = report.data["claims"][-1]["finding"]
+    correlation = float(trend.split("the bound is ")[1].split(";")[0])
+    assert 0.9 < correlation < 1
+
+
+@pytest.mark.recorded
+def test_recorded_aircraft(recorded):
+    """Two radars among recorded aircraft: all of them, the best three, three at random."""
+    table = np.genfromtxt(recorded("aircraft_uk.csv"), delimiter=",", names=True, dtype=None,
+                          encoding="utf-8")  # fmt: skip
+    tracks = {}
+    for name in np.unique(table["aircraft"]):
+        one = table[table["aircraft"] == name]
+        tracks[str(name)] = np.stack([one["east_m"], one["north_m"]], axis=1).astype(float)
+    sensors = {"A": (-30e3, -10e3), "B": (30e3, 10e3)}
+    sigma = (50.0, np.radians(0.1))
+    truth = {"A.range": 300.0, "A.azimuth": np.radians(0.5), "B.range": -200.0,
+             "B.azimuth": np.radians(-0.4)}  # fmt: skip
+    true = np.array(list(truth.values()))
+    chosen = reg.select(tracks, sensors, sigma, 3)
+    everyone = list(tracks)
+    random = np.random.default_rng(7)
+    draws = [list(random.choice(everyone, 3, replace=False)) for _ in range(20)]
+    bounds, ratios = {}, {}
+    for label, names in {"all": everyone, "best": list(chosen.chosen),
+                         **{f"draw {i}": d for i, d in enumerate(draws)}}.items():  # fmt: skip
+        looks = np.concatenate([tracks[name] for name in names])
+        bounds[label] = gm.crlb_std(reg.problem(looks, sensors, sigma))
+        trials = 100 if label in ("all", "best") else 10
+        found = reg.estimate_trials(looks, sensors, sigma, truth, seed=5, trials=trials)
+        assert (found.status == "determined").all(), label
+        rmse = np.sqrt(((found.biases - true) ** 2).mean(axis=0))
+        ratios[label] = rmse / bounds[label]
+    assert chosen.bounds[-1] == pytest.approx(bounds["best"], rel=1e-9)
+    for label in ("all", "best"):
+        assert np.abs(ratios[label] - 1).max() < 0.25, (label, ratios[label])
+    # Three well chosen are better than three at random, and most of what all can tell.
+    size = {label: np.log(bound).mean() for label, bound in bounds.items()}
+    drawn = [size[f"draw {i}"] for i in range(20)]
+    assert size["all"] < size["best"] <= min(drawn)
+    assert np.exp(np.median(drawn) - size["best"]) > 1.2
