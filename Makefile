@@ -86,5 +86,5 @@ $(VENV)/.dependencies: pyproject.toml
 	$(BIN)/python -m pip install --quiet --upgrade pip 'maturin>=1.9,<2'
 	touch $@
 $(VENV)/.installed: $(VENV)/.dependencies $(RUST)
-	$(BIN)/maturin develop --release --extras dev,report,interop,distributed
+	$(BIN)/maturin develop --release --extras dev,report,files,interop,distributed
 	touch $@

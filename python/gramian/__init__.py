@@ -27,7 +27,7 @@ from gramian.models import REGISTRY
 from gramian.problem import Problem, from_function
 
 if TYPE_CHECKING:
-    from gramian import monte_carlo
+    from gramian import io, monte_carlo
     from gramian.models import bearings, dipole, inertial, linear, maneuver, registration
 
 __all__ = [
@@ -51,6 +51,7 @@ __all__ = [
     "from_function",
     "gram",
     "inertial",
+    "io",
     "linear",
     "maneuver",
     "monte_carlo",
@@ -63,8 +64,8 @@ def __getattr__(name: str) -> ModuleType:
     # Imported when they are first used, so that the import of the package stays light.
     if name in REGISTRY:
         return importlib.import_module(f"gramian.models.{name}")
-    if name == "monte_carlo":
-        return importlib.import_module("gramian.monte_carlo")
+    if name in ("io", "monte_carlo"):
+        return importlib.import_module(f"gramian.{name}")
     raise AttributeError(f"module 'gramian' has no attribute {name!r}")
 
 

@@ -1,0 +1,12 @@
+"""Files of tracks and measurements, as people have them.
+
+`read` takes one or more files and returns a `Recording`: `Track` objects and
+`Detections` of sensors, on one clock and in one plane. `FORMATS` lists what is read.
+"""
+
+from __future__ import annotations
+
+from gramian.io._read import FORMATS, read
+from gramian.io._recording import Detections, Recording, Track
+
+__all__ = ["FORMATS", "Detections", "Recording", "Track", "read"]

@@ -1,0 +1,171 @@
+"""Reading a file of any format."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+
+from gramian.exceptions import InputError
+from gramian.io import _gpx, _kml, _nmea, _rep, _slips, _table
+from gramian.io._recording import Recording, merged
+
+__all__ = ["FORMATS", "read"]
+
+#: Format -> what it is, by which library, what is read, what is left out.
+FORMATS: dict[str, tuple[str, str, str, str]] = {
+    "csv": (
+        "table with a header",
+        "csv (standard library)",
+        "positions or detections; any separator, decimal commas, dates, UNIX and clock times, "
+        "degrees-minutes-seconds",
+        "columns that are not named or recognised",
+    ),
+    "parquet": (
+        "Parquet, Feather (Arrow)",
+        "pyarrow",
+        "as csv",
+        "nested columns",
+    ),
+    "gpx": ("GPX 1.0, 1.1", "gpxpy", "tracks with times, elevation", "routes, waypoints"),
+    "kml": (
+        "KML 2.2",
+        "xml.etree (standard library)",
+        "gx:Track, placemarks with a time stamp",
+        "paths without times, styles",
+    ),
+    "nmea": (
+        "NMEA 0183, AIS",
+        "pyais",
+        "RMC and GGA of own ship; AIS position reports (types 1-3, 18, 19) and names",
+        "all other sentences, wrong checksums (counted)",
+    ),
+    "rep": (
+        ".rep, .dsf of a maritime analysis tool",
+        "read here",
+        "tracks; ;SENSOR: and ;SENSOR2: lines with ambiguous bearings, frequencies, ranges",
+        "annotations, shapes (counted)",
+    ),
+}
+
+#: Bytes of a file beyond which it is asked about rather than read.
+SIZE_LIMIT = 512 * 2**20
+
+
+def read(
+    *paths: Path | str,
+    columns: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+    separator: str | None = None,
+    decimal: str | None = None,
+    trust: Collection[str] = (),
+    size_limit: int = SIZE_LIMIT,
+) -> Recording:
+    r"""Read files of tracks and measurements.
+
+    Parameters
+    ----------
+    *paths : path
+        One or more files; what is in them is put on one clock and in one plane.
+    columns : mapping of str to str, optional
+        For tables: what a column holds ("time", "east", "north", "latitude", "longitude",
+        "height", "speed", "course", "bearing", "range", "frequency", "id", "sensor") ->
+        its heading. Headings that say it themselves ("lat", "t_s", "Speed (kn)") are found.
+    units : mapping of str to str, optional
+        For tables: what a column holds -> its unit, where the heading does not end in it.
+    separator, decimal : str, optional
+        For tables: what separates cells, and the decimal sign; found where not given.
+    trust : collection of str
+        Checks for slips to leave out: "units", "speed", "course", "missing", "bearings",
+        "clock".
+    size_limit : int
+        Bytes; a larger file is refused.
+
+    Returns
+    -------
+    Recording
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, with line and cell; slips, with the question.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> from gramian import io
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "ship.csv"
+    >>> _ = path.write_text("t_s;lat;lon\n0;50,0;-1,0\n60;50,001;-1,0\n120;50,002;-1,0\n")
+    >>> recording = io.read(path)
+    >>> recording.track("ship").north.round(1).tolist()
+    [-111.2, 0.0, 111.2]
+    """
+    if not paths:
+        raise InputError("read was given no file")
+    found = []
+    for given in paths:
+        path = Path(given)
+        found.append(_one(path, columns, units, separator, decimal, size_limit))
+    recording = merged(found)
+    _slips.check(recording, trust)
+    return recording
+
+
+def _one(
+    path: Path,
+    columns: Mapping[str, str] | None,
+    units: Mapping[str, str] | None,
+    separator: str | None,
+    decimal: str | None,
+    size_limit: int,
+) -> Recording:
+    suffix = path.suffix.lower()
+    text = _text(path, size_limit, binary=suffix in (".parquet", ".feather", ".arrow"))
+    if text is None:
+        return _table.recording_of(_table.read_parquet(path), columns, units)
+    if suffix == ".gpx" or "<gpx" in text[:2000]:
+        return _gpx.read(path, text)
+    if suffix == ".kml" or "<kml" in text[:2000]:
+        return _kml.read(path, text)
+    if suffix in (".rep", ".dsf") or _rep.looks_like(text):
+        return _rep.read(path, text)
+    if suffix in (".nmea", ".ais") or _nmea.looks_like(text):
+        return _nmea.read(path, text)
+    table = _table.read_table(path, text, separator=separator, decimal=decimal)
+    return _table.recording_of(table, columns, units)
+
+
+def _text(path: Path, size_limit: int, *, binary: bool) -> str | None:
+    try:
+        if path.exists() and not path.is_file():
+            raise InputError(f"{path}: is not a regular file")
+        size = path.stat().st_size
+        if size > size_limit:
+            raise InputError(
+                f"{path}: has {size / 2**20:.0f} MiB, more than the limit of "
+                f"{size_limit / 2**20:.0f} MiB: give size_limit to read it"
+            )
+        if binary:
+            return None
+        raw = path.read_bytes()
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read: {error}") from error
+    for encoding in ("utf-8-sig", "utf-16") if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else (
+        "utf-8-sig", "cp1252",
+    ):  # fmt: skip
+        try:
+            text = raw.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        if "\0" in text:
+            break
+        return text
+    raise InputError(f"{path}: is not a text file")
+
+
+def select(recording: Recording, names: Sequence[str]) -> Recording:
+    """Return a recording with some of its tracks, and the sensors on them."""
+    from dataclasses import replace
+
+    tracks = {name: recording.track(name) for name in names}
+    sensors = {k: d for k, d in recording.sensors.items() if d.carrier in tracks or not d.carrier}
+    return replace(recording, tracks=tracks, sensors=sensors)

@@ -1,0 +1,429 @@
+"""Tables of positions or detections: CSV in its many forms, and Parquet."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gramian.exceptions import GramianError, InputError
+from gramian.io._angles import degrees
+from gramian.io._build import KNOT, detections_of, epoch_of, track_of
+from gramian.io._recording import Recording
+from gramian.io._times import instants
+
+__all__ = ["COLUMNS", "Table", "guess", "read_table", "recording_of"]
+
+Array = NDArray[np.float64]
+
+#: What a column can hold, and the headings by which it is found, in lower case and
+#: without units.
+COLUMNS: dict[str, tuple[str, ...]] = {
+    "id": ("id", "ship", "vessel", "aircraft", "mmsi", "name", "track", "callsign", "icao24"),
+    "time": ("time", "t", "timestamp", "datetime", "date_time", "basedatetime", "when", "utc"),
+    "east": ("east", "x", "easting"),
+    "north": ("north", "y", "northing"),
+    "latitude": ("latitude", "lat"),
+    "longitude": ("longitude", "lon", "long", "lng"),
+    "height": ("height", "altitude", "alt", "elevation", "z", "up"),
+    "speed": ("speed", "sog"),
+    "course": ("course", "cog"),
+    "bearing": ("bearing", "brg"),
+    "ambiguous_bearing": ("ambiguous_bearing",),
+    "range": ("range", "distance"),
+    "frequency": ("frequency", "freq"),
+    "sensor": ("sensor",),
+}
+_TEXTS = ("id", "sensor")
+#: The unit that a heading can end in, and the factor to m, m/s, rad, Hz.
+_UNITS: dict[str, tuple[str, float]] = {
+    "m": ("length", 1.0),
+    "metres": ("length", 1.0),
+    "meters": ("length", 1.0),
+    "km": ("length", 1000.0),
+    "ft": ("length", 0.3048),
+    "nm": ("length", 1852.0),
+    "nmi": ("length", 1852.0),
+    "yd": ("length", 0.9144),
+    "mps": ("speed", 1.0),
+    "m/s": ("speed", 1.0),
+    "kn": ("speed", KNOT),
+    "kt": ("speed", KNOT),
+    "kts": ("speed", KNOT),
+    "knots": ("speed", KNOT),
+    "kmh": ("speed", 1 / 3.6),
+    "km/h": ("speed", 1 / 3.6),
+    "deg": ("angle", np.pi / 180),
+    "rad": ("angle", 1.0),
+    "hz": ("frequency", 1.0),
+    "khz": ("frequency", 1000.0),
+    "s": ("time", 1.0),
+    "sec": ("time", 1.0),
+    "ms": ("time", 1e-3),
+    "min": ("time", 60.0),
+    "utc": ("time", 1.0),
+}
+_KINDS = {
+    "east": "length",
+    "north": "length",
+    "height": "length",
+    "range": "length",
+    "speed": "speed",
+    "course": "angle",
+    "bearing": "angle",
+    "ambiguous_bearing": "angle",
+    "frequency": "frequency",
+    "time": "time",
+}
+_MISSING = {"", "nan", "null", "na", "n/a", "none", "-", "--"}
+
+
+@dataclass(frozen=True)
+class Table:
+    """The cells of a file, as text.
+
+    Attributes
+    ----------
+    path : Path
+    format : str
+    header : list of str
+    columns : list of list of str
+    first_line : int
+        Of the first row of cells, for messages.
+    notes : list of str
+    """
+
+    path: Path
+    format: str
+    header: list[str]
+    columns: list[list[str]]
+    first_line: int
+    notes: list[str]
+
+    def __getitem__(self, name: str) -> list[str]:
+        if self.header.count(name) != 1:
+            many = self.header.count(name)
+            raise InputError(
+                f"{self.path}: has {many or 'no'} column{'s' if many > 1 else ''} {name!r}: "
+                f"its columns are {', '.join(self.header) or 'none, it is empty'}"
+            )
+        return self.columns[self.header.index(name)]
+
+
+def read_table(
+    path: Path, text: str, *, separator: str | None = None, decimal: str | None = None
+) -> Table:
+    """Split a text file into cells; what separates them is found where it is not given.
+
+    Raises
+    ------
+    InputError
+        No header, rows of another length than the header, a separator that is not in it.
+    """
+    lines = text.splitlines()
+    skipped = 0
+    while lines and (not lines[0].strip() or lines[0].lstrip().startswith("#")):
+        lines.pop(0)
+        skipped += 1
+    if not lines:
+        raise InputError(f"{path}: is empty")
+    notes = []
+    if lines[0].lower().startswith("sep="):
+        separator = separator or lines.pop(0)[4:5]
+        skipped += 1
+    if separator is None:
+        separator = _separator(lines[0])
+        if separator != ",":
+            notes.append(f"cells separated by {_named(separator)}")
+    rows = _rows(lines, separator, path)
+    header = [cell.strip() for cell in rows[0]]
+    if all(_number_like(cell) for cell in header):
+        raise InputError(
+            f"{path}:{skipped + 1}: the first line has numbers only: a header must name the columns"
+        )
+    body = _body(rows, len(header), separator, path, skipped)
+    if decimal is None and separator != ",":
+        comma = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?$")
+        cells = [cell for row in body for cell in row if "," in cell]
+        if cells and all(comma.match(cell) for cell in cells):
+            decimal = ","
+            notes.append("decimal commas")
+    if decimal == ",":
+        body = [[re.sub(r"(?<=\d),(?=\d)", ".", cell) for cell in row] for row in body]
+    columns = [list(column) for column in zip(*body, strict=True)]
+    return Table(path, "csv", header, columns, skipped + 2, notes)
+
+
+def _rows(lines: list[str], separator: str, path: Path) -> list[list[str]]:
+    if separator.isspace() and separator != "\t":
+        return [line.split() for line in lines if line.strip()]
+    try:
+        return list(csv.reader(io.StringIO("\n".join(lines)), delimiter=separator, strict=True))
+    except (csv.Error, TypeError) as error:
+        raise InputError(f"{path}: cannot be split into cells: {error}") from error
+
+
+def _body(
+    rows: list[list[str]], width: int, separator: str, path: Path, skipped: int
+) -> list[list[str]]:
+    body = []
+    for i, row in enumerate(rows[1:], 2):
+        if not row or all(not cell.strip() for cell in row):
+            continue
+        if len(row) != width:
+            hint = ""
+            if separator == "," and len(row) > width:
+                hint = " (decimal commas need another separator than the comma)"
+            raise InputError(
+                f"{path}:{skipped + i}: has {len(row)} cells: must have {width}, as the "
+                f"header{hint}"
+            )
+        body.append([cell.strip() for cell in row])
+    if not body:
+        raise InputError(f"{path}: has a header and no rows")
+    return body
+
+
+def read_parquet(path: Path) -> Table:
+    """Read a Parquet or Arrow (Feather) file, by pyarrow."""
+    try:
+        import pyarrow as pa
+        from pyarrow import feather, parquet
+    except ImportError as error:  # pragma: no cover - without the extra
+        raise GramianError("Parquet files need pyarrow: pip install 'gramian[files]'") from error
+    try:
+        load = parquet.read_table if path.suffix == ".parquet" else feather.read_table
+        found = load(path)
+    except (pa.ArrowException, OSError) as error:
+        raise InputError(f"{path}: cannot be read: {error}") from error
+    return of_columns({n: found[n].to_pylist() for n in found.column_names}, path, "parquet")
+
+
+def of_columns(columns: Mapping[str, Sequence[object]], path: Path, form: str) -> Table:
+    """Return a table of columns of any scalars: dates become text, None an empty cell."""
+    texts = [[_cell(value) for value in column] for column in columns.values()]
+    if not texts or not texts[0]:
+        raise InputError(f"{path}: has no rows")
+    return Table(path, form, list(columns), texts, 1, [])
+
+
+def _cell(value: object) -> str:
+    if value is None or value != value:  # noqa: PLR0124 - NaN and NaT differ from themselves
+        return ""
+    if isinstance(value, np.datetime64):
+        return str(value.astype("datetime64[us]"))
+    if isinstance(value, float):
+        return repr(value)
+    return value.isoformat() if hasattr(value, "isoformat") else str(value)
+
+
+def guess(header: Sequence[str]) -> dict[str, str]:
+    """Return what each column holds, by its heading: {"time": "t_s", "east": "east_m"}."""
+    found: dict[str, str] = {}
+    for meaning, names in COLUMNS.items():
+        for wanted in names:
+            for column in header:
+                word, unit = _split(column)
+                fits = unit is None or meaning not in _KINDS or _UNITS[unit][0] == _KINDS[meaning]
+                if word == wanted and fits and column not in found.values():
+                    found.setdefault(meaning, column)
+    return found
+
+
+def _split(heading: str) -> tuple[str, str | None]:
+    """Return the word and the unit of a heading: "Speed (kn)" and "speed_kn" alike."""
+    text = heading.strip().lower()
+    match = re.match(r"(.+?)\s*[\[(]\s*([^\])]+?)\s*[\])]$", text) or re.match(
+        r"(.+?)[_ ]([a-z/]+)$", text
+    )
+    if match and match.group(2) in _UNITS:
+        return re.sub(r"[\s-]+", "_", match.group(1).strip()), match.group(2)
+    return re.sub(r"[\s-]+", "_", text), None
+
+
+def recording_of(
+    table: Table,
+    columns: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+) -> Recording:
+    """Return the tracks or detections of a table.
+
+    Parameters
+    ----------
+    table : Table
+    columns : mapping of str to str, optional
+        What a column holds -> its heading, where the headings do not say it.
+    units : mapping of str to str, optional
+        What a column holds -> its unit ("km", "kn", "rad"), where its heading does not
+        say it. Without either: m, m/s, degrees, Hz, s.
+
+    Raises
+    ------
+    InputError
+        Columns that are missing, cells that are no numbers, units that do not fit.
+    """
+    path = table.path
+    found = {**guess(table.header), **dict(columns or {})}
+    for meaning in found:
+        if meaning not in COLUMNS:
+            raise InputError(
+                f"{path}: columns.{meaning}: is not known: must be one of {', '.join(COLUMNS)}"
+            )
+    if "time" not in found:
+        raise InputError(
+            f"{path}: no column is recognised as the time: its columns are "
+            f"{', '.join(table.header)}; name one with columns.time"
+        )
+    place = f"{path}: {found['time']}"
+    times, dated, said = instants(table[found["time"]], place)
+    unit = _unit_of("time", found["time"], units, path)
+    if not dated and not said:
+        times = times * _UNITS[unit or "s"][1]
+    notes = [*table.notes, *([f"{found['time']} read as {said}"] if said else [])]
+    epoch = epoch_of(times) if dated else None
+    times = times - (epoch or 0.0)
+    values: dict[str, Array] = {}
+    for meaning, heading in found.items():
+        if meaning in _TEXTS or meaning == "time":
+            continue
+        cells = table[heading]
+        if meaning in ("latitude", "longitude"):
+            values[meaning] = _geographic(cells, f"{path}: {heading}")
+            continue
+        numbers = _numbers(cells, table, heading)
+        unit = _unit_of(meaning, heading, units, path)
+        default = "deg" if _KINDS[meaning] == "angle" else None
+        values[meaning] = numbers * _UNITS[unit or default or _plain(_KINDS[meaning])][1]
+    kinds = ["bearing", "ambiguous_bearing", "range", "frequency"]
+    seen = {kind: values.pop(kind) for kind in kinds if kind in values}
+    position = {"latitude", "longitude"} <= set(values) or {"east", "north"} <= set(values)
+    if {"latitude", "longitude"} <= set(values):
+        # Latitude and longitude are the record, a local plane is somebody's copy of it.
+        if columns and {"east", "north"} & set(columns):
+            values = {k: v for k, v in values.items() if k not in ("latitude", "longitude")}
+        else:
+            values = {k: v for k, v in values.items() if k not in ("east", "north")}
+    if position:
+        return _tracks(table, found, times, values, epoch, notes)
+    if seen:
+        return _sensors(table, found, times, seen, epoch, notes)
+    raise InputError(
+        f"{path}: no columns are recognised as a position (east and north, or latitude and "
+        f"longitude) or a detection (bearing, range): its columns are {', '.join(table.header)}; "
+        "name them with columns.east, columns.north"
+    )
+
+
+def _tracks(
+    table: Table,
+    found: Mapping[str, str],
+    times: Array,
+    values: dict[str, Array],
+    epoch: float | None,
+    notes: list[str],
+) -> Recording:
+    names = table[found["id"]] if "id" in found else [table.path.stem] * times.size
+    tracks = {}
+    who = np.array(names)
+    for name in dict.fromkeys(names):
+        mine = who == name
+        own = {key: column[mine] for key, column in values.items()}
+        own = {
+            k: v for k, v in own.items()
+            if k in ("east", "north", "latitude", "longitude") or np.isfinite(v).any()
+        }  # fmt: skip
+        tracks[str(name)], said = track_of(str(name), times[mine], own, str(table.path))
+        notes += said
+    return Recording((table.path,), table.format, tracks, {}, epoch, None, tuple(notes))
+
+
+def _sensors(
+    table: Table,
+    found: Mapping[str, str],
+    times: Array,
+    values: dict[str, Array],
+    epoch: float | None,
+    notes: list[str],
+) -> Recording:
+    names = np.array(
+        table[found["sensor"]] if "sensor" in found else [table.path.stem] * times.size
+    )
+    carriers = np.array(table[found["id"]] if "id" in found else [""] * times.size)
+    sensors = {}
+    for name in dict.fromkeys(names.tolist()):
+        mine = names == name
+        on = sorted(set(carriers[mine].tolist()))
+        if len(on) > 1:
+            raise InputError(f"{table.path}: sensor {name} is on {' and '.join(on)}")
+        own = {key: column[mine] for key, column in values.items()}
+        sensors[name], said = detections_of(name, on[0], times[mine], own, str(table.path))
+        notes += said
+    return Recording((table.path,), table.format, {}, sensors, epoch, None, tuple(notes))
+
+
+def _numbers(cells: Sequence[str], table: Table, heading: str) -> Array:
+    values = np.empty(len(cells))
+    for i, cell in enumerate(cells):
+        if cell.lower() in _MISSING:
+            values[i] = np.nan
+            continue
+        place = f"{table.path}:{table.first_line + i}: {heading}"
+        try:
+            # Python reads 1_000 as a number; in a table it is a slip.
+            values[i] = float("" if "_" in cell else cell)
+        except ValueError:
+            raise InputError(f"{place} = {cell!r}: must be a number") from None
+        if not np.isfinite(values[i]):
+            raise InputError(f"{place} = {cell}: must be finite")
+    return values
+
+
+def _geographic(cells: Sequence[str], place: str) -> Array:
+    values = np.empty(len(cells))
+    for i, cell in enumerate(cells):
+        values[i] = np.nan if cell.lower() in _MISSING else degrees(cell, f"{place}[{i}]")
+    return values
+
+
+def _unit_of(meaning: str, heading: str, units: Mapping[str, str] | None, path: Path) -> str | None:
+    given = (units or {}).get(meaning)
+    if given is None:
+        unit = _split(heading)[1]
+        return unit if unit is not None and _UNITS[unit][0] == _KINDS[meaning] else None
+    allowed = [name for name, (kind, _) in _UNITS.items() if kind == _KINDS.get(meaning)]
+    if given.lower() not in allowed:
+        known = ", ".join(allowed)
+        raise InputError(f"{path}: units.{meaning} = {given!r}: must be one of {known}")
+    return given.lower()
+
+
+def _plain(kind: str) -> str:
+    return {"length": "m", "speed": "mps", "frequency": "hz", "time": "s"}[kind]
+
+
+def _separator(line: str) -> str:
+    counts = {sign: line.count(sign) for sign in ("\t", ";", "|", ",")}
+    best = max(counts, key=lambda sign: counts[sign])
+    if counts[best]:
+        return best
+    return " " if len(line.split()) > 1 else ","
+
+
+def _named(separator: str) -> str:
+    return {"\t": "tabs", ";": "semicolons", "|": "bars", " ": "blanks"}.get(
+        separator, repr(separator)
+    )
+
+
+def _number_like(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
