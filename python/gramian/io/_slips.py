@@ -108,8 +108,8 @@ def _degrees_for_metres(track: Track, where: str) -> None:
         raise _ask(
             where,
             f"{track.name} moves at {slow:.2g} m/s within +-180 m east and +-90 m north: are "
-            "these longitudes and latitudes in degrees (name the columns longitude and latitude) or "
-            "kilometres (name them east_km and north_km)?",
+            "these longitudes and latitudes in degrees (name the columns longitude and latitude), "
+            "or kilometres (name them east_km and north_km)?",
             "units",
         )
 

@@ -1262,7 +1262,14 @@ fn double_precision() {
 const NOTHING_TO_TEST: &[&str] = &["at", "mirrored"];
 
 /// Modules that need `std`.
-const WITH_STD: &[&str] = &["batch", "batch.rs", "batch_gram.rs", "large", "localize", "solve"];
+const WITH_STD: &[&str] = &[
+    "batch",
+    "batch.rs",
+    "batch_gram.rs",
+    "large",
+    "localize",
+    "solve",
+];
 
 #[test]
 fn every_public_function_has_a_case() {
