@@ -20,6 +20,7 @@ lint: $(VENV)/.installed
 	$(MAKE) --no-print-directory docs
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
+	$(BIN)/lint-imports --no-cache
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest gramian._core --allowlist tests/stubtest-allowlist.txt
 

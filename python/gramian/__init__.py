@@ -2,16 +2,28 @@
 
 Every question is asked of one array, the whitened Jacobian rows (d h / d x) / sigma,
 shape (K, n). A model makes rows; `analyze` says what they determine.
+
+- `analyze` answers with an `Observability`: rank, null space, bounds, and a `Suggestion`
+  for each piece of knowledge that would help.
+- `Problem` is rows with names and units; `from_function` makes one of your own h(x).
+- `crlb`, `crlb_std` and `gram` are the bounds and the information of plain rows;
+  `bounds` has those of filters too.
+- The models are `bearings`, `dipole`, `inertial`, `linear`, `registration` and `maneuver`.
+- `io` reads files of tracks and measurements.
+- `monte_carlo` simulates and sets an estimator's errors beside the bound.
+- `set_threads` limits the threads of the kernels.
+
+Every error is a `GramianError`: `InputError`, `UnobservableError`, `ConvergenceError`,
+`ScenarioError`, `StorageError`, `WorkerError`.
 """
 
-from __future__ import annotations
-
-import importlib
-from types import ModuleType
-from typing import TYPE_CHECKING
+import typing as _typing
+from types import ModuleType as _ModuleType
 
 from gramian import bounds
 from gramian._core import __version__, set_threads
+from gramian._registry import REGISTRY as _REGISTRY
+from gramian._registry import load as _load
 from gramian.analysis import Observability, Suggestion, analyze
 from gramian.bounds import crlb, crlb_std, gram
 from gramian.exceptions import (
@@ -23,12 +35,17 @@ from gramian.exceptions import (
     UnobservableError,
     WorkerError,
 )
-from gramian.models import REGISTRY
 from gramian.problem import Problem, from_function
 
-if TYPE_CHECKING:
-    from gramian import io, monte_carlo
-    from gramian.models import bearings, dipole, inertial, linear, maneuver, registration
+if _typing.TYPE_CHECKING:
+    from gramian import io as io
+    from gramian import monte_carlo as monte_carlo
+    from gramian.models import bearings as bearings
+    from gramian.models import dipole as dipole
+    from gramian.models import inertial as inertial
+    from gramian.models import linear as linear
+    from gramian.models import maneuver as maneuver
+    from gramian.models import registration as registration
 
 __all__ = [
     "ConvergenceError",
@@ -43,29 +60,24 @@ __all__ = [
     "WorkerError",
     "__version__",
     "analyze",
-    "bearings",
     "bounds",
     "crlb",
     "crlb_std",
-    "dipole",
     "from_function",
     "gram",
-    "inertial",
     "io",
-    "linear",
-    "maneuver",
     "monte_carlo",
-    "registration",
     "set_threads",
 ]
+__all__.extend(_REGISTRY)
 
 
-def __getattr__(name: str) -> ModuleType:
+def __getattr__(name: str) -> _ModuleType:
     # Imported when they are first used, so that the import of the package stays light.
-    if name in REGISTRY:
-        return importlib.import_module(f"gramian.models.{name}")
+    if name in _REGISTRY:
+        return _load(f"models.{name}")
     if name in ("io", "monte_carlo"):
-        return importlib.import_module(f"gramian.{name}")
+        return _load(name)
     raise AttributeError(f"module 'gramian' has no attribute {name!r}")
 
 

@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian._arrays import number, reals, representable
-from gramian.bounds._rows import _at_least_one
+from gramian._registry import draw
+from gramian._text import describe_null_space, plain
 from gramian.exceptions import InputError
-from gramian.problem import Problem
+from gramian.problem import Problem, as_problem, at_least_one_row
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -195,10 +196,8 @@ class Observability:
         return f"knowing {suggestion.name} gives {', '.join(known)}"
 
     def plot(self) -> Figure:
-        """Draw singular values, bounds and null combinations; wants matplotlib."""
-        from gramian import plot
-
-        return plot.observability(self)
+        """Draw singular values, bounds and null combinations; needs matplotlib."""
+        return draw(self, "observability")
 
 
 def analyze(
@@ -272,10 +271,10 @@ def analyze(
     if rtol is not None and (np.shape(rtol) or not 0 < reals(rtol, "rtol") < 1):
         raise InputError(f"rtol = {rtol}: must be between 0 and 1")
     tolerance = problem.rtol if rtol is None else rtol
-    analysis = _core.Analysis(_at_least_one(problem.all_rows), tolerance)
+    analysis = _core.Analysis(at_least_one_row(problem.all_rows), tolerance)
     data_std = analysis.crlb_std()
     if problem.priors:
-        data_std = _core.Analysis(_at_least_one(problem.rows), tolerance).crlb_std()
+        data_std = _core.Analysis(at_least_one_row(problem.rows), tolerance).crlb_std()
     crlb_std = representable(analysis.crlb_std(), problem.all_rows)
     unit_values = analysis.singular_values()
     n, rank = problem.n, analysis.rank
@@ -314,43 +313,6 @@ def analyze(
         problem=problem,
         _analysis=analysis,
     )
-
-
-def as_problem(problem_or_rows: Problem | ArrayLike, names: Sequence[str] | None) -> Problem:
-    """Return the problem, or plain rows as one."""
-    if isinstance(problem_or_rows, Problem):
-        if names is not None:
-            raise InputError("names was given with a problem, which has its own")
-        return problem_or_rows
-    rows = reals(problem_or_rows, "rows")
-    if rows.ndim != 2 or 0 in rows.shape:
-        raise InputError(f"rows has shape {rows.shape}: must be (rows, states), not empty")
-    return Problem(rows, names or [f"x{i}" for i in range(rows.shape[1])])
-
-
-def describe_null_space(null_space: Array, names: Sequence[str]) -> tuple[str, ...]:
-    """Return each column as text: "1 x0 + 0.42 vx"."""
-    return tuple(describe_combination(column, names) for column in null_space.T)
-
-
-def describe_combination(coefficients: Array, names: Sequence[str]) -> str:
-    """Return c^T x as text, without the states that have no part in it."""
-    text = ""
-    for coefficient, name in zip(coefficients, names, strict=True):
-        if coefficient == 0:
-            continue
-        sign = "-" if coefficient < 0 else "+"
-        text += f" {sign} " if text else ("-" if sign == "-" else "")
-        text += f"{abs(coefficient):.4g} {name}"
-    return text
-
-
-def plain(value: Any) -> Any:
-    """Return numbers and arrays as what JSON can hold; "inf", "-inf" for infinities."""
-    if isinstance(value, np.ndarray):
-        return [plain(item) for item in value]
-    number = float(value)
-    return number if np.isfinite(number) else str(number)
 
 
 def _status(

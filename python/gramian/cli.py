@@ -39,7 +39,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON and
 
 def _version(wanted: bool) -> None:
     if wanted:
-        from gramian import __version__
+        from gramian._core import __version__
 
         sys.stdout.write(f"gramian {__version__}\n")
         raise typer.Exit

@@ -307,6 +307,23 @@ class Problem:
         )
 
 
+def as_problem(problem_or_rows: Problem | ArrayLike, names: Sequence[str] | None) -> Problem:
+    """Return the problem, or plain rows as one."""
+    if isinstance(problem_or_rows, Problem):
+        if names is not None:
+            raise InputError("names was given with a problem, which has its own")
+        return problem_or_rows
+    rows = reals(problem_or_rows, "rows")
+    if rows.ndim != 2 or 0 in rows.shape:
+        raise InputError(f"rows has shape {rows.shape}: must be (rows, states), not empty")
+    return Problem(rows, names or [f"x{i}" for i in range(rows.shape[1])])
+
+
+def at_least_one_row(rows: Array) -> Array:
+    """Return the rows, or one row of zeros where nothing was measured."""
+    return rows if rows.shape[-2] else np.zeros((1, rows.shape[-1]))
+
+
 def from_function(
     h: Callable[[Array], ArrayLike],
     x: ArrayLike,

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from gramian._text import number
 from gramian.exceptions import GramianError
 
 if TYPE_CHECKING:
@@ -250,19 +251,6 @@ def tone_of(answer: Observability) -> Tone:
     """Return the colour of an answer's status."""
     tones: dict[str, Tone] = {"observable": "good", "weak": "weak", "unobservable": "bad"}
     return tones[answer.status]
-
-
-def number(value: float, digits: int = 4) -> str:
-    """Return a number for a table: "not observable" for infinity."""
-    if np.isinf(value):
-        return "not observable"
-    if value == 0:
-        return "0"
-    size = abs(value)
-    if 1e-3 <= size < 1e6:
-        text = f"{value:.{digits}g}"
-        return f"{value:.0f}" if "e" in text else text
-    return f"{value:.{digits - 1}e}"
 
 
 def _embedded(figure: Figure) -> str:

@@ -211,14 +211,3 @@ def test_a_monitor_refuses_and_goes_on():
         with pytest.raises(gm.InputError):
             monitor.push(*bad)
     assert monitor.push(1.0, 0.1, 0.01).count == 2
-
-
-def test_the_pictures_are_drawn():
-    pytest.importorskip("matplotlib")
-    power = B.power_figure([0.0, 60.0], trials=200)
-    assert len(power.axes[0].lines) == 4
-    family = B.family_figure()
-    assert [a.get_title() for a in family.axes] == [
-        "a straight observer: unobservable",
-        "a turn: one track fits",
-    ]

@@ -1,7 +1,11 @@
 """Bounds on what an estimator can reach: of rows, and of a state that moves.
 
-`crlb`, `crlb_std` and `gram` take rows; `posterior` follows a state in time, with
-`Posterior` step by step, `expected_rows` and `expected_transition` for random states.
+- `crlb`, `crlb_std`: the Cramer-Rao bound of rows or of a `gramian.Problem`.
+- `gram`: the Fisher information of rows.
+- `posterior`: the posterior bound of a filter over time, a `PosteriorBound`.
+- `Posterior`: the same one instant at a time, with `predict` and `update`.
+- `expected_rows`, `expected_transition`, `cubature_points`: rows and transitions of
+  random states, for `posterior`.
 """
 
 from gramian.bounds._posterior import (
@@ -25,3 +29,7 @@ __all__ = [
     "gram",
     "posterior",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

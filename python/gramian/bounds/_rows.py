@@ -9,8 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian._arrays import held, reals, representable
+from gramian._text import describe_null_space
 from gramian.exceptions import InputError, UnobservableError
-from gramian.problem import Problem
+from gramian.problem import Problem, as_problem, at_least_one_row
 
 __all__ = ["crlb", "crlb_std", "gram"]
 
@@ -86,7 +87,7 @@ def crlb_std(
     """
     if isinstance(rows_or_problem, Problem):
         problem = _with_prior(rows_or_problem, prior)
-        known = _at_least_one(problem.all_rows)
+        known = at_least_one_row(problem.all_rows)
         return representable(_core.crlb_std(known, problem.rtol), known)
     rows: ArrayLike = rows_or_problem
     if prior is not None:
@@ -125,8 +126,6 @@ def crlb(
     array([[0.25, 0.  ],
            [0.  , 1.  ]])
     """
-    from gramian.analysis import as_problem, describe_null_space
-
     if isinstance(rows_or_problem, Problem):
         problem = _with_prior(rows_or_problem, prior)
         rows = problem.all_rows
@@ -135,7 +134,7 @@ def crlb(
         rows = problem.rows
         if prior is not None:
             rows = np.vstack([rows, _prior_rows(prior, problem.n)])
-    analysis = _core.Analysis(_at_least_one(rows), problem.rtol)
+    analysis = _core.Analysis(at_least_one_row(rows), problem.rtol)
     representable(analysis.crlb_std(), rows)
     covariance = analysis.crlb()
     if covariance is None:
@@ -166,8 +165,3 @@ def _prior_rows(prior: Mapping[str, float] | ArrayLike, n: int) -> Array:
         raise InputError(f"prior[{bad[0]}] = {sigma[bad[0]]}: must be > 0, or inf for none")
     rows: Array = np.diag(1 / sigma)
     return rows
-
-
-def _at_least_one(rows: Array) -> Array:
-    """Nothing measured is an answer too: one row of zeros says it."""
-    return rows if rows.shape[-2] else np.zeros((1, rows.shape[-1]))

@@ -4,9 +4,11 @@
 `Detections` of sensors, on one clock and in one plane. `FORMATS` lists what is read.
 """
 
-from __future__ import annotations
-
 from gramian.io._read import FORMATS, read
 from gramian.io._recording import Detections, Recording, Track
 
 __all__ = ["FORMATS", "Detections", "Recording", "Track", "read"]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

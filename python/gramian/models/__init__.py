@@ -1,53 +1,21 @@
 """The models: each makes rows, and brings what is special to it.
 
-A new model is one folder here and one line in `REGISTRY`.
+A new model is one folder here and one line in `gramian._registry`.
 """
 
-from __future__ import annotations
+from types import ModuleType as _ModuleType
 
-import importlib
-from dataclasses import dataclass
-from types import ModuleType
+from gramian._registry import REGISTRY as _REGISTRY
+from gramian._registry import load as _load
 
-__all__ = ["REGISTRY", "Entry"]
-
-
-@dataclass(frozen=True)
-class Entry:
-    """What the rest of the package needs to know of a model without importing it.
-
-    Attributes
-    ----------
-    scenario : str
-        The class of its scenario files, in the model's ``scenario`` module.
-    experiment : str or None
-        The class of its Monte Carlo experiment, in the model's ``monte_carlo`` module;
-        None for a model whose experiment is the general one.
-    """
-
-    scenario: str
-    experiment: str | None = None
+__all__ = list(_REGISTRY)
 
 
-#: Every model by name, in the order in which lists of models are printed.
-REGISTRY = {
-    "bearings": Entry("BearingsScenario", "Bearings"),
-    "dipole": Entry("DipoleScenario", "Dipole"),
-    "inertial": Entry("InertialScenario"),
-    "linear": Entry("LinearScenario"),
-    "registration": Entry("RegistrationScenario", "Registration"),
-    "maneuver": Entry("ManeuverScenario"),
-}
-
-
-def __getattr__(name: str) -> ModuleType:
-    if name in REGISTRY:
-        return importlib.import_module(f"gramian.models.{name}")
+def __getattr__(name: str) -> _ModuleType:
+    if name in _REGISTRY:
+        return _load(f"models.{name}")
     raise AttributeError(f"module 'gramian.models' has no attribute {name!r}")
 
 
-def part(model: str, name: str, attribute: str) -> type:
-    """Return a class from a part of a model that is loaded on demand."""
-    module = importlib.import_module(f"gramian.models.{model}.{name}")
-    found: type = getattr(module, attribute)
-    return found
+def __dir__() -> list[str]:
+    return sorted(__all__)

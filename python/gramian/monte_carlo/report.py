@@ -8,10 +8,11 @@ from functools import partial
 
 import numpy as np
 
+from gramian._text import number
 from gramian.monte_carlo.experiment import Experiment
 from gramian.monte_carlo.result import MonteCarloResult, wider_for_all
 from gramian.monte_carlo.run import run
-from gramian.report import Picture, Report, Table, Tone, number
+from gramian.report import Picture, Report, Table, Tone
 
 __all__ = ["report", "simulate"]
 
@@ -35,7 +36,7 @@ def simulate(
 def report(
     result: MonteCarloResult, *, title: str, subtitle: str, facts: Sequence[tuple[str, str]] = ()
 ) -> Report:
-    """Return the report of a run: verdict, states, consistency, failures, pictures."""
+    """Return the report of a run: verdict, states, consistency, failures, plot."""
     headline, verdict = result.verdict.split(": ", 1)
     tables = [_states(result)] if result.used else []
     if result.failures:
@@ -118,14 +119,14 @@ def _failures(result: MonteCarloResult) -> Table:
 
 
 def _pictures(result: MonteCarloResult) -> list[Picture]:
-    from gramian.monte_carlo import pictures
+    from gramian.monte_carlo import plot
 
     shown = [
         Picture(
             f"Errors of {result.names[i]} and {result.names[j]}",
             "Each point is a trial. The solid ellipse holds 95 % of normal errors with this "
             "spread, the dashed one is the bound's.",
-            partial(pictures.single, result, pictures.error_cloud, states=(i, j)),
+            partial(plot.single, result, plot.error_cloud, states=(i, j)),
         )
         for i, j in ((0, 1), (2, 3))
         if j < len(result.names)
@@ -134,7 +135,7 @@ def _pictures(result: MonteCarloResult) -> list[Picture]:
         Picture(
             "RMSE against the bound",
             "1 is the least that an unbiased estimator can have; bars are 95 % confidence.",
-            lambda: pictures.single(result, pictures.rmse_and_bound),
+            lambda: plot.single(result, plot.rmse_and_bound),
         )
     )
     if result.nees is not None:
@@ -143,7 +144,7 @@ def _pictures(result: MonteCarloResult) -> list[Picture]:
                 "Is the covariance honest?",
                 "Squared errors over the covariance that the estimator claims: an honest one "
                 "follows the chi-square curve, a bold one lies to its right.",
-                lambda: pictures.single(result, pictures.nees_histogram),
+                lambda: plot.single(result, plot.nees_histogram),
             )
         )
     return shown

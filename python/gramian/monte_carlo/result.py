@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from gramian._registry import draw
+from gramian._text import plain
 from gramian.exceptions import GramianError, InputError
 from gramian.monte_carlo.chunks import Estimator, Failure, Statistics
 from gramian.monte_carlo.experiment import Experiment
@@ -330,8 +332,6 @@ class MonteCarloResult:
         Two runs with equal numbers have equal dictionaries. Infinite values and
         NaN, which JSON has not, become the strings "inf", "-inf" and "nan".
         """
-        from gramian.analysis import plain
-
         values: dict[str, Any] = {
             "verdict": self.verdict,
             "names": list(self.names),
@@ -439,10 +439,8 @@ class MonteCarloResult:
         return columns
 
     def plot(self) -> Figure:
-        """Draw the error cloud, RMSE against bound, and the NEES; wants matplotlib."""
-        from gramian.monte_carlo import pictures
-
-        return pictures.overview(self)
+        """Draw the error cloud, RMSE against bound, and the NEES; needs matplotlib."""
+        return draw(self, "overview")
 
 
 def wider_for_all(count: int) -> float:

@@ -270,7 +270,7 @@ def _collect(
 
 
 def _manifest(task: Task, size: int) -> Manifest:
-    from gramian import __version__
+    from gramian._core import __version__
 
     return Manifest(
         scenario=fingerprint(task.experiment),

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gramian._registry import draw
+from gramian._text import plain
 from gramian.exceptions import InputError, UnobservableError
 from gramian.monte_carlo.chunks import Estimator
 from gramian.monte_carlo.experiment import Experiment
@@ -109,8 +111,6 @@ class SweepResult:
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as plain values, fit for JSON."""
-        from gramian.analysis import plain
-
         return {
             "parameters": {name: plain(values) for name, values in self.parameters.items()},
             "results": [result.to_dict() for result in self.results],
@@ -131,7 +131,7 @@ class SweepResult:
         )
 
     def plot(self, what: str = "rmse", states: Sequence[str] | None = None) -> Figure:
-        """Draw a number against the parameters, the bound beside; wants matplotlib.
+        """Draw a number against the parameters, the bound beside; needs matplotlib.
 
         Parameters
         ----------
@@ -140,9 +140,7 @@ class SweepResult:
         states : sequence of str, optional
             Which states; all by default.
         """
-        from gramian.monte_carlo import pictures
-
-        return pictures.sweep(self, what, tuple(states) if states is not None else self.names)
+        return draw(self, "sweep", what, tuple(states) if states is not None else self.names)
 
 
 def sweep(

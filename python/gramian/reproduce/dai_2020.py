@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gramian.analysis import analyze, plain
+from gramian._text import number, plain
+from gramian.analysis import analyze
 from gramian.models import dipole
-from gramian.report import Picture, Report, Table, answer_pictures, answer_tables, number
+from gramian.report import Picture, Report, Table, answer_pictures, answer_tables
 
 __all__ = ["run"]
 

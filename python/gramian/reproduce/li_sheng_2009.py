@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from gramian.analysis import plain
+from gramian._text import plain
 from gramian.models import bearings
 from gramian.report import Picture, Report, Table
 

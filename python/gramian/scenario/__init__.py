@@ -1,69 +1,13 @@
-"""Scenario files: what a command works on, in TOML, checked key by key."""
+"""Scenario files: what a command works on, in TOML, checked key by key.
 
-from __future__ import annotations
+`load` reads one, as the `Scenario` of its model.
+"""
 
-import json
-import tomllib
-from pathlib import Path
-
-from pydantic import ValidationError
-
-from gramian.exceptions import ScenarioError
-from gramian.models import REGISTRY, part
+from gramian.scenario._load import load
 from gramian.scenario.base import Scenario
-from gramian.scenario.validation_errors import describe
 
 __all__ = ["Scenario", "load"]
 
 
-def load(path: Path | str) -> Scenario:
-    """Read and check a scenario file.
-
-    Parameters
-    ----------
-    path : path
-        A TOML file with the key ``model``; files that it names are relative to it.
-
-    Raises
-    ------
-    ScenarioError
-        With file, line, key, value and what was expected, for each mistake.
-    """
-    path = Path(path)
-    try:
-        # With or without the byte order mark that some editors put in front.
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{path}: cannot be read: {error}") from error
-    try:
-        values = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ScenarioError(f"{path}: is not valid TOML: {error}") from error
-    known = ", ".join(f'"{name}"' for name in REGISTRY)
-    if "model" not in values:
-        raise ScenarioError(f"{path}: model is missing: must be one of {known}")
-    if not isinstance(values["model"], str) or values["model"] not in REGISTRY:
-        raise ScenarioError(f"{path}: model = {values['model']!r}: must be one of {known}")
-    kind = _kind(values["model"])
-    try:
-        # As JSON: strict there takes a list for a tuple, but no text or truth for a number.
-        scenario = kind.model_validate_json(json.dumps(values, default=str))
-    except ValidationError as error:
-        raise ScenarioError(describe(error, kind, path, text)) from error
-    scenario.path = path
-    return scenario
-
-
-def models_for(command: str) -> list[str]:
-    """Return the models that a command works on."""
-    method = "experiment" if command == "simulate" else command
-    return [
-        name
-        for name in REGISTRY
-        if any(getattr(_kind(name), how) is not getattr(Scenario, how) for how in {method, command})
-    ]
-
-
-def _kind(model: str) -> type[Scenario]:
-    kind: type[Scenario] = part(model, "scenario", REGISTRY[model].scenario)
-    return kind
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 
 from pydantic import BaseModel, ConfigDict, PrivateAttr
 
+from gramian._registry import REGISTRY, part
 from gramian.exceptions import ScenarioError
 from gramian.report import Report
 
 if TYPE_CHECKING:
     from gramian.monte_carlo import Experiment
 
-__all__ = ["Scenario", "Section", "Simulation"]
+__all__ = ["Scenario", "Section", "Simulation", "models_for", "scenario_class"]
 
 
 @dataclass(frozen=True)
@@ -99,10 +100,27 @@ class Scenario(Section):
         )
 
     def _unsupported(self, command: str) -> ScenarioError:
-        from gramian.scenario import models_for
-
         able = ", ".join(f'"{name}"' for name in models_for(command))
         return ScenarioError(
             f'{self._path}: model = "{self.model}": the command {command} does not work on it, '
             f"but on {able}"
         )
+
+
+def models_for(command: str) -> list[str]:
+    """Return the models that a command works on."""
+    method = "experiment" if command == "simulate" else command
+    return [
+        name
+        for name in REGISTRY
+        if any(
+            getattr(scenario_class(name), how) is not getattr(Scenario, how)
+            for how in {method, command}
+        )
+    ]
+
+
+def scenario_class(model: str) -> type[Scenario]:
+    """Return the class of a model's scenario files."""
+    kind: type[Scenario] = part(model, "scenario", REGISTRY[model].scenario)
+    return kind

@@ -3,9 +3,18 @@
 A target moves at constant velocity; an observer measures its bearing, clockwise
 from north, and knows its own path. The state is (x0, y0, vx, vy) in metres and
 metres per second at the first time; x is east, y is north.
-"""
 
-from __future__ import annotations
+- `problem`, `rows`: the whitened rows, for `gramian.analyze`; `NAMES`, `UNITS` and
+  `state_names` name the states, `merge` joins several observers.
+- `localize`: the most likely state, a `Localization` with one of the `STATUSES`;
+  `residuals` of a state; `simulate` makes noisy bearings, `localize_trials` does both
+  many times, with `Trials`.
+- `observable`, with `ObservableVerdict`: Theorem 1 for exact bearings; `discriminant`,
+  `discriminant_sum`, `gram`, `gram_det`, and `best_quadruple` with `Quadruple`.
+- `observability_test`, with `ObservabilityTest`: whether noisy bearings could be those of
+  an unobservable track.
+- `Monitor`, with `MonitorAnswer`: the same while the bearings come in.
+"""
 
 from gramian.models.bearings._discriminant import (
     ObservableVerdict,
@@ -28,9 +37,7 @@ from gramian.models.bearings._localize import (
 from gramian.models.bearings._monitor import Monitor, MonitorAnswer
 from gramian.models.bearings._motion_test import (
     ObservabilityTest,
-    family_figure,
     observability_test,
-    power_figure,
 )
 from gramian.models.bearings._rows import NAMES, UNITS, merge, problem, rows, simulate, state_names
 
@@ -48,7 +55,6 @@ __all__ = [
     "best_quadruple",
     "discriminant",
     "discriminant_sum",
-    "family_figure",
     "gram",
     "gram_det",
     "localize",
@@ -56,10 +62,13 @@ __all__ = [
     "merge",
     "observability_test",
     "observable",
-    "power_figure",
     "problem",
     "residuals",
     "rows",
     "simulate",
     "state_names",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian._arrays import SEED_MOST, finite, reals, whole
+from gramian._text import describe_combination, plain
 from gramian.exceptions import InputError, UnobservableError
 from gramian.models.bearings._rows import check_index, state_names
 
@@ -438,8 +439,6 @@ def _prior(
 
 
 def _unobservable(answer: Localization) -> UnobservableError:
-    from gramian.analysis import describe_combination
-
     # Components that are rounding would only be noise in the message.
     direction = answer.null_direction.copy()
     direction[np.abs(direction) < 1e-9 * np.abs(direction).max()] = 0
@@ -453,6 +452,4 @@ def _unobservable(answer: Localization) -> UnobservableError:
 
 
 def _plain(values: Array) -> Any:
-    from gramian.analysis import plain
-
     return plain(values) if values.ndim else plain(float(values))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,10 +12,7 @@ from gramian import _core
 from gramian._arrays import number, reals
 from gramian.exceptions import InputError
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-__all__ = ["ObservabilityTest", "family_figure", "observability_test", "power_figure"]
+__all__ = ["ObservabilityTest", "observability_test"]
 
 Array = NDArray[np.float64]
 
@@ -160,122 +157,3 @@ def observability_test(
     dof = np.shape(bearings)[-1] - 3
     p_value = found[..., 1]
     return ObservabilityTest(found[..., 0], dof, p_value, level, p_value < level, found[..., 2:])
-
-
-def power_figure(
-    turns_deg: ArrayLike | None = None,
-    *,
-    level: float = 0.05,
-    sigma_deg: ArrayLike = (0.25, 0.5, 1.0),
-    trials: int = 2000,
-    seed: int = 1,
-) -> Figure:
-    """Draw how often the test rejects "unobservable" against the observer's turn.
-
-    Parameters
-    ----------
-    turns_deg : array_like, shape (k,), optional
-        Turns of the observer halfway, degrees; 0 to 60 by default.
-    level : float
-        Of the test.
-    sigma_deg : array_like, shape (s,)
-        Standard deviations of the bearings, degrees.
-    trials : int
-        Simulated tracks for each point.
-    seed : int
-        Of the noise.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Notes
-    -----
-    60 bearings, one each 20 s, of a target at 10 km that goes (3, -1) m/s, from an
-    observer at 5 m/s that goes north and turns halfway.
-    """
-    from gramian import plot
-
-    turns = np.arange(0.0, 61.0, 5.0) if turns_deg is None else reals(turns_deg, "turns_deg")
-    t = np.arange(0.0, 1200.0, 20.0)
-    fig = plot.figure()
-    axes = fig.subplots()
-    noise = _core.normals(seed, 0, trials, t.size)
-    for sigma in np.atleast_1d(np.radians(reals(sigma_deg, "sigma_deg"))):
-        power = [
-            observability_test(
-                t, _turned_bearings(t, turn) + sigma * noise, sigma, level
-            ).rejected.mean()
-            for turn in np.radians(turns)
-        ]
-        axes.plot(turns, power, marker="o", markersize=3, label=f"{np.degrees(sigma):g} deg")
-    axes.axhline(level, color=plot.COLORS["muted"], linewidth=0.8, linestyle="--")
-    axes.annotate(f"level {100 * level:g} %", (turns[-1], level), ha="right", va="bottom")
-    axes.set_xlabel("turn of the observer (deg)")
-    axes.set_ylabel("shown observable")
-    axes.set_ylim(0, 1.02)
-    axes.legend(title="noise of a bearing", frameon=False)
-    return fig
-
-
-def family_figure() -> Figure:
-    """Draw what unobservable means: one family of tracks behind the same bearings.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Left, an observer on a straight line: tracks at half, one and one and a half
-        times the range, each with its own velocity, have all bearings in common.
-        Right, the observer turns: only one of them still has.
-    """
-    from gramian import plot
-
-    t = np.linspace(0.0, 900.0, 10)
-    straight = np.stack([0 * t, 5.0 * t], axis=1)
-    leg = np.minimum(t, t[5])
-    turned = np.stack([5.0 * (t - leg), 5.0 * leg], axis=1)
-    offset, velocity = np.array([1500.0, 6000.0]), np.array([2.0, -3.0])
-    fig = plot.figure(9.0, 4.6)
-    for axes, path, title in zip(
-        fig.subplots(1, 2),
-        (straight, turned),
-        ("a straight observer: unobservable", "a turn: one track fits"),
-        strict=True,
-    ):
-        relative = offset + t[:, None] * (velocity - np.array([0.0, 5.0]))
-        truth = relative + straight
-        lines = truth - path
-        lines = lines / np.hypot(lines[:, :1], lines[:, 1:])
-        for place, line in zip(path, lines, strict=True):
-            far = place + 8500.0 * line
-            axes.plot(*zip(place, far, strict=True), color=plot.COLORS["muted"], linewidth=0.6)
-        axes.plot(*path.T, marker="o", markersize=3, color=plot.COLORS["observer"])
-        for factor in (0.5, 1.0, 1.4):
-            other = straight + factor * relative
-            fits = factor == 1.0 or path is straight
-            axes.plot(
-                *other.T,
-                marker="o",
-                markersize=3,
-                color=plot.COLORS["target" if fits else "bad"],
-                linestyle="-" if fits else ":",
-                alpha=1.0 if factor == 1.0 else 0.65,
-            )
-        axes.annotate("observer", path[0], (-6, 2), textcoords="offset points", ha="right")
-        axes.annotate("target", truth[0], (6, 4), textcoords="offset points")
-        axes.set_title(title)
-        axes.set_aspect("equal")
-        axes.set_xlim(-3000, 6200)
-        axes.set_xlabel("east (m)")
-    fig.axes[0].set_ylabel("north (m)")
-    return fig
-
-
-def _turned_bearings(t: Array, turn: float) -> Array:
-    """Return exact bearings of the track of `power_figure`."""
-    middle = t[t.size // 2]
-    leg = np.minimum(t, middle)
-    east = 5.0 * (t - leg) * np.sin(turn)
-    north = 5.0 * (leg + (t - leg) * np.cos(turn))
-    exact: Array = np.arctan2(3.0 * t - east, 1e4 - t - north)
-    return exact

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gramian.analysis import plain
+from gramian._text import number, plain
 from gramian.exceptions import InputError, UnobservableError
-from gramian.models import bearings
-from gramian.report import Picture, Report, Table, Tone, number
+from gramian.models.bearings import _localize, _rows
+from gramian.report import Picture, Report, Table, Tone
 from gramian.scenario.files import read_columns
 
 if TYPE_CHECKING:
-    from gramian.models.bearings import Localization
+    from gramian.models.bearings._localize import Localization
     from gramian.models.bearings.scenario import BearingsScenario
 
 __all__ = ["localize"]
@@ -39,7 +39,7 @@ def localize(scenario: BearingsScenario) -> Report:
         f"sigma {scenario.noise.bearing_deg:g} deg"
     )
     try:
-        answer = bearings.localize(times, seen, observer, scenario.sigma, _prior(scenario))
+        answer = _localize.localize(times, seen, observer, scenario.sigma, _prior(scenario))
     except UnobservableError as error:
         return Report(
             title=title,
@@ -107,7 +107,7 @@ def _report(
         error = float(np.hypot(*(recorded[0] - answer.state[:2])))
         facts.append(("distance from the recorded first position", f"{error:.4g} m"))
         data["error"] = plain(answer.state[:2] - recorded[0])
-    left = bearings.residuals(times, seen, observer, answer.state)
+    left = _localize.residuals(times, seen, observer, answer.state)
     data["residuals"] = plain(left)
     axes, angle = _ellipse(answer.covariance[:2, :2])
     data["error_ellipse"] = {"semi_axes": plain(axes), "major_axis_azimuth": plain(angle)}
@@ -202,9 +202,9 @@ def _prior(scenario: BearingsScenario) -> dict[str, tuple[float, float]]:
         )
     prior: dict[str, tuple[float, float]] = {}
     for name, value in scenario.prior.items():
-        if name not in bearings.NAMES:
+        if name not in _rows.NAMES:
             raise scenario.mistake(
-                f"prior.{name}", f"localize takes priors of {', '.join(bearings.NAMES)}"
+                f"prior.{name}", f"localize takes priors of {', '.join(_rows.NAMES)}"
             )
         if isinstance(value, float) or value.mean is None:
             raise scenario.mistake(f"prior.{name}", "localize wants its mean beside its sigma")

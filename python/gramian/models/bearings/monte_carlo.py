@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from gramian import _core
 from gramian._arrays import reals
 from gramian.exceptions import InputError
-from gramian.models import bearings
+from gramian.models.bearings import _rows
 from gramian.monte_carlo.experiment import Estimates, Experiment
 from gramian.problem import Problem
 
@@ -72,7 +72,7 @@ class Bearings(Experiment):
     target: Array
     sigma: Array
     prior: Mapping[str, float] = field(default_factory=dict)
-    names = bearings.NAMES
+    names = _rows.NAMES
     estimators: ClassVar[tuple[str, ...]] = ("ml",)
     quantities: ClassVar[tuple[str, ...]] = ("gram_logdet",)
 
@@ -101,7 +101,7 @@ class Bearings(Experiment):
     @property
     def units(self) -> tuple[str, ...]:
         """Metres and metres per second."""
-        return bearings.UNITS
+        return _rows.UNITS
 
     @property
     def truth(self) -> Array:
@@ -123,7 +123,7 @@ class Bearings(Experiment):
 
     def problem(self) -> Problem:
         """Return the problem at the true state."""
-        problem = bearings.problem(self.times, self.observer, self.target, self.sigma)
+        problem = _rows.problem(self.times, self.observer, self.target, self.sigma)
         return problem.prior(self.prior) if self.prior else problem
 
     def simulate(self, seed: int, first: int, trials: int) -> Array:

@@ -10,19 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from gramian.analysis import Observability, analyze, plain
+from gramian._text import number, plain
+from gramian.analysis import Observability, analyze
 from gramian.bounds import crlb_std
-from gramian.models import bearings
-from gramian.report import (
-    Picture,
-    Report,
-    Table,
-    Tone,
-    answer_pictures,
-    answer_tables,
-    number,
-    tone_of,
-)
+from gramian.models.bearings import _rows
+from gramian.report import Picture, Report, Table, Tone, answer_pictures, answer_tables, tone_of
 from gramian.scenario.base import Scenario, Section, Simulation
 from gramian.scenario.files import read_columns
 
@@ -328,7 +320,7 @@ class BearingsScenario(Scenario):
             raise self.mistake("known", "simulate estimates every state: give a [prior] instead")
         priors: dict[str, float] = {}
         for name, value in self.prior.items():
-            if name not in bearings.NAMES:
+            if name not in _rows.NAMES:
                 raise self.mistake(
                     f"prior.{name}", "simulate takes what is known of x0, y0, vx and vy alone"
                 )
@@ -468,7 +460,7 @@ class Geometry:
     @cached_property
     def problem(self) -> Problem:
         """The rows at these positions."""
-        return bearings.problem(self.times, self.observer, self.target, self.sigma)
+        return _rows.problem(self.times, self.observer, self.target, self.sigma)
 
     @cached_property
     def ranges(self) -> Array:
@@ -498,7 +490,7 @@ class Geometry:
         straight = design @ line
         off_line = float(np.hypot(*(self.target - straight).T).max())
         names = list(answer.names)
-        free = [bearings.NAMES.index(name) for name in names]
+        free = [_rows.NAMES.index(name) for name in names]
         # The fit starts on the straight track nearest to the truth and goes where
         # the bearings pull it: what it moves by is the bias of an estimator.
         state = np.concatenate(line)
@@ -511,7 +503,7 @@ class Geometry:
                 break
             change = self.bearing - np.arctan2(offset[:, 0], offset[:, 1])
             residual = (change + np.pi) % (2 * np.pi) - np.pi
-            rows = bearings.rows(self.times, self.observer, position, self.sigma)[:, free]
+            rows = _rows.rows(self.times, self.observer, position, self.sigma)[:, free]
             scale = 1 / np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
             step = scale * np.linalg.lstsq(rows * scale, residual / self.sigma, rcond=1e-9)[0]
             state[free] += step
@@ -538,7 +530,7 @@ class Geometry:
 
     def turns(self, problem: Problem) -> list[tuple[str, Problem]]:
         """Return the same problem had the observer turned: each of some turns."""
-        free = [bearings.NAMES.index(name) for name in problem.names]
+        free = [_rows.NAMES.index(name) for name in problem.names]
         m = self.times.size
         turned = []
         for part in (1 / 3, 1 / 2, 2 / 3):
@@ -551,7 +543,7 @@ class Geometry:
                 path[k:] = path[k] + (path[k:] - path[k]) @ turn.T
                 if not np.hypot(*(self.target - path).T).min() > 0:
                     continue
-                rows = bearings.rows(self.times, path, self.target, self.sigma)[:, free]
+                rows = _rows.rows(self.times, path, self.target, self.sigma)[:, free]
                 side = "right" if angle > 0 else "left"
                 what = (
                     f"a {abs(angle)} deg turn to the {side} "

@@ -3,9 +3,17 @@
 A dipole of constant moment m (A m^2) passes at constant velocity v (m/s); it is
 at r0 (m) at the first time. The state is (r0, v, m), nine numbers. Axes are those
 of the sensor, fields in tesla.
-"""
 
-from __future__ import annotations
+- `problem`, `rows`, `fisher`: the whitened rows, for `gramian.analyze`, and their
+  information; `NAMES` and `UNITS` of the states.
+- `field`, `jacobian` with `Jacobian`, `moment`: the dipole itself; `MU0` is the vacuum
+  permeability.
+- `measure`, `simulate`: the fields of a pass, exact and noisy.
+- `localize`, `localize_many`: the dipole from a record, as `Localization` and
+  `Localizations` with `Solution`, `Pass` and `ClosestPoint`; `localize_trials` of
+  simulated records.
+- `equivalents`: the passes that one sensor cannot tell apart.
+"""
 
 from gramian.models.dipole._localize import localize, localize_many, localize_trials
 from gramian.models.dipole._model import (
@@ -49,3 +57,7 @@ __all__ = [
     "rows",
     "simulate",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian._arrays import SEED_MOST, finite, reals, whole
-from gramian.analysis import analyze, describe_null_space
+from gramian._text import describe_null_space
+from gramian.analysis import analyze
 from gramian.exceptions import InputError, UnobservableError
 from gramian.models.dipole._model import NAMES, Pass, problem, rows
 from gramian.models.dipole._result import (

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gramian.analysis import plain
+from gramian._registry import draw
+from gramian._text import plain
 from gramian.models.dipole._model import NAMES, UNITS
 
 if TYPE_CHECKING:
@@ -217,10 +218,8 @@ class Localization:
         return "\n".join(lines)
 
     def plot(self) -> Figure:
-        """Draw the field with the model and the residuals; wants matplotlib."""
-        from gramian.models.dipole import plot as pictures
-
-        return pictures.fit(self)
+        """Draw the field with the model and the residuals; needs matplotlib."""
+        return draw(self, "fit")
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from gramian import _core
 from gramian._arrays import reals
 from gramian.exceptions import InputError
-from gramian.models import dipole
+from gramian.models.dipole import _localize, _model
 from gramian.monte_carlo.experiment import Estimates, Experiment
 from gramian.problem import Problem
 
@@ -83,7 +83,7 @@ class Dipole(Experiment):
         object.__setattr__(self, "known", tuple(known))
         places = None if sensors is None else reals(sensors, "sensors").copy()
         object.__setattr__(self, "sensors", places)
-        knowable = (*dipole.NAMES, "speed", "moment")
+        knowable = (*_model.NAMES, "speed", "moment")
         for name in self.known:
             if name not in knowable:
                 raise InputError(
@@ -98,17 +98,17 @@ class Dipole(Experiment):
 
     @property
     def _free(self) -> list[int]:
-        return [i for i, name in enumerate(dipole.NAMES) if name not in self.known]
+        return [i for i, name in enumerate(_model.NAMES) if name not in self.known]
 
     @property
     def names(self) -> tuple[str, ...]:
         """The states that are not known."""
-        return tuple(dipole.NAMES[i] for i in self._free)
+        return tuple(_model.NAMES[i] for i in self._free)
 
     @property
     def units(self) -> tuple[str, ...]:
         """Their units."""
-        return tuple(dipole.UNITS[i] for i in self._free)
+        return tuple(_model.UNITS[i] for i in self._free)
 
     @property
     def truth(self) -> Array:
@@ -123,10 +123,10 @@ class Dipole(Experiment):
 
     def problem(self) -> Problem:
         """Return the problem at the true state, with what is known."""
-        problem = dipole.problem(
+        problem = _model.problem(
             self.r0, self.v, self.m, self.times, self.sigma, sensors=self.sensors
         )
-        states = [name for name in self.known if name in dipole.NAMES]
+        states = [name for name in self.known if name in _model.NAMES]
         problem = problem.fix(*states) if states else problem
         # As good as exact, beside any accuracy of the rest.
         exact = {
@@ -138,7 +138,7 @@ class Dipole(Experiment):
 
     def simulate(self, seed: int, first: int, trials: int) -> Array:
         """Return fields (trials, K, 3) or (trials, K, S, 3)."""
-        exact = dipole.measure(self.r0, self.v, self.m, self.times, sensors=self.sensors)
+        exact = _model.measure(self.r0, self.v, self.m, self.times, sensors=self.sensors)
         noise = _core.normals(seed, first, trials, exact.size).reshape(-1, *exact.shape)
         fields: Array = exact + self.sigma * noise
         return fields
@@ -146,8 +146,8 @@ class Dipole(Experiment):
     def estimate(self, name: str, seed: int, first: int, trials: int) -> Estimates:
         """Return the errors of the located passes."""
         sizes = {"speed": np.linalg.norm(self.v), "moment": np.linalg.norm(self.m)}
-        told = dict(zip(dipole.NAMES, self._state, strict=True)) | sizes
-        found = dipole.localize_trials(
+        told = dict(zip(_model.NAMES, self._state, strict=True)) | sizes
+        found = _localize.localize_trials(
             self.r0,
             self.v,
             self.m,

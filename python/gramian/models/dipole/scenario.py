@@ -11,20 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from gramian.analysis import Observability, analyze, plain
+from gramian._text import number, plain
+from gramian.analysis import Observability, analyze
 from gramian.exceptions import UnobservableError
-from gramian.models import dipole
-from gramian.models.dipole import Localization
-from gramian.report import (
-    Picture,
-    Report,
-    Table,
-    Tone,
-    answer_pictures,
-    answer_tables,
-    number,
-    tone_of,
-)
+from gramian.models.dipole import _localize, _model
+from gramian.models.dipole._result import Localization
+from gramian.report import Picture, Report, Table, Tone, answer_pictures, answer_tables, tone_of
 from gramian.scenario.base import Scenario, Section, Simulation
 from gramian.scenario.files import read_columns
 
@@ -186,7 +178,7 @@ class DipoleScenario(Scenario):
         with warnings.catch_warnings():
             warnings.simplefilter("error", UserWarning)
             try:
-                return dipole.localize(
+                return _localize.localize(
                     times,
                     field,
                     {str(name): value for name, value in self.known.items()},
@@ -243,7 +235,7 @@ class DipoleScenario(Scenario):
             start = found.r0 + (found.times[0] - found.origin) * found.v
             state = np.concatenate([start, found.v, found.m])
             times, sigma = found.times, found.sigma
-        problem = dipole.problem(
+        problem = _model.problem(
             state[:3], state[3:6], state[6:], times, sigma, sensors=self._positions
         )
         return problem, state
@@ -258,8 +250,8 @@ class DipoleScenario(Scenario):
         else:
             problem, state = self._problem
         names = {_long(name) for name in self.known}
-        sizes = [name for name in names if name not in dipole.NAMES]
-        fixed = [name for name in dipole.NAMES if name in names]
+        sizes = [name for name in names if name not in _model.NAMES]
+        fixed = [name for name in _model.NAMES if name in names]
         if len(fixed) == 9:
             raise self.mistake("known", "names every state: nothing is left to determine")
         if fixed:
@@ -312,7 +304,7 @@ class DipoleScenario(Scenario):
     def _true(self, name: str, state: Array) -> float:
         if name in ("speed", "moment"):
             return self._size(name, state)
-        return float(state[dipole.NAMES.index(_long(name))])
+        return float(state[_model.NAMES.index(_long(name))])
 
     def simulate(
         self, trials: int, seed: int, *, resume: Path | None = None, progress: bool = False
@@ -332,7 +324,7 @@ class DipoleScenario(Scenario):
         ):
             return super().simulate(trials, seed, resume=resume, progress=progress)
         known = {str(name): value for name, value in self.known.items()}
-        found = dipole.localize_trials(
+        found = _localize.localize_trials(
             given.r0,
             given.v,
             given.m,
@@ -344,8 +336,8 @@ class DipoleScenario(Scenario):
             prior=self._priors,
             sensors=self._positions,
         )
-        exact = dipole.measure(given.r0, given.v, given.m, given.times, sensors=self._positions)
-        bound = dipole.localize(
+        exact = _model.measure(given.r0, given.v, given.m, given.times, sensors=self._positions)
+        bound = _localize.localize(
             given.times,
             exact,
             known,
@@ -375,7 +367,7 @@ class DipoleScenario(Scenario):
                             number(bound[i]),
                             f"{ratio[i]:.3f}",
                         ]
-                        for i, name in enumerate(dipole.NAMES)
+                        for i, name in enumerate(_model.NAMES)
                     ],
                 )
             ],
@@ -420,10 +412,10 @@ def _located(found: Localization, title: str, model: str) -> Report:
                 name,
                 number(values[i]),
                 number(found.std[i]) if found.std[i] > 0 else "known",
-                dipole.UNITS[i],
+                _model.UNITS[i],
                 *([number(mirror[i])] if mirror is not None else []),
             ]
-            for i, name in enumerate(dipole.NAMES)
+            for i, name in enumerate(_model.NAMES)
         ],
         "Standard deviations are the bound with independent noise of the sigma above; where the "
         "dipole is no more than a model of the body, the true errors are larger.",

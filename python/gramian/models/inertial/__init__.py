@@ -5,9 +5,12 @@ body, so that a level vehicle that heads north has both the same. States, in
 this order: tilt phi (rad), velocity error dV (m/s), errors of latitude and
 longitude (rad) and height (m), gyro bias eps (rad/s) and accelerometer bias
 Delta (m/s^2) in body axes. Errors are what the navigator says less what is.
-"""
 
-from __future__ import annotations
+- `static_base`, `error_model`: linear systems for `gramian.linear`, at rest and moving;
+  `NAMES` and `UNITS` of the states.
+- `segments`, of `Leg`: a whole flight, as a `Flight`.
+- `rotation`, `gravity`, `radii`, `EARTH_RATE`: attitude and the earth.
+"""
 
 from gramian.models.inertial._earth import EARTH_RATE, gravity, radii
 from gramian.models.inertial._flight import Flight, Leg, segments
@@ -26,3 +29,7 @@ __all__ = [
     "segments",
     "static_base",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -10,14 +10,15 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from gramian.exceptions import InputError
-from gramian.models import inertial, linear
+from gramian.models import linear
+from gramian.models.inertial import _earth, _flight, _model
 from gramian.models.linear._degrees import posterior
 from gramian.models.linear.scenario import Observed, Window, linear_report
 from gramian.report import Report, Table
 from gramian.scenario.base import Scenario, Section
 
 if TYPE_CHECKING:
-    from gramian.models.inertial import Flight
+    from gramian.models.inertial._flight import Flight
 
 __all__ = ["InertialScenario"]
 
@@ -79,7 +80,7 @@ class InertialScenario(Scenario):
     def analyze(self) -> Report:
         """Answer which combinations of the errors the receiver determines, and when."""
         latitude = np.radians(self.site.latitude_deg)
-        gravity = inertial.gravity(latitude, self.site.height)
+        gravity = _earth.gravity(latitude, self.site.height)
         priors = {
             "tilt": np.radians(self.prior.tilt_arcmin / 60),
             "gyro_bias": np.radians(self.prior.gyro_bias_deg_per_hour) / 3600,
@@ -93,7 +94,7 @@ class InertialScenario(Scenario):
         self._check_size(self.flight)
         try:
             legs = [
-                inertial.Leg(
+                _flight.Leg(
                     leg.duration,
                     np.radians(leg.turn_deg),
                     leg.speed_change,
@@ -101,7 +102,7 @@ class InertialScenario(Scenario):
                 )
                 for leg in self.flight.legs
             ]
-            flight = inertial.segments(
+            flight = _flight.segments(
                 legs,
                 latitude,
                 self.site.height,
@@ -143,7 +144,7 @@ class InertialScenario(Scenario):
         return self.window.step if self.window else 1.0
 
     def _at_rest(self, latitude: float, place: str, priors: dict[str, float]) -> Report:
-        system = inertial.static_base(
+        system = _model.static_base(
             latitude,
             self.site.height,
             velocity=self.prior.velocity,

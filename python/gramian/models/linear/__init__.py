@@ -2,6 +2,13 @@
 
 Every function takes A and C as arrays, or in place of A a state-space object of
 SciPy or python-control (anything with attributes ``A`` and ``C``), or a `System`.
+
+- `levels`, `batch_levels`: what the output and each derivative determine, as `Levels` and
+  `BatchLevels`; `observability_matrix`.
+- `degree`, `information`: how well, as `Degree` and `Information`.
+- `problem`, `rows`: the whitened rows of a window of samples, for `gramian.analyze`;
+  `gramian`, their information; `transition`.
+- `piecewise`: systems that are constant by segments, as `Piecewise`.
 """
 
 from gramian.models.linear._degrees import Degree, Information, degree, information
@@ -33,3 +40,7 @@ __all__ = [
     "rows",
     "transition",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

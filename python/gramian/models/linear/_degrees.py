@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian._arrays import number, reals
-from gramian.analysis import describe_combination, plain
+from gramian._registry import draw
+from gramian._text import describe_combination, plain
 from gramian.exceptions import InputError
 from gramian.models.linear._levels import observability_matrix
 from gramian.models.linear._systems import SystemLike, system_of
@@ -159,10 +160,8 @@ class Information:
         return "\n".join(lines)
 
     def plot(self) -> Figure:
-        """Draw what each combination is made of as a heat map; wants matplotlib."""
-        from gramian.models.linear.plot import combination_map
-
-        return combination_map(self)
+        """Draw what each combination is made of as a heat map; needs matplotlib."""
+        return draw(self, "combination_map")
 
 
 def degree(

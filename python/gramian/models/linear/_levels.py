@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian._arrays import finite, whole
-from gramian.analysis import describe_combination
+from gramian._registry import draw
+from gramian._text import describe_combination
 from gramian.exceptions import InputError
 from gramian.models.linear._systems import SystemLike, matrices, system_of
 
@@ -197,10 +198,8 @@ class Levels:
         return "\n".join(lines)
 
     def plot(self) -> Figure:
-        """Draw the ranks as steps and the level of each state; wants matplotlib."""
-        from gramian.models.linear.plot import level_steps
-
-        return level_steps(self)
+        """Draw the ranks as steps and the level of each state; needs matplotlib."""
+        return draw(self, "level_steps")
 
 
 def levels(

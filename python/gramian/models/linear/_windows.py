@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian._arrays import finite, number, reals
-from gramian.analysis import describe_combination
+from gramian._text import describe_combination
 from gramian.exceptions import InputError
 from gramian.models.linear._levels import observability_matrix
 from gramian.models.linear._systems import System, SystemLike, matrices, system_of, whitener

@@ -13,7 +13,8 @@ from gramian.plot import COLORS, figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from gramian.models.linear import Information, Levels
+    from gramian.models.linear._degrees import Information
+    from gramian.models.linear._levels import Levels
 
 __all__ = ["combination_map", "level_steps", "ratio_history"]
 

@@ -10,16 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from gramian._text import number
 from gramian.exceptions import InputError
-from gramian.models import linear
+from gramian.models.linear import _levels, _windows
 from gramian.models.linear._degrees import history, posterior
-from gramian.report import Picture, Report, Table, Tone, number
+from gramian.report import Picture, Report, Table, Tone
 from gramian.scenario.base import Scenario, Section
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from gramian.models.linear import Information, Levels
+    from gramian.models.linear._degrees import Information
+    from gramian.models.linear._levels import Levels
 
 __all__ = ["LinearScenario", "Observed", "linear_report"]
 
@@ -85,7 +87,7 @@ class LinearScenario(Scenario):
     def analyze(self) -> Report:
         """Answer what each derivative determines, and what the window adds to the prior."""
         try:
-            found = linear.levels(
+            found = _levels.levels(
                 self.system.A,
                 self.system.C,
                 self.system.names,
@@ -111,7 +113,7 @@ class LinearScenario(Scenario):
                 )
             raise self.mistake("prior", f"{', '.join(missing)} has none: every state needs one")
         sigma = np.broadcast_to(np.asarray(self.noise.output, dtype=float), (len(self.system.C),))
-        seen = linear.rows(
+        seen = _windows.rows(
             self.system.A,
             self.system.C,
             window=self.window.duration,

@@ -1,12 +1,13 @@
 """Observer maneuver: where to steer to locate a target by its bearings.
 
-The closed-form laws give the next heading from bearing and range; `trajectory`
-follows one of them, and `fisher` says what a path tells of its target. `plan` finds
-the best path over a horizon, and `closed_loop` flies laws and plans without knowing
-the target. Bearings and headings are clockwise from north; x is east, y is north.
-"""
+- `heading` of a `Law`: the next heading from bearing and range, `AtStandoff` says what a
+  law does once it is near enough; `trajectory` follows a law, as a `Trajectory`.
+- `plan`: the best path over a horizon, a `Plan` with `Start` and `LawComparison`.
+- `closed_loop`: laws and plans without knowing the target, a `ClosedLoop` of `LoopRun`.
+- `fisher`, `fisher_det`, `problem`: what a path tells of its target.
 
-from __future__ import annotations
+Bearings and headings are clockwise from north; x is east, y is north.
+"""
 
 from gramian.models.maneuver._closed_loop import ClosedLoop, LoopRun, closed_loop
 from gramian.models.maneuver._fisher import fisher, fisher_det, problem
@@ -30,3 +31,7 @@ __all__ = [
     "problem",
     "trajectory",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

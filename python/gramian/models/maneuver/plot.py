@@ -12,7 +12,8 @@ from gramian.plot import COLORS, Figure, ellipse, figure
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from gramian.models.maneuver import ClosedLoop, Plan
+    from gramian.models.maneuver._closed_loop import ClosedLoop
+    from gramian.models.maneuver._planner import Plan
 
 __all__ = ["ellipses", "errors", "information", "paths"]
 

@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from gramian._text import number
 from gramian.exceptions import InputError
-from gramian.models import maneuver
-from gramian.report import Picture, Report, Table, Tone, number
+from gramian.models.maneuver import _closed_loop, _planner
+from gramian.report import Picture, Report, Table, Tone
 from gramian.scenario.base import Scenario, Section
 
 if TYPE_CHECKING:
-    from gramian.models.maneuver import ClosedLoop, Plan
+    from gramian.models.maneuver._closed_loop import ClosedLoop
+    from gramian.models.maneuver._planner import Plan
 
 __all__ = ["ManeuverScenario"]
 
@@ -115,7 +117,7 @@ class ManeuverScenario(Scenario):
     def _plan(self) -> Plan:
         observer, limits, goal = self.observer, self.limits, self.goal
         combination = goal.combination
-        return maneuver.plan(
+        return _planner.plan(
             self.target.states(),
             observer.start,
             observer.speed,
@@ -142,7 +144,7 @@ class ManeuverScenario(Scenario):
             raise InputError("closed_loop: wants one fixed target: target.position alone")
         if not isinstance(self.observer.speed, float):
             raise InputError("closed_loop: wants one speed, not a range")
-        return maneuver.closed_loop(
+        return _closed_loop.closed_loop(
             self.target.position,
             self.observer.start,
             self.observer.speed,

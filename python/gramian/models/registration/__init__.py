@@ -2,15 +2,18 @@
 
 Each of N sensors at a known place measures range and azimuth, in space also
 elevation, of a target: truth + constant bias + noise. The targets' positions are
-not known and not needed: they are eliminated look by look. `rows`, `problem` and
-`fisher` say what a set of looks can tell, `degree`, `singular_tracks` and `field`
-where it tells well, `select` which targets of a crowd tell most, and `estimate`
-finds the biases, or says why it cannot.
+not known and not needed: they are eliminated look by look.
+
+- `problem`, `rows`, `fisher`: what a set of looks can tell; `gauges`, what none can.
+- `estimate`: the biases, as an `Estimate`, or why there are none; `estimate_trials` of
+  simulated reports.
+- `degree`, `eta`, `field` with `Field`: where the biases are told well.
+- `singular_tracks` with `SingularTrack`, `check_track` with `TrackCheck`: where not at all.
+- `select`, with `Selection`: which targets of a crowd tell most.
+- `Reports`: the measurements; `simulate` makes them, `match` pairs recordings.
 
 Metres and radians; x is east, y is north; azimuths clockwise from north.
 """
-
-from __future__ import annotations
 
 from gramian.models.registration._degree import degree, eta
 from gramian.models.registration._estimate import Estimate, estimate, estimate_trials
@@ -47,3 +50,7 @@ __all__ = [
     "simulate",
     "singular_tracks",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from gramian import _core
 from gramian.exceptions import InputError
-from gramian.models.registration._model import Array, Extra, SensorsLike, Setup, setup, targets
-from gramian.models.registration._reports import Reports
+from gramian.models.registration._reports import Reports, targets
+from gramian.models.registration._setup import Array, Extra, SensorsLike, Setup, setup
 
 Method = Literal["eta", "pair", "paper"]
 

@@ -11,10 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian._arrays import SEED_MOST, reals, whole
-from gramian.analysis import describe_combination, plain
+from gramian._text import describe_combination, plain
 from gramian.exceptions import ConvergenceError, InputError, UnobservableError
-from gramian.models.registration._model import Array, Extra, SensorsLike, Setup, gauges, setup
+from gramian.models.registration._model import gauges
 from gramian.models.registration._reports import Reports, report_array
+from gramian.models.registration._setup import Array, Extra, SensorsLike, Setup, setup
 from gramian.models.registration._tracks import singular_tracks
 
 Method = Literal["ls", "gls", "ml"]

@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 
 from gramian import _core
 from gramian._arrays import number, reals, whole
+from gramian._registry import draw
 from gramian.exceptions import InputError
-from gramian.models.registration._model import Array, SensorsLike, setup
+from gramian.models.registration._setup import Array, SensorsLike, setup
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -47,10 +48,8 @@ class Field:
     labels: tuple[str, ...]
 
     def plot(self) -> Figure:
-        """Draw the map; wants matplotlib."""
-        from gramian.models.registration import plot
-
-        return plot.field(self)
+        """Draw the map; needs matplotlib."""
+        return draw(self, "field")
 
 
 def field(

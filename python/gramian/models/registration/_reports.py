@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from gramian import _core
 from gramian._arrays import SEED_MOST, number, reals, whole
 from gramian.exceptions import InputError
-from gramian.models.registration._model import Array, Extra, SensorsLike, Setup, setup
+from gramian.models.registration._setup import Array, Extra, SensorsLike, Setup, setup
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +134,15 @@ def fused(known: Setup, reports: Array, biases: Array) -> Array:
             "in one direction nothing is left of their accuracy"
         )
     return positions
+
+
+def targets(
+    known: Setup, value: ArrayLike | Reports, biases: ArrayLike | Mapping[str, float] | None
+) -> Array:
+    """Return positions (..., K, d) from positions or from reports."""
+    if isinstance(value, Reports):
+        return fused(known, value.values, known.biases(biases))
+    return reals(value, "positions")
 
 
 def simulate(

@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike
 
 from gramian import _core
 from gramian._arrays import finite
-from gramian.analysis import plain
+from gramian._text import plain
 from gramian.exceptions import InputError
-from gramian.models.registration._model import Array, Extra, SensorsLike, rows, setup
+from gramian.models.registration._model import rows
+from gramian.models.registration._setup import Array, Extra, SensorsLike, setup
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gramian._arrays import finite, number, reals
-from gramian.analysis import describe_combination
+from gramian._text import describe_combination
 from gramian.exceptions import InputError
-from gramian.models.registration._model import Array, SensorsLike, Setup, setup
+from gramian.models.registration._setup import Array, SensorsLike, Setup, setup
 
 Family = Literal["between", "outside", "abeam A", "abeam B"]
 

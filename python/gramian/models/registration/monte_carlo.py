@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian._arrays import reals
-from gramian.models import registration
-from gramian.models.registration._model import Extra, Setup, setup
+from gramian.models.registration import _estimate, _model
+from gramian.models.registration._setup import Extra, Setup, setup
 from gramian.monte_carlo.experiment import Estimates, Experiment, squared_over
 from gramian.problem import Problem
 
@@ -104,7 +104,7 @@ class Registration(Experiment):
 
     def problem(self) -> Problem:
         """Return the problem at the true biases."""
-        return registration.problem(
+        return _model.problem(
             self.positions, self.sensors, self.sigma, extras=self.extras, biases=self.biases
         )
 
@@ -121,7 +121,7 @@ class Registration(Experiment):
     def estimate(self, name: str, seed: int, first: int, trials: int) -> Estimates:
         """Return the errors of the estimated biases."""
         method: Any = name
-        found = registration.estimate_trials(
+        found = _estimate.estimate_trials(
             self.positions,
             self.sensors,
             self.sigma,

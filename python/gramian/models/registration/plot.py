@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gramian.plot import COLORS, Figure, figure
 
 if TYPE_CHECKING:
-    from gramian.models.registration import Field
+    from gramian.models.registration._field import Field
 
 __all__ = ["bars", "degrees", "field", "geometry", "selection"]
 

@@ -10,20 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from gramian.analysis import Observability, analyze, describe_combination, plain
+from gramian._text import describe_combination, number, plain
+from gramian.analysis import Observability, analyze
 from gramian.bounds import crlb_std
 from gramian.exceptions import ConvergenceError, UnobservableError
-from gramian.models import registration as reg
-from gramian.report import (
-    Picture,
-    Report,
-    Table,
-    Tone,
-    answer_pictures,
-    answer_tables,
-    number,
-    tone_of,
+from gramian.models.registration import (
+    _degree,
+    _estimate,
+    _field,
+    _model,
+    _reports,
+    _select,
+    _tracks,
 )
+from gramian.models.registration._estimate import Estimate
+from gramian.models.registration._reports import Reports
+from gramian.models.registration._select import Selection
+from gramian.report import Picture, Report, Table, Tone, answer_pictures, answer_tables, tone_of
 from gramian.scenario.base import Scenario, Section, Simulation
 from gramian.scenario.files import read_columns
 
@@ -211,7 +214,7 @@ class RegistrationScenario(Scenario):
     def names(self) -> tuple[str, ...]:
         """The biases."""
         anywhere = np.mean(list(self.places.values()), axis=0) + 12345.678
-        return reg.problem(anywhere[None], self.places, self.sigma, extras=self.extras).names
+        return _model.problem(anywhere[None], self.places, self.sigma, extras=self.extras).names
 
     @cached_property
     def truth(self) -> dict[str, float]:
@@ -266,11 +269,11 @@ class RegistrationScenario(Scenario):
         return recorded
 
     @cached_property
-    def measured(self) -> dict[str, reg.Reports]:
+    def measured(self) -> dict[str, Reports]:
         """Reports of each target: recorded, or simulated with the biases put in."""
         if self.reports is None:
             return {
-                name: reg.simulate(
+                name: _reports.simulate(
                     places, self.places, self.sigma, self.truth, seed=self.seed + i,
                     extras=self.extras, times=times,
                 )
@@ -303,7 +306,7 @@ class RegistrationScenario(Scenario):
                     for angle in ("azimuth", "elevation")[: self.d - 1]
                 ]
                 recordings[sensor] = (values["time"][chosen][order], np.stack(one, axis=1))
-            found[name] = reg.match(
+            found[name] = _reports.match(
                 recordings,
                 interpolate=self.reports.interpolate,
                 tolerance=self.reports.tolerance,
@@ -322,7 +325,7 @@ class RegistrationScenario(Scenario):
             key.removesuffix("_deg"): float(np.radians(value)) if key.endswith("_deg") else value
             for key, value in self.useless.items()
         }
-        problem = reg.problem(
+        problem = _model.problem(
             self.all_positions if positions is None else positions,
             self.places,
             self.sigma,
@@ -337,7 +340,7 @@ class RegistrationScenario(Scenario):
         answer = analyze(self.problem())
         each = [self._line(name, places) for name, (_, places) in self.seen.items()]
         budget = min(self.select, len(self.seen))
-        chosen = reg.select(
+        chosen = _select.select(
             {name: places for name, (_, places) in self.seen.items()},
             self.places, self.sigma, budget, extras=self.extras, prior=self.prior,
         )  # fmt: skip
@@ -399,19 +402,19 @@ class RegistrationScenario(Scenario):
     def _line(self, name: str, places: Array) -> list[str]:
         std = crlb_std(self.problem(places))
         units = self.problem(places[:1]).units
-        eta = float(reg.eta(places, self.places, self.sigma))
+        eta = float(_degree.eta(places, self.places, self.sigma))
         near = ""
         if self.d == 2 and len(self.sensors) == 2:
-            check = reg.check_track(places, self.places)
+            check = _tracks.check_track(places, self.places)
             near = f"{check.track.where}, {check.distance:.0f} m"
         return [name, str(len(places)), f"{eta:.3f}", *map(_cell, std, units), near]
 
-    def _facts(self, answer: Observability, chosen: reg.Selection) -> list[tuple[str, str]]:
+    def _facts(self, answer: Observability, chosen: Selection) -> list[tuple[str, str]]:
         facts = [("cannot be determined", text) for text in answer.null_combinations]
         if answer.nullity and self.d == 2 and len(self.sensors) == 2 and not self.extras:
-            check = reg.check_track(self.all_positions, self.places)
+            check = _tracks.check_track(self.all_positions, self.places)
             facts.append(("why", f"every target keeps {check.track.where}"))
-        for name, vector in reg.gauges(self.places, self.extras).items():
+        for name, vector in _model.gauges(self.places, self.extras).items():
             text = describe_combination(vector, answer.names)
             if not answer.problem.priors:
                 facts.append(("free whatever the targets", f"{name}: {text}"))
@@ -420,7 +423,7 @@ class RegistrationScenario(Scenario):
             facts.append(("what would help most", answer.describe(answer.suggestions[0])))
         return facts
 
-    def _pictures(self, chosen: reg.Selection) -> list[Picture]:
+    def _pictures(self, chosen: Selection) -> list[Picture]:
         pictures = [
             Picture(
                 "Geometry",
@@ -437,7 +440,7 @@ class RegistrationScenario(Scenario):
                     {
                         name: (
                             self.seen[name][0] - self.seen[name][0][0],
-                            reg.degree(self.seen[name][1], self.places, self.sigma),
+                            _degree.degree(self.seen[name][1], self.places, self.sigma),
                         )
                         for name in chosen.chosen
                     },
@@ -471,11 +474,11 @@ class RegistrationScenario(Scenario):
     def _draw(self, m: Map) -> Figure:
         return self._field(m).plot()
 
-    def _field(self, m: Map) -> reg.Field:
+    def _field(self, m: Map) -> _field.Field:
         heading = None if m.heading_deg is None else float(np.radians(m.heading_deg))
         if m.quantity != "eta" and m.quantity not in self.names:
             raise self.mistake("maps.quantity", f"must be eta or one of {', '.join(self.names)}")
-        return reg.field(
+        return _field.field(
             self.places, self.sigma, (m.west, m.east, m.south, m.north), heading, m.radius,
             quantity=m.quantity,
         )  # fmt: skip
@@ -487,7 +490,7 @@ class RegistrationScenario(Scenario):
             name: r.positions(self.places, self.sigma, extras=self.extras)
             for name, r in self.measured.items()
         }
-        chosen = reg.select(
+        chosen = _select.select(
             positions, self.places, self.sigma, budget, extras=self.extras, prior=self.prior
         )
         groups = {"all targets": tuple(self.measured), f"best {budget}": chosen.chosen}
@@ -495,7 +498,7 @@ class RegistrationScenario(Scenario):
         first = outcomes["all targets"]
         tables, shown = [], {}
         for label, outcome in outcomes.items():
-            if isinstance(outcome, reg.Estimate):
+            if isinstance(outcome, Estimate):
                 tables.append(self._estimate_table(label, groups[label], outcome))
                 if self.truth:
                     errors = outcome.biases - self._truth_array()
@@ -504,12 +507,12 @@ class RegistrationScenario(Scenario):
             "model": self.model,
             "selection": chosen.to_dict(),
             "estimates": {
-                label: outcome.to_dict() if isinstance(outcome, reg.Estimate) else str(outcome)
+                label: outcome.to_dict() if isinstance(outcome, Estimate) else str(outcome)
                 for label, outcome in outcomes.items()
             },
         }
         tone: Tone
-        if isinstance(first, reg.Estimate):
+        if isinstance(first, Estimate):
             fits = bool(first.p_value > 1e-3) or first.dof <= 0
             held = first.held_by_prior
             tone = "good" if fits and not held else "weak"
@@ -563,12 +566,10 @@ class RegistrationScenario(Scenario):
     def _truth_array(self) -> Array:
         return np.array([self.truth.get(name, 0.0) for name in self.names])
 
-    def _estimate(
-        self, names: tuple[str, ...]
-    ) -> reg.Estimate | UnobservableError | ConvergenceError:
+    def _estimate(self, names: tuple[str, ...]) -> Estimate | UnobservableError | ConvergenceError:
         values = np.concatenate([self.measured[name].values for name in names])
         try:
-            return reg.estimate(
+            return _estimate.estimate(
                 values,
                 self.places,
                 self.sigma,
@@ -579,7 +580,7 @@ class RegistrationScenario(Scenario):
         except (UnobservableError, ConvergenceError) as error:
             return error
 
-    def _estimate_table(self, label: str, names: tuple[str, ...], found: reg.Estimate) -> Table:
+    def _estimate_table(self, label: str, names: tuple[str, ...], found: Estimate) -> Table:
         columns = ["bias", "estimate", "standard deviation"]
         rows = []
         for i, (name, unit) in enumerate(zip(found.names, found.units, strict=True)):
@@ -620,7 +621,7 @@ class RegistrationScenario(Scenario):
                 "resume", "all trials run in one call: nothing is kept to go on from"
             )
         bound = crlb_std(self.problem())
-        found = reg.estimate_trials(
+        found = _estimate.estimate_trials(
             self.all_positions, self.places, self.sigma, self.truth or None, seed=seed,
             trials=trials, method=self.estimate.method, prior=self.prior, extras=self.extras,
         )  # fmt: skip
@@ -661,7 +662,7 @@ class RegistrationScenario(Scenario):
         )
 
 
-def _times(reports: reg.Reports) -> Array:
+def _times(reports: Reports) -> Array:
     return np.arange(len(reports.values), dtype=float) if reports.times is None else reports.times
 
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gramian import plot
-from gramian.report import number
+from gramian._text import number
+from gramian.plot import COLORS, figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,7 +41,7 @@ def overview(result: MonteCarloResult) -> Figure:
     drawers += [partial(quantity_histogram, result, name=name) for name in result.quantities]
     columns = min(2, max(1, len(drawers)))
     rows = max(1, -(-len(drawers) // columns))
-    fig = plot.figure(5.2 * columns, 3.9 * rows)
+    fig = figure(5.2 * columns, 3.9 * rows)
     all_axes = np.atleast_1d(fig.subplots(rows, columns)).ravel()
     for draw, axes in zip(drawers, all_axes, strict=False):
         draw(axes)
@@ -53,7 +53,7 @@ def overview(result: MonteCarloResult) -> Figure:
 
 def single(result: MonteCarloResult, draw: Callable[..., None], **options: Any) -> Figure:
     """Draw one picture of a run on a figure of its own."""
-    fig = plot.figure()
+    fig = figure()
     draw(result, fig.subplots(), **options)
     return fig
 
@@ -64,7 +64,7 @@ def error_cloud(result: MonteCarloResult, axes: Axes, states: tuple[int, int] = 
     good = result.sample["status"] == 0
     x = result.sample[f"error_{result.names[i]}"][good]
     y = result.sample[f"error_{result.names[j]}"][good]
-    axes.scatter(x, y, s=4, alpha=0.35, color=plot.COLORS["observer"], linewidths=0)
+    axes.scatter(x, y, s=4, alpha=0.35, color=COLORS["observer"], linewidths=0)
     pair = np.ix_([i, j], [i, j])
     centre = result.bias[[i, j]]
     if np.isfinite(result.covariance[pair]).all():
@@ -99,14 +99,14 @@ def _ellipse(
     circle = np.stack([np.cos(angle), np.sin(angle)])
     radius = np.sqrt(chdtri(2, 0.05) * np.maximum(values, 0))
     outline = centre[:, None] + vectors @ (radius[:, None] * circle)
-    axes.plot(*outline, style, color=plot.COLORS[color], label=label, linewidth=1.6)
+    axes.plot(*outline, style, color=COLORS[color], label=label, linewidth=1.6)
 
 
 def rmse_and_bound(result: MonteCarloResult, axes: Axes) -> None:
     """Draw the RMSE of each state over its bound, with its confidence interval."""
     places = np.arange(len(result.names))
     if result.bound is None or result.efficiency is None or result.efficiency_interval is None:
-        axes.bar(places, result.rmse, color=plot.COLORS["observer"])
+        axes.bar(places, result.rmse, color=COLORS["observer"])
         axes.set_xticks(places, [_label(result, i) for i in range(len(places))])
         axes.set_yscale("log")
         axes.set_ylabel("RMSE")
@@ -121,12 +121,12 @@ def rmse_and_bound(result: MonteCarloResult, axes: Axes) -> None:
         yerr=reach[:, known],
         fmt="o",
         capsize=4,
-        color=plot.COLORS["observer"],
+        color=COLORS["observer"],
         label="RMSE / bound, 95 %",
     )
-    axes.axhline(1.0, color=plot.COLORS["target"], linestyle="--", label="bound")
+    axes.axhline(1.0, color=COLORS["target"], linestyle="--", label="bound")
     for i in places[~known]:
-        axes.text(i, 1.0, "not\nobservable", ha="center", va="bottom", color=plot.COLORS["bad"])
+        axes.text(i, 1.0, "not\nobservable", ha="center", va="bottom", color=COLORS["bad"])
     labels = [
         f"{name}\n{number(rmse, 3)} / {number(bound, 3)}"
         for name, rmse, bound in zip(result.names, result.rmse, result.bound, strict=True)
@@ -153,19 +153,17 @@ def nees_histogram(result: MonteCarloResult, axes: Axes) -> None:
         density,
         width,
         align="edge",
-        color=plot.COLORS["observer"],
+        color=COLORS["observer"],
         alpha=0.5,
         label="trials",
     )
     x = np.linspace(nees.edges[0], nees.edges[-1], 300)[1:]
-    axes.plot(
-        x, chi2.pdf(x, nees.dof), color=plot.COLORS["target"], label=f"chi-square, {nees.dof}"
-    )
+    axes.plot(x, chi2.pdf(x, nees.dof), color=COLORS["target"], label=f"chi-square, {nees.dof}")
     inside = nees.mean <= nees.edges[-1]
     label = f"mean {nees.mean:.3g}" + ("" if inside else ", beyond the axis")
     axes.axvline(min(nees.mean, nees.edges[-1]), color="black", linewidth=1.5, label=label)
     axes.set_xlim(0, 1.02 * nees.edges[-1])
-    axes.axvspan(*nees.band, color=plot.COLORS["good"], alpha=0.4, label="95 % band of the mean")
+    axes.axvspan(*nees.band, color=COLORS["good"], alpha=0.4, label="95 % band of the mean")
     top = max(density.max(), 0.2 / nees.dof**0.5)
     axes.set_ylim(0, 1.25 * top)
     over = nees.histogram[-1] / nees.count
@@ -180,7 +178,7 @@ def quantity_histogram(result: MonteCarloResult, axes: Axes, name: str) -> None:
     values = result.sample[name]
     values = values[np.isfinite(values)]
     if values.size:
-        axes.hist(values, bins=40, color=plot.COLORS["observer"], alpha=0.6)
+        axes.hist(values, bins=40, color=COLORS["observer"], alpha=0.6)
     axes.axvline(result.quantities[name].mean, color="black", linewidth=1, label="mean")
     axes.set_xlabel(name)
     axes.set_ylabel("trials")
@@ -204,7 +202,7 @@ def sweep(result: SweepResult, what: str, states: tuple[str, ...]) -> Figure:
     if len(result.parameters) == 1:
         columns = min(2, count)
         rows = -(-count // columns)
-        fig = plot.figure(5.2 * columns, 3.6 * rows)
+        fig = figure(5.2 * columns, 3.6 * rows)
         for k, axes in enumerate(np.atleast_1d(fig.subplots(rows, columns)).ravel()):
             if k < count:
                 _curve(result, what, states[k] if states else None, axes, beside)
@@ -212,7 +210,7 @@ def sweep(result: SweepResult, what: str, states: tuple[str, ...]) -> Figure:
                 axes.set_axis_off()
         return fig
     columns = 2 if beside else 1
-    fig = plot.figure(4.8 * columns, 3.6 * count)
+    fig = figure(4.8 * columns, 3.6 * count)
     grid = np.atleast_1d(fig.subplots(count, columns)).reshape(count, columns)
     for k in range(count):
         state = states[k] if states else None
@@ -224,20 +222,20 @@ def sweep(result: SweepResult, what: str, states: tuple[str, ...]) -> Figure:
 def _curve(result: SweepResult, what: str, state: str | None, axes: Axes, beside: bool) -> None:
     (parameter, x), *_ = result.parameters.items()
     y = result.values(what, state)
-    axes.plot(x, y, "o-", color=plot.COLORS["observer"], label=what)
+    axes.plot(x, y, "o-", color=COLORS["observer"], label=what)
     if state is not None and what in ("rmse", "bias", "std", "efficiency"):
         i = result.names.index(state)
         limits = np.array([getattr(run, f"{what}_interval")[i] for run in result.results])
-        axes.fill_between(x, *limits.T, color=plot.COLORS["observer"], alpha=0.2, label="95 %")
+        axes.fill_between(x, *limits.T, color=COLORS["observer"], alpha=0.2, label="95 %")
     if beside:
         bound = result.values("bound", state)
-        axes.plot(x, bound, "--", color=plot.COLORS["target"], label="bound")
+        axes.plot(x, bound, "--", color=COLORS["target"], label="bound")
         for place in x[~np.isfinite(bound)]:
-            axes.axvline(place, color=plot.COLORS["bad"], linestyle=":")
+            axes.axvline(place, color=COLORS["bad"], linestyle=":")
     if what in ("rmse", "std", "bound") and (y[np.isfinite(y)] > 0).any():
         axes.set_yscale("log")
     if what == "efficiency":
-        axes.axhline(1.0, color=plot.COLORS["target"], linestyle="--", label="bound")
+        axes.axhline(1.0, color=COLORS["target"], linestyle="--", label="bound")
     if (x > 0).all() and x.max() > 30 * x.min():
         axes.set_xscale("log")
     unit = _unit(result, state)

@@ -1,0 +1,51 @@
+"""Numbers and combinations of states in words, and as JSON can hold them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["describe_combination", "describe_null_space", "number", "plain"]
+
+Array = NDArray[np.float64]
+
+
+def number(value: float, digits: int = 4) -> str:
+    """Return a number for a table: "not observable" for infinity."""
+    if np.isinf(value):
+        return "not observable"
+    if value == 0:
+        return "0"
+    size = abs(value)
+    if 1e-3 <= size < 1e6:
+        text = f"{value:.{digits}g}"
+        return f"{value:.0f}" if "e" in text else text
+    return f"{value:.{digits - 1}e}"
+
+
+def describe_null_space(null_space: Array, names: Sequence[str]) -> tuple[str, ...]:
+    """Return each column as text: "1 x0 + 0.42 vx"."""
+    return tuple(describe_combination(column, names) for column in null_space.T)
+
+
+def describe_combination(coefficients: Array, names: Sequence[str]) -> str:
+    """Return c^T x as text, without the states that have no part in it."""
+    text = ""
+    for coefficient, name in zip(coefficients, names, strict=True):
+        if coefficient == 0:
+            continue
+        sign = "-" if coefficient < 0 else "+"
+        text += f" {sign} " if text else ("-" if sign == "-" else "")
+        text += f"{abs(coefficient):.4g} {name}"
+    return text
+
+
+def plain(value: Any) -> Any:
+    """Return numbers and arrays as what JSON can hold; "inf", "-inf" for infinities."""
+    if isinstance(value, np.ndarray):
+        return [plain(item) for item in value]
+    number = float(value)
+    return number if np.isfinite(number) else str(number)
