@@ -13,11 +13,11 @@ from gramian.exceptions import InputError
 __all__ = [
     "SEED_MOST",
     "above_rounding",
+    "as_float_array",
     "finite",
-    "held",
     "number",
-    "reals",
     "representable",
+    "require_finite",
     "rounding_of_columns",
     "whole",
 ]
@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 SEED_MOST = 2**64 - 1
 
 
-def reals(value: ArrayLike, name: str) -> Array:
+def as_float_array(value: ArrayLike, name: str) -> Array:
     """Return an array of float64, the argument itself where it is one.
 
     Raises
@@ -57,7 +57,7 @@ def reals(value: ArrayLike, name: str) -> Array:
 
 def finite(value: ArrayLike, name: str) -> Array:
     """Return an array of finite numbers, or name the first that is not."""
-    array = reals(value, name)
+    array = as_float_array(value, name)
     if len(bad := np.argwhere(~np.isfinite(array))):
         index = ", ".join(str(i) for i in bad[0])
         place = f"[{index}]" if index else ""
@@ -65,7 +65,7 @@ def finite(value: ArrayLike, name: str) -> Array:
     return array
 
 
-def held(values: Array, name: str) -> Array:
+def require_finite(values: Array, name: str) -> Array:
     """Return computed numbers, or refuse them where they left those that can be held."""
     if values.size <= 64:
         # On a few numbers Python is faster than numpy, and small calls are common.

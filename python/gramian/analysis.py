@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
+from math import isnan
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import number, reals, representable
+from gramian._arrays import as_float_array, number, representable
 from gramian._registry import draw
 from gramian._text import describe_null_space, plain
 from gramian.exceptions import InputError
@@ -83,7 +85,8 @@ class Observability:
         The longest axis of the error ellipsoid (on unit columns) among what is
         observable: how far each state moves along it at one standard deviation.
     suggestions : tuple of Suggestion
-        What knowing one state or named combination would give, best first.
+        What knowing one state or named combination would give, best first; worked out when
+        first asked for.
     """
 
     status: Status
@@ -102,9 +105,13 @@ class Observability:
     data_std: Array
     logdet: float
     weakest_direction: Array
-    suggestions: tuple[Suggestion, ...]
     problem: Problem = field(repr=False)
     _analysis: _core.Analysis = field(repr=False)
+
+    @cached_property
+    def suggestions(self) -> tuple[Suggestion, ...]:
+        """What knowing one state or named combination would give, best first."""
+        return _suggestions(self.problem, self._analysis)
 
     def std_of(self, combination: str | ArrayLike) -> float:
         """Return the bound on the deviation of a state or linear combination.
@@ -268,7 +275,7 @@ def analyze(
     for label, threshold in (("weak_ratio", weak_ratio), ("weak_condition", weak_condition)):
         if threshold != np.inf and not number(threshold, label) > 0:
             raise InputError(f"{label} = {threshold}: must be > 0")
-    if rtol is not None and (np.shape(rtol) or not 0 < reals(rtol, "rtol") < 1):
+    if rtol is not None and (np.shape(rtol) or not 0 < as_float_array(rtol, "rtol") < 1):
         raise InputError(f"rtol = {rtol}: must be between 0 and 1")
     tolerance = problem.rtol if rtol is None else rtol
     analysis = _core.Analysis(at_least_one_row(problem.all_rows), tolerance)
@@ -309,7 +316,6 @@ def analyze(
         data_std=data_std,
         logdet=analysis.log_det,
         weakest_direction=analysis.weakest_direction(),
-        suggestions=_suggestions(problem, analysis),
         problem=problem,
         _analysis=analysis,
     )
@@ -332,8 +338,8 @@ def _status(
         return "unobservable", f"rank {n - nullity} of {n}: {what} not determined", touched
     limits = {
         name: value
-        for name, value in zip(problem.names, problem.scale, strict=True)
-        if not np.isnan(value)
+        for name, value in zip(problem.names, problem.scale.tolist(), strict=True)
+        if not isnan(value)
     }
     kinds = dict.fromkeys(limits, "scale")
     for name, sigma in problem.priors.items():

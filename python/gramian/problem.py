@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import finite, reals
+from gramian._arrays import as_float_array, finite
 from gramian.exceptions import InputError
 
 __all__ = ["Problem", "from_function"]
@@ -89,7 +89,7 @@ class Problem:
             )
         if units is not None and len(units) != n:
             raise InputError(f"units has {len(units)} entries: must have {n}, one for each state")
-        scales = np.full(n, np.nan) if scale is None else reals(scale, "scale").copy()
+        scales = np.full(n, np.nan) if scale is None else as_float_array(scale, "scale").copy()
         scales = _checked_scale(scales, names)
         if rtol is not None and not 0 < rtol < 1:
             raise InputError(f"rtol = {rtol}: must be between 0 and 1")
@@ -174,7 +174,7 @@ class Problem:
             for name, value in scale.items():
                 values[self.index(name)] = value
         else:
-            values = reals(scale, "scale").copy()
+            values = as_float_array(scale, "scale").copy()
         return self._replaced(scale=_checked_scale(values, self.names))
 
     def fix(self, *names: str) -> Problem:
@@ -313,7 +313,7 @@ def as_problem(problem_or_rows: Problem | ArrayLike, names: Sequence[str] | None
         if names is not None:
             raise InputError("names was given with a problem, which has its own")
         return problem_or_rows
-    rows = reals(problem_or_rows, "rows")
+    rows = as_float_array(problem_or_rows, "rows")
     if rows.ndim != 2 or 0 in rows.shape:
         raise InputError(f"rows has shape {rows.shape}: must be (rows, states), not empty")
     return Problem(rows, names or [f"x{i}" for i in range(rows.shape[1])])
@@ -453,7 +453,7 @@ def _central_differences(
 ) -> tuple[Array, float]:
     size = np.abs(x)
     if scale is not None:
-        known = reals(scale, "scale")
+        known = as_float_array(scale, "scale")
         if known.shape == x.shape:
             size = np.fmax(size, known)
     # A state at 0 with no scale gives no hint of its size.

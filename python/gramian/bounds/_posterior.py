@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import finite, reals
+from gramian._arrays import as_float_array, finite
 from gramian.exceptions import InputError, UnobservableError
 
 __all__ = [
@@ -80,7 +80,7 @@ class Posterior:
         """
         if form not in (None, "covariance", "information"):
             raise InputError(f'form = {form!r}: must be "covariance" or "information"')
-        given = reals(prior, "prior")
+        given = as_float_array(prior, "prior")
         if given.ndim == 1:
             if (bad := np.flatnonzero(~(given > 0))).size:
                 raise InputError(
@@ -142,7 +142,7 @@ class Posterior:
         detection : array_like, shape () or (k,)
             Probability that they are had, in [0, 1].
         """
-        matrix = reals(rows, "rows")
+        matrix = as_float_array(rows, "rows")
         if matrix.ndim < 2:
             raise InputError(f"rows has shape {matrix.shape}: must be (..., k, {self.n})")
         weighted = matrix * np.sqrt(_probability(detection))[..., None]
@@ -501,7 +501,7 @@ def _roots(covariance: ArrayLike, name: str) -> Array:
 
 
 def _transition(transition: ArrayLike, form: Form, n: int) -> Array:
-    matrix = reals(transition, "transition")
+    matrix = as_float_array(transition, "transition")
     if matrix.ndim < 2 or matrix.shape[-2:] != (n, n):
         raise InputError(f"transition has shape {matrix.shape}: must be (..., {n}, {n})")
     if form == "covariance":
@@ -517,7 +517,7 @@ def _transition(transition: ArrayLike, form: Form, n: int) -> Array:
 
 
 def _probability(value: ArrayLike) -> Array:
-    chance = reals(value, "detection")
+    chance = as_float_array(value, "detection")
     if not ((chance >= 0) & (chance <= 1)).all():
         bad = np.argwhere(~((chance >= 0) & (chance <= 1)))
         index = f"[{', '.join(str(i) for i in bad[0])}]" if chance.ndim else ""
@@ -543,7 +543,7 @@ def _detected(rows: Array, detection: ArrayLike) -> Array:
 def _stacked(rows: ArrayLike | Sequence[ArrayLike | None], n: int) -> Array:
     if not isinstance(rows, np.ndarray) and isinstance(rows, Sequence):
         parts = [
-            np.zeros((0, n)) if part is None else reals(part, f"rows[{i}]")
+            np.zeros((0, n)) if part is None else as_float_array(part, f"rows[{i}]")
             for i, part in enumerate(rows)
         ]
         if len({part.shape for part in parts}) > 1:
@@ -557,7 +557,7 @@ def _stacked(rows: ArrayLike | Sequence[ArrayLike | None], n: int) -> Array:
             return stacked
         values = np.array(parts)
     else:
-        values = reals(rows, "rows")
+        values = as_float_array(rows, "rows")
     if values.ndim < 3 or values.shape[-1] != n or values.shape[-3] == 0:
         raise InputError(f"rows has shape {values.shape}: must be (..., steps, k, {n})")
     return values
@@ -566,7 +566,7 @@ def _stacked(rows: ArrayLike | Sequence[ArrayLike | None], n: int) -> Array:
 def _weights(weights: ArrayLike | None, samples: int) -> Array:
     if weights is None:
         return np.full(samples, 1 / samples)
-    chances = reals(weights, "weights")
+    chances = as_float_array(weights, "weights")
     if chances.shape != (samples,):
         raise InputError(f"weights has shape {chances.shape}: must be ({samples},)")
     if (bad := np.flatnonzero(~(np.isfinite(chances) & (chances >= 0)))).size:

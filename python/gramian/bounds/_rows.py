@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import held, reals, representable
+from gramian._arrays import as_float_array, representable, require_finite
 from gramian._text import describe_null_space
 from gramian.exceptions import InputError, UnobservableError
 from gramian.problem import Problem, as_problem, at_least_one_row
@@ -48,7 +48,7 @@ def gram(rows: ArrayLike, weights: ArrayLike | None = None) -> Array:
     array([[1., 2.],
            [2., 5.]])
     """
-    return held(_core.gram(rows, weights), "the Gram matrix")
+    return require_finite(_core.gram(rows, weights), "the Gram matrix")
 
 
 def crlb_std(
@@ -91,7 +91,7 @@ def crlb_std(
         return representable(_core.crlb_std(known, problem.rtol), known)
     rows: ArrayLike = rows_or_problem
     if prior is not None:
-        rows = reals(rows, "rows")
+        rows = as_float_array(rows, "rows")
         if rows.ndim < 2:
             raise InputError(f"rows has shape {rows.shape}: must be (..., K, n)")
         extra = _prior_rows(prior, rows.shape[-1])
@@ -158,7 +158,7 @@ def _with_prior(problem: Problem, prior: Mapping[str, float] | ArrayLike | None)
 def _prior_rows(prior: Mapping[str, float] | ArrayLike, n: int) -> Array:
     if isinstance(prior, Mapping):
         raise InputError("prior of plain rows: must be one deviation for each state, as an array")
-    sigma = reals(prior, "prior")
+    sigma = as_float_array(prior, "prior")
     if sigma.shape != (n,):
         raise InputError(f"prior has shape {sigma.shape}: must be ({n},)")
     if (bad := np.flatnonzero(~(sigma > 0))).size:

@@ -151,7 +151,9 @@ impl Analysis {
         }
         let n = rows.core_shape()[1];
         let data = rows.slice()?;
-        let found = run::detached(py, |_| Observability::new(data, n, rtol))?
+        // One factorisation uses one thread: it does not enter the pool.
+        let found = py
+            .detach(|| Observability::new(data, n, rtol))
             .map_err(|error| input_at("", error))?;
         Ok(Self(found))
     }

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import number, reals
+from gramian._arrays import as_float_array, number
 from gramian.exceptions import InputError
 
 __all__ = [
@@ -377,7 +377,7 @@ def observable(
     best = best_quadruple(times, bearings)
     if best.value.ndim:
         raise InputError("observable takes one track, without leading axes")
-    t, b = reals(times, "times"), reals(bearings, "bearings")
+    t, b = as_float_array(times, "times"), as_float_array(bearings, "bearings")
     indices = tuple(int(i) for i in best.indices)
     error = _rounding(t[best.indices], b[best.indices], accuracy)
     seen = bool(abs(best.value) > error)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import SEED_MOST, finite, reals, whole
+from gramian._arrays import SEED_MOST, as_float_array, finite, whole
 from gramian._text import describe_combination, plain
 from gramian.exceptions import InputError, UnobservableError
 from gramian.models.bearings._rows import check_index, state_names
@@ -232,7 +232,7 @@ def localize(
     """
     names, units = state_names(order)
     n = len(names)
-    seen = reals(bearings, "bearings")
+    seen = as_float_array(bearings, "bearings")
     _check_options(weak_ratio, max_iterations, rtol)
     known = _prior(prior, names)
     _check_count(seen.shape[-1] if seen.ndim else 0, order, len(prior or {}))
@@ -241,7 +241,7 @@ def localize(
         times,
         observer,
         seen,
-        np.atleast_1d(reals(sigma, "sigma")),
+        np.atleast_1d(as_float_array(sigma, "sigma")),
         n,
         known,
         observer_index is not None,
@@ -318,7 +318,7 @@ def localize_trials(
     """
     seed, first = whole(seed, "seed", 0, SEED_MOST), whole(first, "first")
     trials = whole(trials, "trials", 1)
-    truth = reals(target, "target")
+    truth = as_float_array(target, "target")
     n = truth.shape[-1] if truth.ndim else 0
     if n not in (2, 4, 6, 8):
         raise InputError(
@@ -327,14 +327,14 @@ def localize_trials(
     names, _ = state_names(n // 2 - 1)
     _check_options(weak_ratio, max_iterations, rtol)
     known = _prior(prior, names)
-    when = reals(times, "times")
+    when = as_float_array(times, "times")
     _check_count(when.shape[-1] if when.ndim else 0, n // 2 - 1, len(prior or {}))
     check_index(when, observer_index)
     record = _core.bearings_localize_trials(
         when,
         observer,
         truth,
-        np.atleast_1d(reals(sigma, "sigma")),
+        np.atleast_1d(as_float_array(sigma, "sigma")),
         seed,
         first,
         trials,

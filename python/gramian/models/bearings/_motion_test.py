@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import number, reals
+from gramian._arrays import as_float_array, number
 from gramian.exceptions import InputError
 
 __all__ = ["ObservabilityTest", "observability_test"]
@@ -152,7 +152,7 @@ def observability_test(
     """
     if not 0 < number(level, "level") < 1:
         raise InputError(f"level = {level}: must be between 0 and 1")
-    noise = reals(sigma, "sigma")
+    noise = as_float_array(sigma, "sigma")
     found = _core.bearing_test(times, bearings, noise[None] if noise.ndim == 0 else noise)
     dof = np.shape(bearings)[-1] - 3
     p_value = found[..., 1]

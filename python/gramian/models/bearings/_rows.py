@@ -13,7 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import SEED_MOST, above_rounding, held, reals, rounding_of_columns, whole
+from gramian._arrays import (
+    SEED_MOST,
+    above_rounding,
+    as_float_array,
+    require_finite,
+    rounding_of_columns,
+    whole,
+)
 from gramian.exceptions import InputError
 from gramian.problem import Problem
 
@@ -132,9 +139,9 @@ def rows(
     >>> rows([0.0, 10.0], [[0, 0, 0], [0, 50, 0]], [0, 1000, 0, 3, -1, 0], 0.01).shape
     (4, 6)
     """
-    place = reals(target, "target")
-    path = reals(observer, "observer")
-    noise = np.atleast_1d(reals(sigma, "sigma"))
+    place = as_float_array(target, "target")
+    path = as_float_array(observer, "observer")
+    noise = np.atleast_1d(as_float_array(sigma, "sigma"))
     dimensions = path.shape[-1] if path.ndim >= 2 and path.shape[-1] == 3 else 2
     order, is_state = _target_kind(place, dimensions, order)
     if dimensions == 2 and sigma_elevation is not None:
@@ -157,7 +164,7 @@ def rows(
         result = _core.bearing_motion_rows(
             times, path, place, noise, dimensions, order, is_state, observer_index is not None
         )
-    result = held(result, "a row")
+    result = require_finite(result, "a row")
     if detection is None:
         return result
     return _detected(result, detection, path.shape[-2])
@@ -189,7 +196,7 @@ def _target_kind(place: Array, dimensions: int, order: int | None) -> tuple[int,
 
 
 def _detected(result: Array, detection: ArrayLike, m: int) -> Array:
-    part = reals(detection, "detection")
+    part = as_float_array(detection, "detection")
     if part.ndim and part.shape[-1] != m:
         raise InputError(f"detection has shape {part.shape}: must be () or (..., {m})")
     if len(bad := np.argwhere(~((part >= 0) & (part <= 1)))):
@@ -206,7 +213,7 @@ def check_index(times: ArrayLike, observer_index: ArrayLike | None) -> None:
     """Refuse times that decrease, or do not increase for one of several observers."""
     if observer_index is None:
         return
-    t, index = reals(times, "times"), np.asarray(observer_index)
+    t, index = as_float_array(times, "times"), np.asarray(observer_index)
     if index.dtype.kind not in "iu" or t.ndim == 0 or index.shape != t.shape[-1:]:
         raise InputError(
             f"observer_index has shape {index.shape} and type {index.dtype}: "
@@ -252,7 +259,9 @@ def merge(*tracks: Sequence[ArrayLike]) -> tuple[Array, ...]:
     """
     if not tracks:
         raise InputError("merge was given no track")
-    arrays = [[reals(part, f"track {k}") for part in track] for k, track in enumerate(tracks)]
+    arrays = [
+        [as_float_array(part, f"track {k}") for part in track] for k, track in enumerate(tracks)
+    ]
     for k, track in enumerate(arrays):
         if len(track) != len(arrays[0]) or not track:
             raise InputError(
@@ -317,8 +326,8 @@ def problem(
     )
     if values.ndim != 2:
         raise InputError(f"the rows have shape {values.shape}: a problem is one track, (m, n)")
-    t, path = reals(times, "times"), reals(observer, "observer")
-    place = reals(target, "target")
+    t, path = as_float_array(times, "times"), as_float_array(observer, "observer")
+    place = as_float_array(target, "target")
     dimensions = path.shape[-1]
     order, is_state = _target_kind(place, dimensions, order)
     names, units = state_names(order, dimensions)
@@ -413,14 +422,14 @@ def simulate(
         trials = whole(trials, "trials", 1)
     # Checks everything, the observer on the target included.
     checked = rows(times, observer, target, sigma, order=order, observer_index=observer_index)
-    t, place = reals(times, "times"), reals(target, "target")
-    path = reals(observer, "observer")
+    t, place = as_float_array(times, "times"), as_float_array(target, "target")
+    path = as_float_array(observer, "observer")
     if checked.ndim != 2 or path.shape[-1] != 2:
         raise InputError("simulate takes one track, without leading axes, in the plane")
     offsets = (_positions(t, place, 2) if _target_kind(place, 2, order)[1] else place) - path
     exact = np.arctan2(offsets[:, 0], offsets[:, 1])
     noise = _core.normals(seed, 0, trials or 1, t.size)
-    noisy = exact + reals(sigma, "sigma") * noise
+    noisy = exact + as_float_array(sigma, "sigma") * noise
     wrapped: Array = noisy - 2 * np.pi * np.ceil(noisy / (2 * np.pi) - 0.5)
     return wrapped if trials is not None else wrapped[0]
 

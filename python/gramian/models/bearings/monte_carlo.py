@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import reals
+from gramian._arrays import as_float_array
 from gramian.exceptions import InputError
 from gramian.models.bearings import _rows
 from gramian.monte_carlo.experiment import Estimates, Experiment
@@ -87,7 +87,7 @@ class Bearings(Experiment):
         given = {"times": times, "observer": observer, "target": target, "sigma": sigma}
         for name, value in given.items():
             # Own copies: what is given may change, an experiment may not.
-            object.__setattr__(self, name, reals(value, name).copy())
+            object.__setattr__(self, name, as_float_array(value, name).copy())
         object.__setattr__(self, "prior", dict(prior or {}))
         if self.target.shape != (4,):
             raise InputError(f"target has shape {self.target.shape}: must be (4,), x0, y0, vx, vy")

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import SEED_MOST, finite, reals, whole
+from gramian._arrays import SEED_MOST, as_float_array, finite, whole
 from gramian._text import describe_null_space
 from gramian.analysis import analyze
 from gramian.exceptions import InputError, UnobservableError
@@ -202,7 +202,7 @@ def localize_many(
     (4, 9)
     """
     setup = _Setup(known, prior, sensors, background, loss, sigma, starts)
-    y = reals(field, "field")
+    y = as_float_array(field, "field")
     if y.ndim < (2 if sensors is None else 3):
         raise InputError(
             f"field has shape {y.shape}: must be "
@@ -336,7 +336,9 @@ class _Setup:
             raise InputError(f"sigma = {sigma} T: must be > 0 and finite")
         starts = whole(starts, "starts", 1)
         self.one_sensor = sensors is None
-        self.sensors = np.zeros((1, 3)) if sensors is None else reals(sensors, "sensors").copy()
+        self.sensors = (
+            np.zeros((1, 3)) if sensors is None else as_float_array(sensors, "sensors").copy()
+        )
         if self.sensors.ndim != 2 or self.sensors.shape[1] != 3 or not len(self.sensors):
             raise InputError(f"sensors has shape {self.sensors.shape}: must be (S, 3)")
         finite(self.sensors, "sensors")
@@ -354,7 +356,7 @@ class _Setup:
 
     def samples(self, times: ArrayLike, field: ArrayLike, missing: str) -> tuple[Array, Array, int]:
         """Return times (K,), field (K, S, 3) and how many samples were dropped."""
-        t, y = reals(times, "times").copy(), reals(field, "field").copy()
+        t, y = as_float_array(times, "times").copy(), as_float_array(field, "field").copy()
         wanted = "(K, 3)" if self.one_sensor else f"(K, {len(self.sensors)}, 3)"
         if self.one_sensor and y.ndim == 2:
             y = y[:, None, :]
@@ -596,7 +598,7 @@ def _number(value: float, name: str) -> float:
 
 
 def _three(value: ArrayLike, name: str) -> Array:
-    array = reals(value, name)
+    array = as_float_array(value, name)
     if array.shape != (3,) or not np.isfinite(array).all():
         raise InputError(f"{name} = {value!r}: must be three finite numbers")
     return array

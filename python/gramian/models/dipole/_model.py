@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import SEED_MOST, finite, held, number, reals, whole
+from gramian._arrays import SEED_MOST, as_float_array, finite, number, require_finite, whole
 from gramian.exceptions import InputError
 from gramian.problem import Problem
 
@@ -84,7 +84,7 @@ def field(position: ArrayLike, moment: ArrayLike) -> Array:
     >>> field([2.0, 0.0, 0.0], [4.0, 0.0, 0.0])
     array([1.e-07, 0.e+00, 0.e+00])
     """
-    return held(_core.dipole_field(position, moment), "the field")
+    return require_finite(_core.dipole_field(position, moment), "the field")
 
 
 def jacobian(position: ArrayLike, moment: ArrayLike) -> Jacobian:
@@ -111,7 +111,7 @@ def jacobian(position: ArrayLike, moment: ArrayLike) -> Jacobian:
     >>> bool(np.allclose(j.position @ [1.0, -2.0, 0.5], -3 * field([1.0, -2.0, 0.5], [3, 1, 2])))
     True
     """
-    both = held(_core.dipole_jacobian(position, moment), "the Jacobian")
+    both = require_finite(_core.dipole_jacobian(position, moment), "the Jacobian")
     return Jacobian(both[..., 0, :, :], both[..., 1, :, :])
 
 
@@ -225,7 +225,7 @@ def rows(
     >>> a.shape, bool(abs(a @ [-10, -10, 5, 1, 1, 0, 30, 60, 30]).max() < 1e-12 * abs(a).max())
     ((63, 9), True)
     """
-    return held(
+    return require_finite(
         _core.dipole_rows(
             times, r0, v, m, _at_least_1d(sigma), _sensors(sensors), _ambient(ambient)
         ),
@@ -260,7 +260,7 @@ def measure(
     (21, 3)
     """
     out = _core.dipole_measure(times, r0, v, m, _sensors(sensors), _ambient(ambient))
-    out = held(out, "the field")
+    out = require_finite(out, "the field")
     if sensors is None:
         out = out[..., 0, :]
     return out if ambient is None else out[..., 0]
@@ -355,7 +355,7 @@ def fisher(
     >>> round(float(j[0, 0]), 6)
     216.076908
     """
-    return held(
+    return require_finite(
         _core.dipole_fisher(times, r0, v, m, _at_least_1d(sigma), _sensors(sensors)),
         "the information",
     )
@@ -396,7 +396,7 @@ def equivalents(
     >>> far.r0, far.m
     (array([-20., -20.,  10.]), array([ 80., 160.,  80.]))
     """
-    u = reals(scale, "scale")[..., None]
+    u = as_float_array(scale, "scale")[..., None]
     if not ((u > 0) & (u < np.inf)).all():
         raise InputError(
             f"scale = {scale!r}: must be > 0 and finite; a negative scale turns the sign of the "
@@ -462,7 +462,7 @@ def problem(
         raise InputError(f"the rows have shape {values.shape}: a problem is one pass")
     combinations = {}
     for name, vector, first in (("range", r0, 0), ("speed", v, 3), ("moment", m, 6)):
-        along = reals(vector, name)
+        along = as_float_array(vector, name)
         size = np.linalg.norm(along)
         if size > 0:
             combinations[name] = np.zeros(9)
@@ -475,14 +475,14 @@ def _sensors(sensors: ArrayLike | None) -> ArrayLike:
 
 
 def _at_least_1d(sigma: ArrayLike) -> Array:
-    array = reals(sigma, "sigma")
+    array = as_float_array(sigma, "sigma")
     return array[None] if array.ndim == 0 else array
 
 
 def _ambient(ambient: ArrayLike | None) -> tuple[float, float, float] | None:
     if ambient is None:
         return None
-    array = reals(ambient, "ambient")
+    array = as_float_array(ambient, "ambient")
     if array.shape != (3,) or not np.isfinite(array).all() or not array.any():
         raise InputError(f"ambient = {ambient!r}: must be three finite numbers in tesla, not all 0")
     return float(array[0]), float(array[1]), float(array[2])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import reals
+from gramian._arrays import as_float_array
 from gramian.exceptions import InputError
 from gramian.models.dipole import _localize, _model
 from gramian.monte_carlo.experiment import Estimates, Experiment
@@ -78,10 +78,10 @@ class Dipole(Experiment):
         sensors: ArrayLike | None = None,
     ) -> None:
         for name, value in {"r0": r0, "v": v, "m": m, "times": times}.items():
-            object.__setattr__(self, name, reals(value, name).copy())
+            object.__setattr__(self, name, as_float_array(value, name).copy())
         object.__setattr__(self, "sigma", float(sigma))
         object.__setattr__(self, "known", tuple(known))
-        places = None if sensors is None else reals(sensors, "sensors").copy()
+        places = None if sensors is None else as_float_array(sensors, "sensors").copy()
         object.__setattr__(self, "sensors", places)
         knowable = (*_model.NAMES, "speed", "moment")
         for name in self.known:

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gramian._arrays import finite, number, reals
+from gramian._arrays import as_float_array, finite, number
 from gramian.exceptions import InputError
 from gramian.models.inertial._earth import EARTH_RATE, Earth, checked_place, gravity
 from gramian.models.linear._systems import System
@@ -333,7 +333,7 @@ def positive(**values: float) -> None:
 
 
 def _vector(value: ArrayLike, name: str) -> Array:
-    array = reals(value, name)
+    array = as_float_array(value, name)
     if array.shape != (3,) or not np.isfinite(array).all():
         raise InputError(f"{name} = {value!r}: must be three finite numbers")
     return array

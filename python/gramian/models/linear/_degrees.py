@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import number, reals
+from gramian._arrays import as_float_array, number
 from gramian._registry import draw
 from gramian._text import describe_combination, plain
 from gramian.exceptions import InputError
@@ -363,7 +363,7 @@ def information(
     """
     covariance = None
     if prior is not None and not isinstance(prior, Mapping):
-        given = reals(prior, "prior")
+        given = as_float_array(prior, "prior")
         if given.ndim == 2:
             covariance, prior = given, np.sqrt(np.abs(np.diagonal(given)))
     system = system_of(A, C, names, None, prior, R)

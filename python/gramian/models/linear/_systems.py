@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gramian._arrays import reals
+from gramian._arrays import as_float_array
 from gramian.exceptions import InputError
 
 __all__ = ["StateSpace", "System", "SystemLike", "matrices", "system_of", "whitener"]
@@ -165,7 +165,7 @@ def _names(names: Sequence[str] | None, n: int) -> tuple[str, ...]:
 
 
 def _numbers(value: Any, name: str) -> Array:
-    array = reals(value, name).copy()
+    array = as_float_array(value, name).copy()
     if (bad := np.argwhere(~np.isfinite(array))).size and name != "prior":
         index = ", ".join(str(i) for i in bad[0])
         raise InputError(f"{name}[{index}] = {array[tuple(bad[0])]}: must be finite")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import finite, number, reals
+from gramian._arrays import as_float_array, finite, number
 from gramian._text import describe_combination
 from gramian.exceptions import InputError
 from gramian.models.linear._levels import observability_matrix
@@ -101,7 +101,7 @@ def gramian(
            [2.        , 2.66666667]])
     """
     a, c = matrices(A, C)
-    c = reals(c, "C")
+    c = as_float_array(c, "C")
     if c.ndim < 2:
         raise InputError(f"C has shape {c.shape}: must be (outputs, states)")
     samples = _samples(window, dt)
@@ -373,15 +373,15 @@ def piecewise(
     >>> found.total_ranks
     (1, 2)
     """
-    a = reals(A, "A")
+    a = as_float_array(A, "A")
     if a.ndim != 3:
         raise InputError(f"A has shape {a.shape}: must be (segments, n, n)")
-    c = reals(C, "C")
+    c = as_float_array(C, "C")
     if c.ndim == 2:
         c = np.broadcast_to(c, (len(a), *c.shape))
     if c.ndim != 3 or len(a) == 0:
         raise InputError(f"C has shape {c.shape}: must be (segments, p, n) or (p, n)")
-    times = np.atleast_1d(reals(durations, "durations"))
+    times = np.atleast_1d(as_float_array(durations, "durations"))
     checked = system_of(a[0], c[0], names).names
     alone, stripped, total, rests, null = _core.piecewise_ranks(a, c, times, rtol)
     return Piecewise(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import above_rounding, held, reals, rounding_of_columns
+from gramian._arrays import above_rounding, as_float_array, require_finite, rounding_of_columns
 from gramian.exceptions import InputError
 from gramian.problem import Problem
 
@@ -101,7 +101,9 @@ def fisher_det(
     arguments = _arguments(positions, target, sigma, times)
     if method == "pairs" and arguments[1].shape[-1] == 4:
         raise InputError('method = "pairs" is for a fixed target: a moving one has four states')
-    return held(_core.maneuver_fisher_det(*arguments, method == "pairs"), "the determinant")[()]
+    return require_finite(
+        _core.maneuver_fisher_det(*arguments, method == "pairs"), "the determinant"
+    )[()]
 
 
 def problem(positions: ArrayLike, target: ArrayLike, sigma: ArrayLike) -> Problem:
@@ -123,7 +125,7 @@ def problem(positions: ArrayLike, target: ArrayLike, sigma: ArrayLike) -> Proble
     >>> gm.analyze(problem([[0, 0], [0, 100]], [0.0, 1000.0], 0.01)).status
     'unobservable'
     """
-    places, at = reals(positions, "positions"), reals(target, "target")
+    places, at = as_float_array(positions, "positions"), as_float_array(target, "target")
     if places.ndim != 2 or at.shape != (2,):
         raise InputError(
             f"positions has shape {places.shape}, target {at.shape}: must be (m, 2) and (2,)"
@@ -133,7 +135,7 @@ def problem(positions: ArrayLike, target: ArrayLike, sigma: ArrayLike) -> Proble
     offsets = at - places
     ranges = np.hypot(offsets[:, 0], offsets[:, 1])
     east, north = (offsets / ranges[:, None]).T
-    noise = np.broadcast_to(reals(sigma, "sigma"), ranges.shape)
+    noise = np.broadcast_to(as_float_array(sigma, "sigma"), ranges.shape)
     rows = np.stack([north, -east], axis=1) / (ranges * noise)[:, None]
     # Offsets between large coordinates carry the rounding of those coordinates.
     size = (np.abs(places) + np.abs(at)).max(axis=1)
@@ -154,7 +156,7 @@ def problem(positions: ArrayLike, target: ArrayLike, sigma: ArrayLike) -> Proble
 def _arguments(
     positions: ArrayLike, target: ArrayLike, sigma: ArrayLike, times: ArrayLike | None
 ) -> tuple[ArrayLike, Array, Array, ArrayLike | None]:
-    place, noise = reals(target, "target"), reals(sigma, "sigma")
+    place, noise = as_float_array(target, "target"), as_float_array(sigma, "sigma")
     if place.ndim == 0 or place.shape[-1] not in (2, 4):
         raise InputError(
             f"target has shape {place.shape}: must be (..., 2), or (..., 4): x0, y0, vx, vy"

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import reals, whole
+from gramian._arrays import as_float_array, whole
 from gramian.exceptions import InputError
 
 __all__ = ["LAWS", "AtStandoff", "Law", "Trajectory", "heading", "trajectory"]
@@ -254,7 +254,7 @@ def trajectory(
 
 
 def _positive(value: ArrayLike, name: str, unit: str) -> Array:
-    array = reals(value, name)
+    array = as_float_array(value, name)
     if not (np.isfinite(array) & (array > 0)).all():
         bad = np.argwhere(~(np.isfinite(array) & (array > 0)))[0]
         index = f"[{', '.join(str(i) for i in bad)}]" if array.ndim else ""

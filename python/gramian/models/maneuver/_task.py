@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import number, reals, whole
+from gramian._arrays import as_float_array, number, whole
 from gramian.exceptions import InputError
 
 __all__ = [
@@ -330,7 +330,7 @@ def _prior(
             positive(deviation, f"prior of {name}", "")
             rows.append(_direction(name, directions, "prior") / deviation)
         return np.stack(rows, axis=1) if rows else np.zeros((count, 0, n))
-    given = reals(prior, "prior")
+    given = as_float_array(prior, "prior")
     if given.shape == (n,):
         if (bad := np.flatnonzero(~(given > 0))).size:
             raise InputError(f"prior[{bad[0]}] = {given[bad[0]]}: must be > 0, or inf for none")
@@ -362,7 +362,7 @@ def wrapped(angles: Array) -> Array:
 
 def finite(value: ArrayLike, name: str) -> Array:
     """Return an array of finite numbers, or say which is not."""
-    array = reals(value, name).copy()
+    array = as_float_array(value, name).copy()
     if len(bad := np.argwhere(~np.isfinite(array))):
         index = "".join(f"[{i}]" for i in bad[0])
         raise InputError(f"{name}{index} = {array[tuple(bad[0])]}: must be finite")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import SEED_MOST, reals, whole
+from gramian._arrays import SEED_MOST, as_float_array, whole
 from gramian._text import describe_combination, plain
 from gramian.exceptions import ConvergenceError, InputError, UnobservableError
 from gramian.models.registration._model import gauges
@@ -296,7 +296,7 @@ def estimate_trials(
         positions, known.places, known.sigma, known.biases(biases), known.flags, deviations,
         method, (count, tolerance, NOISE_SHARE, BEND), seed, first, trials,
     )  # fmt: skip
-    looks = reals(positions, "positions").shape[0]
+    looks = as_float_array(positions, "positions").shape[0]
     return _unpacked(known, flat, looks, method, deviations, "report")
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gramian import _core
-from gramian._arrays import number, reals, whole
+from gramian._arrays import as_float_array, number, whole
 from gramian._registry import draw
 from gramian.exceptions import InputError
 from gramian.models.registration._setup import Array, SensorsLike, setup
@@ -100,7 +100,7 @@ def field(
     known = setup(sensors, sigma)
     if known.d != 2:
         raise InputError("field is a map of the plane: give sensors (N, 2)")
-    edges = reals(extent, "extent")
+    edges = as_float_array(extent, "extent")
     if edges.shape != (4,) or not np.isfinite(edges).all():
         raise InputError(f"extent = {extent!r}: must be west, east, south, north in metres")
     west, east, south, north = edges

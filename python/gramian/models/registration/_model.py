@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gramian import _core
-from gramian._arrays import above_rounding, held
+from gramian._arrays import above_rounding, require_finite
 from gramian.exceptions import InputError
 from gramian.models.registration._reports import Reports, targets
 from gramian.models.registration._setup import Array, Extra, SensorsLike, setup
@@ -74,7 +74,7 @@ def rows(
     """
     known = setup(sensors, sigma, extras)
     about = known.biases(biases)
-    return held(
+    return require_finite(
         _core.registration_rows(
             targets(known, positions, about), known.places, known.sigma, about, known.flags
         ),

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gramian import _core
-from gramian._arrays import SEED_MOST, number, reals, whole
+from gramian._arrays import SEED_MOST, as_float_array, number, whole
 from gramian.exceptions import InputError
 from gramian.models.registration._setup import Array, Extra, SensorsLike, Setup, setup
 
@@ -71,7 +71,7 @@ class Reports:
 def report_array(value: ArrayLike | Sequence[ArrayLike]) -> Array:
     """Return reports as an array (..., K, N, d); warn of degrees."""
     try:
-        array = reals(value, "reports")  # type: ignore[arg-type]
+        array = as_float_array(value, "reports")  # type: ignore[arg-type]
     except InputError:
         lengths = [np.size(item) for item in value]  # type: ignore[union-attr]
         if len(set(lengths)) < 2:
@@ -142,7 +142,7 @@ def targets(
     """Return positions (..., K, d) from positions or from reports."""
     if isinstance(value, Reports):
         return fused(known, value.values, known.biases(biases))
-    return reals(value, "positions")
+    return as_float_array(value, "positions")
 
 
 def simulate(
@@ -197,7 +197,7 @@ def simulate(
     values = exact + known.sigma * noise
     return Reports(
         values if trials is not None else values[0],
-        None if times is None else reals(times, "times"),
+        None if times is None else as_float_array(times, "times"),
     )
 
 
@@ -297,7 +297,7 @@ def match(
 def _recording(name: str, times: ArrayLike, values: ArrayLike) -> tuple[Array, Array]:
     """Check one sensor's recording."""
     t, v = (
-        reals(x, f"recording {name!r}: {what}")
+        as_float_array(x, f"recording {name!r}: {what}")
         for x, what in ((times, "times"), (values, "reports"))
     )
     if t.ndim != 1 or v.ndim != 2 or len(t) != len(v) or not len(t):

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gramian._arrays import finite, reals
+from gramian._arrays import as_float_array, finite
 from gramian.exceptions import InputError
 
 Array = NDArray[np.float64]
@@ -78,7 +78,7 @@ class Setup:
         if value is None:
             return np.zeros(self.n)
         if not isinstance(value, Mapping):
-            array = reals(value, name)
+            array = as_float_array(value, name)
             if array.ndim == 0 or array.shape[-1] != self.n:
                 raise InputError(
                     f"{name} has shape {array.shape}: must be (..., {self.n}), "
@@ -110,7 +110,7 @@ def setup(sensors: SensorsLike, sigma: ArrayLike | None, extras: Sequence[Extra]
     # Small calls are common: what is an array is told first, which is quickest.
     if not isinstance(sensors, np.ndarray) and isinstance(sensors, Mapping):
         labels = tuple(str(key) for key in sensors)
-        rows = [reals(place, f"sensors[{key!r}]") for key, place in sensors.items()]
+        rows = [as_float_array(place, f"sensors[{key!r}]") for key, place in sensors.items()]
         if len({row.shape for row in rows}) > 1:
             raise InputError(
                 "sensors has places of different length: "
@@ -118,7 +118,7 @@ def setup(sensors: SensorsLike, sigma: ArrayLike | None, extras: Sequence[Extra]
             )
         places = np.array(rows)
     else:
-        places = reals(sensors, "sensors")
+        places = as_float_array(sensors, "sensors")
         count = places.shape[0] if places.ndim else 0
         labels = LETTERS[:count] if count <= 26 else tuple(f"S{i + 1}" for i in range(count))
     if places.ndim != 2 or places.shape[1] not in (2, 3):
@@ -139,7 +139,7 @@ def setup(sensors: SensorsLike, sigma: ArrayLike | None, extras: Sequence[Extra]
     ):
         raise InputError(f"sensors are {span:.3g} m apart: their squares cannot be held")
     d = places.shape[1]
-    noise = np.ones(d) if sigma is None else reals(sigma, "sigma")
+    noise = np.ones(d) if sigma is None else as_float_array(sigma, "sigma")
     if noise.shape not in ((d,), (len(places), d)):
         quantities = "range, azimuth" + (", elevation" if d == 3 else "")
         raise InputError(

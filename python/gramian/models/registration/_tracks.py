@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gramian._arrays import finite, number, reals
+from gramian._arrays import as_float_array, finite, number
 from gramian._text import describe_combination
 from gramian.exceptions import InputError
 from gramian.models.registration._setup import Array, SensorsLike, Setup, setup
@@ -167,7 +167,7 @@ def check_track(
     >>> check.singular, check.track.where, check.side
     (True, 'abeam A', 'left')
     """
-    places = reals(positions, "positions")
+    places = as_float_array(positions, "positions")
     if places.ndim != 2 or places.shape[1] != 2 or not len(places):
         raise InputError(f"positions has shape {places.shape}: must be (K, 2)")
     finite(places, "positions")
@@ -192,7 +192,7 @@ def _frame(known: Setup, positions: ArrayLike) -> tuple[Array, Array, float]:
     """Coordinates along the baseline from A and to its left, and its length."""
     span = known.places[1] - known.places[0]
     length = float(np.hypot(*span))
-    offset = reals(positions, "positions") - known.places[0]
+    offset = as_float_array(positions, "positions") - known.places[0]
     along = (offset @ span) / length
     left = (offset[..., 1] * span[0] - offset[..., 0] * span[1]) / length
     return along, left, length

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import reals
+from gramian._arrays import as_float_array
 from gramian.models.registration import _estimate, _model
 from gramian.models.registration._setup import Extra, Setup, setup
 from gramian.monte_carlo.experiment import Estimates, Experiment, squared_over
@@ -70,9 +70,9 @@ class Registration(Experiment):
         biases: ArrayLike | Mapping[str, float] | None = None,
         extras: Sequence[Extra] = (),
     ) -> None:
-        object.__setattr__(self, "positions", reals(positions, "positions").copy())
+        object.__setattr__(self, "positions", as_float_array(positions, "positions").copy())
         object.__setattr__(self, "sensors", _copied(sensors))
-        object.__setattr__(self, "sigma", reals(sigma, "sigma").copy())
+        object.__setattr__(self, "sigma", as_float_array(sigma, "sigma").copy())
         object.__setattr__(self, "extras", tuple(extras))
         object.__setattr__(self, "biases", np.array(self._setup.biases(biases)))
         # Checks everything else.
@@ -142,5 +142,8 @@ class Registration(Experiment):
 
 def _copied(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {str(key): reals(item, f"sensors[{key!r}]").copy() for key, item in value.items()}
-    return reals(value, "sensors").copy()
+        return {
+            str(key): as_float_array(item, f"sensors[{key!r}]").copy()
+            for key, item in value.items()
+        }
+    return as_float_array(value, "sensors").copy()
