@@ -4,10 +4,10 @@
 `Detections` of sensors, on one clock and in one plane. `FORMATS` lists what is read.
 """
 
-from gramian.io._read import FORMATS, read
+from gramian.io._read import FORMATS, joined, read, unix_seconds
 from gramian.io._recording import Detections, Recording, Track
 
-__all__ = ["FORMATS", "Detections", "Recording", "Track", "read"]
+__all__ = ["FORMATS", "Detections", "Recording", "Track", "joined", "read", "unix_seconds"]
 
 
 def __dir__() -> list[str]:

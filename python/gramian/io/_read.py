@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from datetime import datetime
 from pathlib import Path
 
 from gramian.exceptions import InputError
 from gramian.io import _gpx, _kml, _nmea, _rep, _slips, _table
 from gramian.io._recording import Recording, merged
+from gramian.io._times import unix
 
-__all__ = ["FORMATS", "read"]
+__all__ = ["FORMATS", "joined", "read", "unix_seconds"]
 
 #: Format -> what it is, by which library, what is read, what is left out.
 FORMATS: dict[str, tuple[str, str, str, str]] = {
@@ -105,9 +107,24 @@ def read(
     for given in paths:
         path = Path(given)
         found.append(_one(path, columns, units, separator, decimal, size_limit))
-    recording = merged(found)
+    return joined(found, trust)
+
+
+def joined(recordings: Sequence[Recording], trust: Collection[str] = ()) -> Recording:
+    """Return recordings as one, on one clock and in one plane, checked for slips."""
+    recording = merged(recordings)
     _slips.check(recording, trust)
     return recording
+
+
+def unix_seconds(date: str) -> float:
+    """Return a date and time (ISO 8601; UTC where no zone is given) as UNIX seconds.
+
+    Raises
+    ------
+    ValueError
+    """
+    return unix(datetime.fromisoformat(date))
 
 
 def _one(

@@ -11,7 +11,6 @@ from gramian._text import number, plain
 from gramian.exceptions import InputError, UnobservableError
 from gramian.models.bearings import _localize, _rows
 from gramian.report import Picture, Report, Table, Tone
-from gramian.scenario.files import read_columns
 
 if TYPE_CHECKING:
     from gramian.models.bearings._localize import Localization
@@ -32,7 +31,7 @@ _VERDICTS: dict[str, tuple[Tone, str]] = {
 def localize(scenario: BearingsScenario) -> Report:
     """Estimate the target's motion from the bearings in the file that a scenario names."""
     times, seen = _measured(scenario)
-    observer = scenario.track(scenario.tracks.file, scenario.tracks.observer, times)
+    observer = scenario.track(scenario.tracks.observer, times)
     title = f"{scenario.tracks.observer or 'observer'} -> {scenario.tracks.target or 'target'}"
     subtitle = (
         f"{times.size} bearings over {times[-1] - times[0]:g} s, "
@@ -173,26 +172,33 @@ def _report(
 
 
 def _measured(scenario: BearingsScenario) -> tuple[Array, Array]:
-    """Return the bearings of the file that are within the window."""
-    given = scenario.bearings
-    if given is None:
+    """Return the measured bearings that are within the window."""
+    given, recording = scenario.bearings, scenario.recording
+    if given is None and not recording.sensors:
         raise scenario.mistake(
-            "bearings", "is missing: localize wants the file of measured bearings"
+            "bearings", "is missing: localize needs the file of measured bearings"
         )
-    path = scenario.beside(given.file)
-    columns = {"time": given.columns.time, "bearing": given.columns.bearing_deg}
-    values, _ = read_columns(path, columns)
-    first, last = scenario.window.start, scenario.window.start + scenario.window.duration
-    inside = (values["time"] >= first) & (values["time"] <= last)
-    if not inside.any():
-        raise scenario.mistake("window", f"{path} has no bearing from {first:g} s to {last:g} s")
-    times = values["time"][inside]
-    if (bad := np.flatnonzero(np.diff(times) <= 0)).size:
-        i = int(bad[0]) + 1
-        raise scenario.mistake(
-            "bearings", f"{path}: the bearing at {times[i]:g} s is not later than the one before"
-        )
-    return times, np.radians(values["bearing"][inside])
+    seen = {name: d for name, d in recording.sensors.items() if d.bearing is not None}
+    name = given.sensor if given is not None else None
+    if name is None and len(seen) == 1:
+        name = next(iter(seen))
+    if name is None or name not in seen:
+        there = ", ".join(map(repr, seen)) or "none"
+        problem = "is missing" if name is None else f"no sensor is named {name!r}"
+        raise scenario.mistake("bearings.sensor", f"{problem}: sensors with bearings are {there}")
+    times, bearing = seen[name].times, np.asarray(seen[name].bearing)
+    inside = np.isfinite(bearing)
+    if scenario.window is not None:
+        first, last = scenario.start, scenario.start + scenario.window.duration
+        inside &= (times >= first) & (times <= last)
+        if not inside.any():
+            raise scenario.mistake(
+                "window",
+                f"{recording.where} has no bearing from {recording.when(first)} to "
+                f"{recording.when(last)}: they are from {recording.when(float(times[0]))} to "
+                f"{recording.when(float(times[-1]))}",
+            )
+    return times[inside], bearing[inside]
 
 
 def _prior(scenario: BearingsScenario) -> dict[str, tuple[float, float]]:
@@ -219,8 +225,7 @@ def _recorded(scenario: BearingsScenario, times: Array) -> Array | None:
         return place
     if scenario.tracks.target is None and scenario.tracks.target_file is None:
         return None
-    file = scenario.tracks.target_file or scenario.tracks.file
-    return scenario.track(file, scenario.tracks.target, times)
+    return scenario.target_at(times)
 
 
 def _range_std(offset: Array, covariance: Array) -> float:

@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from gramian import io
 from gramian._text import number, plain
 from gramian.analysis import Observability, analyze
 from gramian.bounds import crlb_std
+from gramian.exceptions import InputError, ScenarioError
 from gramian.models.bearings import _rows
 from gramian.report import Picture, Report, Table, Tone, answer_pictures, answer_tables, tone_of
 from gramian.scenario.base import Scenario, Section, Simulation
-from gramian.scenario.files import read_columns
 
 if TYPE_CHECKING:
     from gramian.problem import Problem
@@ -30,47 +31,78 @@ USELESS = 0.25
 
 
 class Columns(Section):
-    """The names of the columns in the track file."""
+    """The names of the columns in a table of tracks, where their headings do not say it."""
 
     id: str | None = None
-    time: str
-    east: str
-    north: str
+    time: str | None = None
+    east: str | None = None
+    north: str | None = None
+    latitude: str | None = None
+    longitude: str | None = None
+
+    @model_validator(mode="after")
+    def _pairs(self) -> Columns:
+        for one, other in (("east", "north"), ("latitude", "longitude")):
+            if (getattr(self, one) is None) != (getattr(self, other) is None):
+                there = one if getattr(self, one) else other
+                raise ValueError(f"{there} is given alone: give {one} and {other}")
+        return self
 
 
-class Tracks(Section):
-    """Recorded tracks: metres east and north in one plane, seconds."""
+class Reading(Section):
+    """How a file is read; all of it is found where it is not given."""
 
-    file: str
+    units: dict[str, str] = Field(default_factory=dict)
+    separator: str | None = Field(default=None, min_length=1, max_length=1)
+    decimal: Literal[".", ","] | None = None
+    trust: list[str] = Field(default_factory=list)
+
+
+class Tracks(Reading):
+    """Recorded tracks, in any of the formats of `gramian.io`."""
+
+    file: str | list[str]
     target_file: str | None = None
-    columns: Columns
+    columns: Columns | None = None
     observer: str | None = None
     target: str | None = None
     max_gap: float = Field(default=120.0, gt=0)
 
     @model_validator(mode="after")
     def _ids(self) -> Tracks:
-        if self.columns.id is not None and self.observer is None:
+        columns = self.columns
+        if columns is not None and columns.id is not None and self.observer is None:
             raise ValueError("observer must name a track, since columns.id is given")
-        if self.columns.id is None and (self.observer or self.target):
-            raise ValueError("columns.id must be given, since observer or target name a track")
         if self.target_file in (None, self.file) and self.observer == self.target is not None:
             raise ValueError(f"observer and target are the same track, {self.target!r}")
         return self
 
+    @property
+    def files(self) -> list[str]:
+        """The files of the observer, and of the target where it has none of its own."""
+        return [self.file] if isinstance(self.file, str) else self.file
+
 
 class BearingColumns(Section):
-    """The names of the columns in the file of bearings."""
+    """The names of the columns in a table of bearings, where their headings do not say it."""
 
-    time: str
-    bearing_deg: str
+    time: str | None = None
+    bearing_deg: str | None = None
+    bearing_rad: str | None = None
+
+    @model_validator(mode="after")
+    def _once(self) -> BearingColumns:
+        if self.bearing_deg is not None and self.bearing_rad is not None:
+            raise ValueError("give bearing_deg or bearing_rad, not both")
+        return self
 
 
-class MeasuredBearings(Section):
-    """Measured bearings for `localize`: seconds, degrees clockwise from north."""
+class MeasuredBearings(Reading):
+    """Measured bearings for `localize`, clockwise from north."""
 
-    file: str
-    columns: BearingColumns
+    file: str | None = None
+    sensor: str | None = None
+    columns: BearingColumns | None = None
 
 
 class Target(Section):
@@ -83,9 +115,12 @@ class Target(Section):
 
 
 class Window(Section):
-    """When the bearings are taken: seconds."""
+    """When the bearings are taken: seconds, as the files count them.
 
-    start: float
+    In files with dates, second 0 is that of the first report; `start` may be a date.
+    """
+
+    start: float | str = 0.0
     duration: float = Field(gt=0)
     step: float = Field(gt=0)
 
@@ -97,12 +132,11 @@ class Window(Section):
             raise ValueError("a window of more than a million bearings: choose a longer step")
         return self
 
-    @property
-    def times(self) -> Array:
+    def times(self, start: float) -> Array:
         """Instants from the start to the end of the window."""
         # Both ends belong to the window; a rounding error must not drop the last.
         count = int(np.floor(self.duration / self.step * (1 + 1e-12))) + 1
-        return np.asarray(self.start + self.step * np.arange(count), dtype=float)
+        return np.asarray(start + self.step * np.arange(count), dtype=float)
 
 
 class Noise(Section):
@@ -135,7 +169,7 @@ class BearingsScenario(Scenario):
     tracks: Tracks
     target: Target | None = None
     bearings: MeasuredBearings | None = None
-    window: Window
+    window: Window | None = None
     noise: Noise
     prior: dict[Quantity, Known | float] = Field(default_factory=dict)
     known: list[Literal["x0", "y0", "vx", "vy"]] = Field(default_factory=list)
@@ -170,54 +204,119 @@ class BearingsScenario(Scenario):
             raise self.mistake(
                 "tracks.target", "is missing: analyze and simulate ask about a given target"
             )
-        times = self.window.times
-        observer = self.track(self.tracks.file, self.tracks.observer, times)
+        times = self.times
         names = [self.tracks.observer or "observer", self.tracks.target or "target"]
         if self.target is not None:
+            observer = self.track(self.tracks.observer, times)
             state = np.array([self.target.x0, self.target.y0, self.target.vx, self.target.vy])
             target = state[:2] + (times - times[0])[:, None] * state[2:]
         else:
-            file = self.tracks.target_file or self.tracks.file
-            target = self.track(file, self.tracks.target, times)
+            observer, target = self.track(self.tracks.observer, times), self.target_at(times)
         return Geometry(names[0], names[1], times, observer, target, self.sigma)
 
-    def track(self, file: str, name: str | None, times: Array) -> Array:
+    @cached_property
+    def recording(self) -> io.Recording:
+        """The files of tracks and bearings, on one clock and in one plane."""
+        tracks = self.tracks
+        columns = tracks.columns.model_dump(exclude_none=True) if tracks.columns else {}
+        parts = [
+            self._read(file, columns, tracks)
+            for file in [*tracks.files, *([tracks.target_file] if tracks.target_file else [])]
+        ]
+        given = self.bearings
+        if given is not None and given.file is not None and given.file not in tracks.files:
+            seen = given.columns.model_dump(exclude_none=True) if given.columns else {}
+            units = {"bearing": "rad"} if "bearing_rad" in seen else {}
+            for name in ("bearing_deg", "bearing_rad"):
+                if name in seen:
+                    seen["bearing"] = seen.pop(name)
+                    units = units or {"bearing": "deg"}
+            parts.append(self._read(given.file, seen, given, units))
+        trust = {*tracks.trust, *(given.trust if given is not None else ())}
+        try:
+            return io.joined(parts, trust)
+        except InputError as error:
+            raise ScenarioError(str(error)) from error
+
+    def _read(
+        self,
+        file: str,
+        columns: dict[str, str],
+        how: Reading,
+        units: dict[str, str] | None = None,
+    ) -> io.Recording:
+        try:
+            return io.read(
+                self.beside(file),
+                columns=columns,
+                units={**(units or {}), **how.units},
+                separator=how.separator,
+                decimal=how.decimal,
+                trust=how.trust,
+            )
+        except InputError as error:
+            raise ScenarioError(str(error)) from error
+
+    @cached_property
+    def times(self) -> Array:
+        """The instants of the window, or of the whole time that the tracks share."""
+        first, last = self._span()
+        if self.window is not None:
+            return self.window.times(self.start)
+        if not last > first:
+            raise self.mistake("window", "the tracks have no time in common: give a window")
+        return np.linspace(first, last, 61)
+
+    @property
+    def start(self) -> float:
+        """The first instant, s as the recording counts them."""
+        start = 0.0 if self.window is None else self.window.start
+        if isinstance(start, float):
+            return start
+        if self.recording.epoch is None:
+            raise self.mistake("window.start", f"{start!r} is a date, and the files have none")
+        try:
+            return io.unix_seconds(start) - self.recording.epoch
+        except ValueError:
+            raise self.mistake(
+                "window.start", f"{start!r}: must be seconds or a date (2026-05-01T12:00:00Z)"
+            ) from None
+
+    def _span(self) -> tuple[float, float]:
+        tracks = [self.recording.track(self.tracks.observer or next(iter(self.recording.tracks)))]
+        if self.target is None and self.tracks.target is not None:
+            tracks.append(self.recording.track(self.tracks.target))
+        return max(float(t.times[0]) for t in tracks), min(float(t.times[-1]) for t in tracks)
+
+    def track(self, name: str | None, times: Array) -> Array:
         """Return the positions of a track at given times, interpolated between its reports."""
-        columns = self.tracks.columns
-        path = self.beside(file)
-        numbers = {"time": columns.time, "east": columns.east, "north": columns.north}
-        texts = {"id": columns.id} if columns.id is not None else {}
-        values, words = read_columns(path, numbers, texts)
-        chosen = np.ones(values["time"].size, dtype=bool)
-        if name is not None:
-            chosen = words["id"] == name
-            if not chosen.any():
-                there = ", ".join(sorted(set(words["id"])))
-                raise self.mistake("tracks", f"no track is named {name!r} in {path}: {there}")
-        who = name or file
-        order = np.argsort(values["time"][chosen], kind="stable")
-        t, east, north = (values[key][chosen][order] for key in ("time", "east", "north"))
-        if t.size < 2:
-            raise self.mistake("tracks", f"{who} has {t.size} report(s) in {path}: at least 2")
-        if (twice := np.flatnonzero(np.diff(t) == 0)).size:
-            raise self.mistake("tracks", f"{who} has two reports at {t[twice[0]]} s in {path}")
-        first, last = times[0], times[-1]
-        if first < t[0] or last > t[-1]:
-            raise self.mistake(
-                "window",
-                f"{first:g} s to {last:g} s reaches beyond the track of {who}, "
-                f"which is from {t[0]:g} s to {t[-1]:g} s",
-            )
-        gaps = np.diff(t)
-        inside = (t[:-1] < last) & (t[1:] > first) & (gaps > self.tracks.max_gap)
-        if inside.any():
-            i = int(np.flatnonzero(inside)[0])
-            raise self.mistake(
-                "window",
-                f"{who} has a gap of {gaps[i]:.0f} s between its reports at {t[i]:g} s and "
-                f"{t[i + 1]:g} s, longer than tracks.max_gap = {self.tracks.max_gap:g} s",
-            )
-        return np.stack([np.interp(times, t, east), np.interp(times, t, north)], axis=1)
+        if name is None and len(self.recording.tracks) > 1:
+            # The observer's file may stand beside the target's own.
+            name = next(iter(self.recording.tracks))
+        try:
+            track = self.recording.track(name)
+        except InputError as error:
+            raise self.mistake("tracks", str(error)) from error
+        if track.times.size < 2:
+            raise self.mistake("tracks", f"{track.name} has 1 report: must have at least 2")
+        try:
+            return track.at(times, self.tracks.max_gap)
+        except InputError as error:
+            raise self.mistake("window", str(error).replace("max_gap", "tracks.max_gap")) from error
+
+    def target_at(self, times: Array) -> Array:
+        """Return the recorded positions of the target at given times."""
+        name = self.tracks.target
+        if name is None:
+            observer = self.tracks.observer or next(iter(self.recording.tracks))
+            others = [track for track in self.recording.tracks if track != observer]
+            if len(others) != 1:
+                there = ", ".join(map(repr, others)) or "none"
+                raise self.mistake(
+                    "tracks.target", f"is missing: beside {observer!r} there are {there}"
+                )
+            name = others[0]
+        return self.track(name, times)
 
     @cached_property
     def problem(self) -> Problem:
@@ -225,7 +324,7 @@ class BearingsScenario(Scenario):
         geometry = self.geometry
         problem = geometry.problem
         position = self.limits.position or USELESS * geometry.mean_range
-        velocity = self.limits.velocity or USELESS * geometry.mean_range / self.window.duration
+        velocity = self.limits.velocity or USELESS * geometry.mean_range / geometry.duration
         problem = problem.with_scale([position, position, velocity, velocity])
         if self.known:
             problem = problem.fix(*self.known)
@@ -299,7 +398,7 @@ class BearingsScenario(Scenario):
         return Report(
             title=f"{geometry.observer_name} -> {geometry.target_name}",
             subtitle=(
-                f"{geometry.times.size} bearings over {self.window.duration:g} s, "
+                f"{geometry.times.size} bearings over {geometry.duration:g} s, "
                 f"sigma {self.noise.bearing_deg:g} deg, mean range {geometry.mean_range:.0f} m"
             ),
             tone=tone,
@@ -341,7 +440,7 @@ class BearingsScenario(Scenario):
             Bearings(geometry.times, geometry.observer, np.concatenate(line), self.sigma, priors),
             title=f"{geometry.observer_name} -> {geometry.target_name}",
             subtitle=(
-                f"{geometry.times.size} bearings over {self.window.duration:g} s, "
+                f"{geometry.times.size} bearings over {geometry.duration:g} s, "
                 f"sigma {self.noise.bearing_deg:g} deg"
             ),
             facts=facts,
@@ -467,6 +566,11 @@ class Geometry:
         """Distance at each instant, m."""
         ranges: Array = np.hypot(*(self.target - self.observer).T)
         return ranges
+
+    @property
+    def duration(self) -> float:
+        """From the first bearing to the last, s."""
+        return float(self.times[-1] - self.times[0])
 
     @property
     def mean_range(self) -> float:
