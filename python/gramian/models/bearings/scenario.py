@@ -260,9 +260,9 @@ class BearingsScenario(Scenario):
     @cached_property
     def times(self) -> Array:
         """The instants of the window, or of the whole time that the tracks share."""
-        first, last = self._span()
         if self.window is not None:
             return self.window.times(self.start)
+        first, last = self._span()
         if not last > first:
             raise self.mistake("window", "the tracks have no time in common: give a window")
         return np.linspace(first, last, 61)
@@ -283,20 +283,23 @@ class BearingsScenario(Scenario):
             ) from None
 
     def _span(self) -> tuple[float, float]:
-        tracks = [self.recording.track(self.tracks.observer or next(iter(self.recording.tracks)))]
+        tracks = [self._named(self.tracks.observer)]
         if self.target is None and self.tracks.target is not None:
-            tracks.append(self.recording.track(self.tracks.target))
+            tracks.append(self._named(self.tracks.target))
         return max(float(t.times[0]) for t in tracks), min(float(t.times[-1]) for t in tracks)
 
-    def track(self, name: str | None, times: Array) -> Array:
-        """Return the positions of a track at given times, interpolated between its reports."""
+    def _named(self, name: str | None) -> io.Track:
         if name is None and len(self.recording.tracks) > 1:
             # The observer's file may stand beside the target's own.
             name = next(iter(self.recording.tracks))
         try:
-            track = self.recording.track(name)
+            return self.recording.track(name)
         except InputError as error:
             raise self.mistake("tracks", str(error)) from error
+
+    def track(self, name: str | None, times: Array) -> Array:
+        """Return the positions of a track at given times, interpolated between its reports."""
+        track = self._named(name)
         if track.times.size < 2:
             raise self.mistake("tracks", f"{track.name} has 1 report: must have at least 2")
         try:
