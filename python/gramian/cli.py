@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import shutil
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.resources import as_file, files
+from json import dumps
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -17,6 +18,9 @@ from rich.status import Status
 from gramian.exceptions import GramianError, InputError, ScenarioError, StorageError
 from gramian.report import Report
 from gramian.reproduce import PAPERS
+
+if TYPE_CHECKING:
+    from gramian.scenario import Scenario
 
 __all__ = ["main"]
 
@@ -29,6 +33,40 @@ app = typer.Typer(
 
 File = Annotated[
     Path, typer.Argument(metavar="FILE.toml", help="The scenario.", show_default=False)
+]
+Files = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="FILE...",
+        help="A scenario (FILE.toml), or files of tracks and measurements.",
+        show_default=False,
+    ),
+]
+_FROM_FILES = "For files without a scenario"
+Observer = Annotated[
+    str | None,
+    typer.Option(help="The track of the observer.", rich_help_panel=_FROM_FILES),
+]
+Target = Annotated[
+    str | None, typer.Option(help="The track of the target.", rich_help_panel=_FROM_FILES)
+]
+Sensor = Annotated[
+    str | None,
+    typer.Option(help="The sensor whose bearings are used.", rich_help_panel=_FROM_FILES),
+]
+SigmaDeg = Annotated[
+    float | None,
+    typer.Option(help="Standard deviation of the bearings, degrees.", rich_help_panel=_FROM_FILES),
+]
+Start = Annotated[
+    float | None, typer.Option(help="First second of the window.", rich_help_panel=_FROM_FILES)
+]
+Duration = Annotated[
+    float | None, typer.Option(help="Seconds of the window.", rich_help_panel=_FROM_FILES)
+]
+Step = Annotated[
+    float | None,
+    typer.Option(help="Seconds from one bearing to the next.", rich_help_panel=_FROM_FILES),
 ]
 Out = Annotated[
     Path | None,
@@ -58,22 +96,42 @@ def options(
 
 
 @app.command()
-def analyze(file: File, out: Out = None, json: Json = False) -> None:
+def analyze(
+    file: Files,
+    observer: Observer = None,
+    target: Target = None,
+    sensor: Sensor = None,
+    sigma_deg: SigmaDeg = None,
+    start: Start = None,
+    duration: Duration = None,
+    step: Step = None,
+    out: Out = None,
+    json: Json = False,
+) -> None:
     """Say what the measurements of a scenario determine, and what not."""
-    from gramian.scenario import load
-
-    with _in(file):
-        report = load(file).analyze()
+    scenario = _scenario(file, (observer, target, sensor, sigma_deg, start, duration, step))
+    with _in(scenario.path):
+        report = scenario.analyze()
     _finish(report, out, json)
 
 
 @app.command()
-def localize(file: File, out: Out = None, json: Json = False) -> None:
+def localize(
+    file: Files,
+    observer: Observer = None,
+    target: Target = None,
+    sensor: Sensor = None,
+    sigma_deg: SigmaDeg = None,
+    start: Start = None,
+    duration: Duration = None,
+    step: Step = None,
+    out: Out = None,
+    json: Json = False,
+) -> None:
     """Estimate from the recorded measurements of a scenario."""
-    from gramian.scenario import load
-
-    with _in(file):
-        report = load(file).localize()
+    scenario = _scenario(file, (observer, target, sensor, sigma_deg, start, duration, step))
+    with _in(scenario.path):
+        report = scenario.localize()
     _finish(report, out, json)
 
 
@@ -159,6 +217,81 @@ def reproduce(
         with _waiting(f"computing {paper}", quiet=json):
             report = run(paper)
         _finish(report, folder, json)
+
+
+@app.command("import")
+def import_(
+    file: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILE...", help="Files of tracks and measurements.", show_default=False
+        ),
+    ],
+    observer: Observer = None,
+    target: Target = None,
+    sensor: Sensor = None,
+    sigma_deg: SigmaDeg = None,
+    start: Start = None,
+    duration: Duration = None,
+    step: Step = None,
+    scenario: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.toml", help="Write a scenario here.", show_default=False),
+    ] = None,
+) -> None:
+    """Show what is in files of tracks and measurements, and write a scenario to start from."""
+    from gramian.io import read
+    from gramian.scenario import Choices, draft
+
+    recording = read(*file)
+    Console(soft_wrap=True).print(_plain(recording.summary()), highlight=False)
+    if scenario is None:
+        return
+    if scenario.exists():
+        raise StorageError(f"{scenario}: is there already; choose another name or remove it")
+    choices = Choices(observer, target, sensor, sigma_deg, start, duration, step)
+    text = draft(recording, choices, scenario.parent)
+    try:
+        scenario.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise StorageError(f"cannot write {scenario}: {error}") from error
+    Console().print(f"\n{_plain(str(scenario))} written", highlight=False)
+
+
+@app.command()
+def schema(
+    model: Annotated[str, typer.Argument(help="A model of scenario files.", show_default=False)],
+) -> None:
+    """Print the JSON Schema of a model's scenario files, for editors."""
+    from gramian.scenario import schema as of
+
+    sys.stdout.write(dumps(of(model), indent=2) + "\n")
+
+
+def _scenario(
+    paths: Sequence[Path],
+    choices: tuple[
+        str | None,
+        str | None,
+        str | None,
+        float | None,
+        float | None,
+        float | None,
+        float | None,
+    ],
+) -> Scenario:
+    from gramian.scenario import Choices, from_files, load
+
+    chosen = Choices(*choices)
+    scenarios = [path for path in paths if path.suffix.lower() == ".toml"]
+    if not scenarios:
+        return from_files(paths, chosen)
+    if len(paths) > 1:
+        raise InputError(f"{scenarios[0]}: a scenario stands alone, without other files")
+    if chosen.given:
+        option = chosen.given[0].replace("_", "-")
+        raise InputError(f"{scenarios[0]}: has its own settings: --{option} is for other files")
+    return load(scenarios[0])
 
 
 @contextmanager

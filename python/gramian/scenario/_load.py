@@ -5,15 +5,16 @@ from __future__ import annotations
 import json
 import tomllib
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
 
 from gramian._registry import REGISTRY
-from gramian.exceptions import ScenarioError
+from gramian.exceptions import InputError, ScenarioError
 from gramian.scenario.base import Scenario, scenario_class
 from gramian.scenario.validation_errors import describe
 
-__all__ = ["load"]
+__all__ = ["load", "parsed", "schema"]
 
 
 def load(path: Path | str) -> Scenario:
@@ -35,6 +36,11 @@ def load(path: Path | str) -> Scenario:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise ScenarioError(f"{path}: cannot be read: {error}") from error
+    return parsed(text, path)
+
+
+def parsed(text: str, path: Path) -> Scenario:
+    """Return the scenario of a text, as if it had been read from a file."""
     try:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -52,3 +58,17 @@ def load(path: Path | str) -> Scenario:
         raise ScenarioError(describe(error, kind, path, text)) from error
     scenario.path = path
     return scenario
+
+
+def schema(model: str) -> dict[str, Any]:
+    """Return the JSON Schema of a model's scenario files.
+
+    Raises
+    ------
+    InputError
+        A model that is not known.
+    """
+    if model not in REGISTRY:
+        known = ", ".join(REGISTRY)
+        raise InputError(f"model = {model!r}: must be one of {known}")
+    return scenario_class(model).model_json_schema()

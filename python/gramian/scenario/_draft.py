@@ -1,0 +1,184 @@
+"""From files of tracks and measurements to a scenario: its text, and the scenario itself."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from gramian.exceptions import InputError
+from gramian.io import Detections, Recording, Track, read
+from gramian.scenario._load import parsed
+from gramian.scenario.base import Scenario
+
+__all__ = ["Choices", "draft", "from_files"]
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What a recording cannot say by itself.
+
+    Attributes
+    ----------
+    observer, target, sensor : str or None
+        Tracks, and the sensor whose bearings are used.
+    sigma_deg : float or None
+        Standard deviation of the bearings, degrees.
+    start, duration, step : float or None
+        The window, s.
+    """
+
+    observer: str | None = None
+    target: str | None = None
+    sensor: str | None = None
+    sigma_deg: float | None = None
+    start: float | None = None
+    duration: float | None = None
+    step: float | None = None
+
+    @property
+    def given(self) -> list[str]:
+        """The names of those that were given."""
+        return [f.name for f in fields(self) if getattr(self, f.name) is not None]
+
+
+def from_files(paths: Sequence[Path], choices: Choices) -> Scenario:
+    """Return the scenario of files of tracks and measurements, without one of its own."""
+    recording = read(*paths)
+    return parsed(draft(recording, choices), Path(recording.where))
+
+
+def draft(recording: Recording, choices: Choices, folder: Path | None = None) -> str:
+    """Return the text of a scenario for a recording.
+
+    Parameters
+    ----------
+    recording : Recording
+    choices : Choices
+    folder : Path, optional
+        Where the scenario will be; its files are named relative to it.
+
+    Raises
+    ------
+    InputError
+        Where the observer or the bearings' accuracy is open, with what there is to choose.
+    """
+    sensor = _sensor(recording, choices)
+    observer = _observer(recording, choices, sensor)
+    target = _target(recording, choices, observer, sensor)
+    start, duration, step = _window(recording, choices, observer, target, sensor)
+    if choices.sigma_deg is None:
+        raise InputError(
+            "the standard deviation of the bearings is not in the files: give it in degrees "
+            "(--sigma-deg)"
+        )
+    files = [_relative(path, folder) for path in recording.paths]
+    shown = json.dumps(files[0] if len(files) == 1 else files)
+    lines = [
+        'model = "bearings"',
+        "",
+        "[tracks]",
+        f"file = {shown}",
+        f"observer = {json.dumps(observer.name)}",
+    ]
+    if target is not None:
+        lines.append(f"target = {json.dumps(target.name)}")
+    gap = max(_longest_gap(track) for track in (observer, target) if track is not None)
+    if gap > 120:
+        lines.append(f"max_gap = {np.ceil(gap):.0f}.0        # s; the longest gap of these tracks")
+    if sensor is not None:
+        lines += ["", "[bearings]", f"sensor = {json.dumps(sensor.sensor)}"]
+    lines += [
+        "",
+        "[window]",
+        f"start = {_number(start)}  # {recording.when(start)}",
+        f"duration = {_number(duration)}  # s",
+        f"step = {_number(step)}",
+        "",
+        "[noise]",
+        f"bearing_deg = {_number(choices.sigma_deg)}  # standard deviation",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _sensor(recording: Recording, choices: Choices) -> Detections | None:
+    seen = {name: d for name, d in recording.sensors.items() if d.bearing is not None}
+    if choices.sensor is not None:
+        if choices.sensor not in seen:
+            raise InputError(
+                f"no sensor with bearings is named {choices.sensor!r} in {recording.where}: "
+                f"there are {', '.join(map(repr, seen)) or 'none'}"
+            )
+        return seen[choices.sensor]
+    if len(seen) > 1:
+        raise InputError(
+            f"{recording.where} has bearings of {', '.join(map(repr, seen))}: choose one (--sensor)"
+        )
+    return next(iter(seen.values()), None)
+
+
+def _observer(recording: Recording, choices: Choices, sensor: Detections | None) -> Track:
+    name = choices.observer or (sensor.carrier if sensor is not None else "") or None
+    if name is None and len(recording.tracks) != 1:
+        raise InputError(
+            f"{recording.where} has the tracks {', '.join(map(repr, recording.tracks)) or 'none'}: "
+            "which one is the observer? (--observer)"
+        )
+    return recording.track(name)
+
+
+def _target(
+    recording: Recording, choices: Choices, observer: Track, sensor: Detections | None
+) -> Track | None:
+    if choices.target is not None:
+        return recording.track(choices.target)
+    others = [t for t in recording.tracks.values() if t is not observer]
+    if len(others) == 1:
+        return others[0]
+    if sensor is None:
+        raise InputError(
+            f"{recording.where} has the tracks {', '.join(map(repr, recording.tracks))}: "
+            "which one is the target? (--target)"
+        )
+    return None
+
+
+def _window(
+    recording: Recording,
+    choices: Choices,
+    observer: Track,
+    target: Track | None,
+    sensor: Detections | None,
+) -> tuple[float, float, float]:
+    spans = [t.times for t in (observer, target, sensor) if t is not None]
+    first, last = max(float(t[0]) for t in spans), min(float(t[-1]) for t in spans)
+    if not last > first:
+        raise InputError(
+            f"{recording.where}: {observer.name} and what it observes have no time in common"
+        )
+    start = choices.start if choices.start is not None else np.ceil(first)
+    duration = choices.duration if choices.duration is not None else np.floor(last - start)
+    if choices.step is not None:
+        return float(start), float(duration), choices.step
+    # The sensor's own rate, or about sixty bearings.
+    step = float(np.median(np.diff(sensor.times))) if sensor is not None else duration / 60
+    return float(start), float(duration), float(np.round(min(step, duration), 3))
+
+
+def _longest_gap(track: Track) -> float:
+    return float(np.diff(track.times).max(initial=0.0))
+
+
+def _relative(path: Path, folder: Path | None) -> str:
+    full = path.resolve()
+    return str(full) if folder is None else os.path.relpath(full, folder.resolve())
+
+
+def _number(value: float) -> str:
+    """Return a float as TOML has it: with a point."""
+    text = f"{value:.10g}"
+    return text if "." in text or "e" in text else f"{text}.0"

@@ -1,0 +1,142 @@
+"""From files to an answer without a line of Python."""
+
+import json
+import tomllib
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import gramian as gm
+from gramian.cli import app
+from gramian.scenario import Choices, draft, load, schema
+
+T = np.arange(0.0, 1200.0, 30.0)
+
+
+def made(folder):
+    """A ship that turns once, and its bearings of another that does not."""
+    ship = np.stack([np.minimum(5 * T, 3000.0), np.maximum(0.0, 5 * T - 3000.0)], axis=1)
+    other = np.array([3000.0, 6000.0]) + T[:, None] * [-2.0, 1.0]
+    rng = np.random.default_rng(3)
+    bearing = np.arctan2(*(other - ship).T) + rng.normal(0, np.radians(0.5), T.size)
+    path, seen = folder / "own.csv", folder / "seen.csv"
+    path.write_text(
+        "when;x;y\n"
+        + "".join(
+            f"2026-05-01T12:{int(t // 60):02d}:{int(t % 60):02d}Z;{x:.1f};{y:.1f}\n".replace(
+                ".", ","
+            )
+            for t, (x, y) in zip(T, ship, strict=True)
+        )
+    )
+    seen.write_text(
+        "when,bearing_deg\n"
+        + "".join(
+            f"{1777636800 + t:.0f},{np.degrees(b) % 360:.3f}\n"
+            for t, b in zip(T, bearing, strict=True)
+        )
+    )
+    return path, seen
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, [str(a) for a in arguments], catch_exceptions=False)
+
+
+def test_from_two_files_to_a_position(tmp_path):
+    done = run("localize", *made(tmp_path), "--sigma-deg", 0.5, "--json")
+    assert done.exit_code == 0
+    answer = json.loads(done.stdout)
+    assert answer["bearings"] == T.size
+    state, std = np.array(answer["state"]), np.array(answer["std"])
+    assert np.all(np.abs(state - [3000, 6000, -2, 1]) < 4 * std)
+
+
+def test_import_writes_a_scenario_that_answers_the_same(tmp_path):
+    files = made(tmp_path)
+    toml = tmp_path / "mine.toml"
+    done = run("import", *files, "--sigma-deg", 0.5, "--scenario", toml)
+    assert "own: 40 reports, 0 s (2026-05-01T12:00:00Z)" in done.stdout
+    assert tomllib.loads(toml.read_text())["tracks"]["file"] == ["own.csv", "seen.csv"]
+    again = json.loads(run("localize", toml, "--json").stdout)
+    direct = json.loads(run("localize", *files, "--sigma-deg", 0.5, "--json").stdout)
+    assert again["state"] == direct["state"]
+    with pytest.raises(gm.StorageError, match="is there already"):
+        run("import", *files, "--sigma-deg", 0.5, "--scenario", toml)
+
+
+def test_a_start_may_be_a_date(tmp_path):
+    files = made(tmp_path)
+    toml = tmp_path / "mine.toml"
+    run("import", *files, "--sigma-deg", 0.5, "--scenario", toml)
+    text = toml.read_text().replace("start = 0.0", 'start = "2026-05-01T12:05:00Z"')
+    toml.write_text(text.replace("duration = 1170.0", "duration = 600.0"))
+    assert json.loads(run("localize", toml, "--json").stdout)["bearings"] == 21
+    toml.write_text(toml.read_text().replace("T12:05", "T14:05"))
+    with pytest.raises(gm.ScenarioError, match=r"\(2026-05-01T12:00:00Z\)"):
+        run("localize", toml)
+    toml.write_text(toml.read_text().replace("2026-05-01T14:05:00Z", "noon"))
+    with pytest.raises(gm.ScenarioError, match=r"window\.start: 'noon'"):
+        run("localize", toml)
+
+
+def test_what_the_files_do_not_say_is_asked(tmp_path):
+    own, seen = made(tmp_path)
+    with pytest.raises(gm.InputError, match="--sigma-deg"):
+        run("localize", own, seen)
+    with pytest.raises(gm.InputError, match="is named 'radar'"):
+        run("localize", own, seen, "--sensor", "radar", "--sigma-deg", 1)
+    two = tmp_path / "two.csv"
+    two.write_text("id,t,x,y\n" + "".join(f"{i},{t},{10 * t},{i}\n" for i in "abc" for t in (0, 60))
+                   .replace(",a\n", ",1\n").replace(",b\n", ",2\n").replace(",c\n", ",3\n"))  # fmt: skip
+    with pytest.raises(gm.InputError, match=r"which one is the observer\? \(--observer\)"):
+        run("analyze", two)
+    with pytest.raises(gm.InputError, match=r"which one is the target\? \(--target\)"):
+        run("analyze", two, "--observer", "a")
+    with pytest.raises(gm.InputError, match="--step is for other files"):
+        run("analyze", tmp_path / "x.toml", "--step", 1)
+    with pytest.raises(gm.InputError, match="stands alone"):
+        run("analyze", tmp_path / "x.toml", own)
+
+
+def test_schema_names_the_keys():
+    assert "max_gap" in json.dumps(schema("bearings"))
+    assert json.loads(run("schema", "bearings").stdout)["properties"]["noise"]
+    with pytest.raises(gm.InputError, match="must be one of bearings"):
+        schema("sonar")
+
+
+@pytest.mark.recorded
+def test_recorded_maritime_files(recorded, tmp_path):
+    files = [recorded("rep/sen_tracks.rep"), recorded("rep/sen_frig_sensor.dsf")]
+    recording = gm.io.read(*files)
+    assert {name: t.times.size for name, t in recording.tracks.items()} == {
+        "Frigate": 164,
+        "New_SSK": 164,
+    }
+    assert [d.times.size for d in recording.sensors.values()] == [47, 16, 16, 10, 6]
+    # The bearings are cut to whole degrees, the ranges good to a part in 500.
+    seen = recording.sensors["Frigate_Optic"]
+    own = recording.track("Frigate").at(seen.times, 61)
+    there = recording.track("New_SSK").at(seen.times, 61)
+    off = np.degrees(np.angle(np.exp(1j * (np.arctan2(*(there - own).T) - seen.bearing))))
+    assert np.abs(off).max() < 1.1
+    first = np.hypot(*(there - own).T)[:10]
+    np.testing.assert_allclose(seen.range[:10], first, rtol=5e-3)
+    path = tmp_path / "rep.toml"
+    path.write_text(draft(recording, Choices(sensor="Frigate_Optic", sigma_deg=0.5), tmp_path))
+    assert load(path).localize().data["bearings"] == 47
+
+
+@pytest.mark.recorded
+def test_recorded_ships_and_aircraft(recorded):
+    ships = gm.io.read(recorded("ais_solent.csv"))
+    assert len(ships.tracks) == 11
+    aircraft = gm.io.read(recorded("aircraft_uk.csv"))
+    assert aircraft.track("A01").height is not None
+    done = run(
+        "analyze", recorded("ais_solent.csv"), "--observer", "observer_c", "--target", "ship_h",
+        "--sigma-deg", 0.5, "--start", 1000, "--duration", 900, "--json",
+    )  # fmt: skip
+    assert json.loads(done.stdout)["observability"]["rank"] == 4
