@@ -11,8 +11,8 @@ import gramian as gm
 ROOT = Path(__file__).parents[2]
 BLOCKS = re.compile(r"```python\n(.*?)```", flags=re.S)
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-MODULES = ("bearings", "bounds", "dipole", "inertial", "linear", "maneuver", "monte_carlo")
-MODULES = (gm, *(getattr(gm, name) for name in (*MODULES, "registration")))
+MODULES = ("bearings", "bounds", "dipole", "inertial", "io", "linear", "maneuver")
+MODULES = (gm, *(getattr(gm, name) for name in (*MODULES, "monte_carlo", "registration")))
 
 
 def names(modules):
