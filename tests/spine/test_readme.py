@@ -11,30 +11,56 @@ import gramian as gm
 ROOT = Path(__file__).parents[2]
 BLOCKS = re.compile(r"```python\n(.*?)```", flags=re.S)
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-MODULES = ("bearings", "bounds", "dipole", "inertial", "io", "linear", "maneuver")
-MODULES = (gm, *(getattr(gm, name) for name in (*MODULES, "monte_carlo", "registration")))
+# What the pages name beside the package: words of other tools and of Rust.
+OTHERS = {"no_std", "default-features", "python-control"}
+# Pages about one module, where they are not named after it.
+ABOUT = {"files": "io"}
 
 
-def names(modules):
-    """Give all names of the package: functions, their arguments, classes, what those have."""
-    for module in modules:
-        for name, value in inspect.getmembers(module):
-            yield name
-            if inspect.isclass(value):
-                yield from dir(value)
-                yield from getattr(value, "__annotations__", {})
-            elif inspect.isroutine(value):
+def names(module):
+    """Give the public names of a module: what it has, arguments, members of its classes."""
+    for name in module.__all__:
+        value = getattr(module, name)
+        yield name
+        if inspect.isclass(value):
+            yield from dir(value)
+            yield from getattr(value, "__annotations__", {})
+            if not issubclass(value, Exception):
                 yield from inspect.signature(value).parameters
+        elif inspect.isroutine(value):
+            yield from inspect.signature(value).parameters
+
+
+def module(name):
+    return gm if name == "gm" else getattr(gm, name)
+
+
+def known_on(page, line):
+    """Give what may be named in a line: of the package, the page's module, those of the line."""
+    about = {"gm", ABOUT.get(page.stem, page.stem)} & {"gm", *gm.__all__} | set(re.findall(r"`gm\.(\w+)`", line))
+    about = {name for name in about if name == "gm" or inspect.ismodule(getattr(gm, name, None))}
+    return OTHERS.union(*(names(module(name)) for name in about))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_what_a_page_names_exists(page):
     text = re.sub(r"```.*?```", "", page.read_text(), flags=re.S)
-    known = {*names(MODULES), "no_std"}
-    said = re.findall(r"`(gm\.)?((?:\w+\.)*)([a-z]\w*)((?:\(.*?\))?|=.*?)`", text)
-    # One word without an underscore may be anything.
-    own = [name for gm_, _, name, rest in said if gm_ or rest or "_" in name]
-    assert [name for name in own if name not in known] == []
+    missing = []
+    for line in text.splitlines():
+        known = known_on(page, line)
+        for path, last, rest in re.findall(r"`((?:\w+\.)*)([a-z]\w*)((?:\(.*?\))?|=.*?)`", line):
+            parts = [part for part in path.split(".") if part and part != "gm"]
+            if parts or path:
+                # A qualified name is of that module, or a member of that class, and no other.
+                owner = gm if not parts or parts[0] in gm.__all__ else None
+                for part in (*parts, last):
+                    owner = getattr(owner, part, None)
+                if owner is None:
+                    missing.append(path + last)
+            # One word without an underscore may be anything.
+            elif (rest or "_" in last) and last not in known:
+                missing.append(last)
+    assert missing == []
     links = [link for link in re.findall(r"\]\(([^)#]+)\)", text) if "://" not in link]
     assert [link for link in links if not (page.parent / link).exists()] == []
 
