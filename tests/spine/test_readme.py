@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import gramian as gm
+from gramian._registry import REGISTRY
 
 ROOT = Path(__file__).parents[2]
 BLOCKS = re.compile(r"```python\n(.*?)```", flags=re.S)
@@ -37,7 +38,9 @@ def module(name):
 
 def known_on(page, line):
     """Give what may be named in a line: of the package, the page's module, those of the line."""
-    about = {"gm", ABOUT.get(page.stem, page.stem)} & {"gm", *gm.__all__} | set(re.findall(r"`gm\.(\w+)`", line))
+    about = {"gm", ABOUT.get(page.stem, page.stem)} & {"gm", *gm.__all__} | set(
+        re.findall(r"`gm\.(\w+)`", line)
+    )
     about = {name for name in about if name == "gm" or inspect.ismodule(getattr(gm, name, None))}
     return OTHERS.union(*(names(module(name)) for name in about))
 
@@ -78,3 +81,8 @@ def test_blocks_run_and_print_what_they_say(page, capsys):
         claims = [a or b for a, b in re.findall(r"print\(.*?\)\s*# (.*)|\n# (.*)", block)]
         assert claims, f"a block claims nothing: {block}"
         assert printed == [claim.split(": on the line")[0] for claim in claims]
+
+
+def test_the_readme_has_every_model():
+    text = (ROOT / "README.md").read_text()
+    assert [name for name in REGISTRY if f"`gm.{name}`" not in text] == []
