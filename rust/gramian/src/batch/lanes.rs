@@ -88,60 +88,12 @@ impl<S: Simd> Lanes<S> {
         S::as_mut_simd_f64s(block).0[part] = self.value;
     }
 
-    /// self * a + b.
-    #[inline(always)]
-    pub fn mul_add(self, a: Self, b: Self) -> Self {
-        let value = self.simd.mul_add_e_f64s(self.value, a.value, b.value);
-        self.with(value)
-    }
-
-    /// b - self * a.
-    #[inline(always)]
-    pub fn mul_from(self, a: Self, b: Self) -> Self {
-        let value = self
-            .simd
-            .negate_mul_add_e_f64s(self.value, a.value, b.value);
-        self.with(value)
-    }
-
-    /// self times a number.
-    #[inline(always)]
-    pub fn times(self, factor: f64) -> Self {
-        self * Self::splat(self.simd, factor)
-    }
-
-    /// Square root.
-    #[inline(always)]
-    pub fn sqrt(self) -> Self {
-        self.with(self.simd.sqrt_f64s(self.value))
-    }
-
-    /// `yes` where self > other, `no` elsewhere.
-    #[inline(always)]
-    pub fn choose_above(self, other: Self, yes: Self, no: Self) -> Self {
-        let mask = self.simd.greater_than_f64s(self.value, other.value);
-        self.with(self.simd.select_f64s(mask, yes.value, no.value))
-    }
-
     #[inline(always)]
     fn with(self, value: S::f64s) -> Self {
         Self {
             simd: self.simd,
             value,
         }
-    }
-
-    /// The angle of the point (`x`, self); see [`simd::atan2`].
-    #[inline(always)]
-    pub fn atan2(self, x: Self) -> Self {
-        self.with(simd::atan2(self.simd, self.value, x.value))
-    }
-
-    /// Sine and cosine; see [`simd::sin_cos`].
-    #[inline(always)]
-    pub fn sin_cos(self) -> (Self, Self) {
-        let (sine, cosine) = simd::sin_cos(self.simd, self.value);
-        (self.with(sine), self.with(cosine))
     }
 }
 
@@ -185,7 +137,6 @@ impl<S: Simd> Neg for Lanes<S> {
     }
 }
 
-// As those of its own above; a loop or a closure could be compiled apart.
 impl<S: Simd> Lane for Lanes<S> {
     #[inline(always)]
     fn splat(self, value: f64) -> Self {
@@ -193,18 +144,40 @@ impl<S: Simd> Lane for Lanes<S> {
     }
     #[inline(always)]
     fn mul_add(self, factor: Self, term: Self) -> Self {
-        Self::mul_add(self, factor, term)
+        let simd = self.simd;
+        self.with(simd.mul_add_e_f64s(self.value, factor.value, term.value))
     }
     #[inline(always)]
     fn negate_mul_add(self, factor: Self, term: Self) -> Self {
-        self.mul_from(factor, term)
+        let simd = self.simd;
+        self.with(simd.negate_mul_add_e_f64s(self.value, factor.value, term.value))
     }
     #[inline(always)]
-    fn root(self) -> Self {
-        self.sqrt()
+    fn times(self, factor: f64) -> Self {
+        self * Self::splat(self.simd, factor)
     }
     #[inline(always)]
-    fn inverse(self) -> Self {
+    fn abs(self) -> Self {
+        self.with(self.simd.abs_f64s(self.value))
+    }
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        self.with(self.simd.min_f64s(self.value, other.value))
+    }
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        self.with(self.simd.max_f64s(self.value, other.value))
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        self.with(self.simd.sqrt_f64s(self.value))
+    }
+    #[inline(always)]
+    fn hypot(self, other: Self) -> Self {
+        self.mul_add(self, other * other).sqrt()
+    }
+    #[inline(always)]
+    fn recip(self) -> Self {
         Self::splat(self.simd, 1.0) / self
     }
     #[inline(always)]
@@ -214,10 +187,134 @@ impl<S: Simd> Lane for Lanes<S> {
         let inverse = simd.div_f64s(simd.splat_f64s(1.0), self.value);
         self.with(simd.select_f64s(tiny, simd.splat_f64s(0.0), inverse))
     }
+    #[inline(always)]
+    fn sin_cos(self) -> (Self, Self) {
+        let (sine, cosine) = simd::sin_cos(self.simd, self.value);
+        (self.with(sine), self.with(cosine))
+    }
+    #[inline(always)]
+    fn atan2(self, x: Self) -> Self {
+        self.with(simd::atan2(self.simd, self.value, x.value))
+    }
+    #[inline(always)]
+    fn round(self) -> Self {
+        // Adding 1.5 * 2^52 leaves no digits behind the point.
+        let shifter = Self::splat(self.simd, 6_755_399_441_055_744.0);
+        self + shifter - shifter
+    }
+    #[inline(always)]
+    fn remainder(self, divisor: Self) -> Self {
+        self.with(simd::remainder(self.simd, self.value, divisor.value))
+    }
+    #[inline(always)]
+    fn select_greater(self, other: Self, yes: Self, no: Self) -> Self {
+        let mask = self.simd.greater_than_f64s(self.value, other.value);
+        self.with(self.simd.select_f64s(mask, yes.value, no.value))
+    }
+    #[inline(always)]
+    fn any_greater(self, other: Self) -> bool {
+        let mask = self.simd.greater_than_f64s(self.value, other.value);
+        self.simd.first_true_m64s(mask) < S::F64_LANES
+    }
 }
 
 /// The sum of a block, in an order of its own.
 #[inline(always)]
 pub fn total(x: &Block) -> f64 {
     ((x[0] + x[4]) + (x[2] + x[6])) + ((x[1] + x[5]) + (x[3] + x[7]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::batch::simd::Path;
+    use crate::numbers::angle::wrapped;
+
+    /// Every function of a vector against that of a number, lane by lane.
+    struct Functions<'a>(&'a [f64], &'a [f64]);
+
+    impl pulp::WithSimd for Functions<'_> {
+        type Output = ();
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) {
+            let near = |a: f64, b: f64| {
+                a == b || a.is_nan() && b.is_nan() || (a - b).abs() <= 2.5 * f64::EPSILON * b.abs()
+            };
+            for &x in self.0 {
+                for y in self.1.chunks_exact(LANES) {
+                    let mut block = [0.0; LANES];
+                    block.copy_from_slice(y);
+                    for part in 0..Lanes::<S>::PARTS {
+                        let (a, b) = (Lanes::splat(simd, x), Lanes::load(simd, &block, part));
+                        let vectors = [
+                            a.min(b),
+                            a.max(b),
+                            a.hypot(b),
+                            a.atan2(b),
+                            b.round(),
+                            b.abs(),
+                            b.recip(),
+                            a.select_greater(b, a + b, a - b),
+                            b.abs().recip_or_zero(),
+                            b.remainder(a),
+                            wrapped(b),
+                        ];
+                        for (k, found) in vectors.into_iter().enumerate() {
+                            let mut out = [0.0; LANES];
+                            found.store(&mut out, part);
+                            let lanes = part * S::F64_LANES..(part + 1) * S::F64_LANES;
+                            for lane in lanes {
+                                let b = block[lane];
+                                let wanted = [
+                                    Lane::min(x, b),
+                                    Lane::max(x, b),
+                                    Lane::hypot(x, b),
+                                    Lane::atan2(x, b),
+                                    b.round(),
+                                    b.abs(),
+                                    b.recip(),
+                                    x.select_greater(b, x + b, x - b),
+                                    b.abs().recip_or_zero(),
+                                    b.remainder(x),
+                                    wrapped(b),
+                                ][k];
+                                assert!(
+                                    near(out[lane], wanted),
+                                    "{k}: {x} {b}: {} {wanted}",
+                                    out[lane]
+                                );
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn vectors_do_what_numbers_do() {
+        let x = [0.0, -0.0, 1.0, -2.5, 3e5];
+        let y = [
+            1.0,
+            -1.0,
+            0.3,
+            -7.25,
+            1e-9,
+            123_456.789,
+            -3.0,
+            1e9,
+            0.0,
+            -0.0,
+            3.15,
+            -3.2,
+            1e4,
+            -1e7,
+            6.6,
+            1e14,
+        ];
+        for path in Path::available() {
+            path.run(Functions(&x, &y));
+        }
+    }
 }

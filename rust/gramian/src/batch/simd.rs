@@ -261,7 +261,20 @@ fn by_lane<S: pulp::Simd>(simd: S, angle: S::f64s) -> (S::f64s, S::f64s) {
     )
 }
 
-/// The angle of (x, y) against the x axis in [-pi, pi], lane by lane, within 2
+/// What is left of each lane beside whole multiples of `divisor`, with its sign.
+#[inline(never)]
+pub fn remainder<S: pulp::Simd>(simd: S, x: S::f64s, divisor: S::f64s) -> S::f64s {
+    let (mut left, mut right) = ([0.0; 8], [0.0; 8]);
+    let lanes = S::F64_LANES.min(8);
+    simd.partial_store_f64s(&mut left[..lanes], x);
+    simd.partial_store_f64s(&mut right[..lanes], divisor);
+    for lane in 0..lanes {
+        left[lane] %= right[lane];
+    }
+    simd.partial_load_f64s(&left[..lanes])
+}
+
+/// The angle of (x, y) against the x axis in (-pi, pi], lane by lane, within 2
 /// units in the last place; 0 for (0, 0) whatever the signs.
 #[inline(always)]
 pub fn atan2<S: pulp::Simd>(simd: S, y: S::f64s, x: S::f64s) -> S::f64s {

@@ -59,8 +59,8 @@ pub(crate) fn shrink<L: Lane>(root: &mut [L], n: usize, h: &[L], work: &mut [L])
         }
         sum = a.mul_add(a, sum);
         // The square root is at least 1.
-        let after = sum.root();
-        let inverse = after.inverse();
+        let after = sum.sqrt();
+        let inverse = after.recip();
         let (c, s) = (before * inverse, a * inverse);
         before = after;
         for j in i..n {

@@ -1,6 +1,8 @@
 //! Numbers and what is asked of them: the number types, their elementary
-//! functions, vectors of them, errors, and the chi-square distribution.
+//! functions, vectors of them, angles, errors, and the chi-square distribution.
 
+pub mod angle;
 pub mod chi_square;
-pub(crate) mod lane;
+pub mod errors;
+pub mod lane;
 pub mod scalar;

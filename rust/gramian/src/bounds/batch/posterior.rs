@@ -13,6 +13,7 @@ use crate::batch::simd::Path;
 use crate::batch::transpose::{Aligned, buffers, in_all_lanes, into_lanes, out_of_lanes};
 use crate::batch::{Items, Threads};
 use crate::bound::standard_deviations;
+use crate::numbers::lane::Lane;
 use crate::posterior::Form;
 use crate::spectrum::{decompose, default_rtol, rank, unit_columns};
 

@@ -51,7 +51,7 @@ impl<L: Lane> Factor<'_, L> {
     #[inline(always)]
     pub fn root_row(&self, i: usize, out: &mut [L]) {
         let n = self.n();
-        let root = self.weight[i].root();
+        let root = self.weight[i].sqrt();
         // Over all columns, so that the loop can be unrolled.
         for j in 0..n {
             out[j] = if j > i {
@@ -214,7 +214,7 @@ pub fn shrink<L: Lane>(factor: &mut Factor<'_, L>, h: &[L], work: &mut [L]) {
         let gain = factor.weight[i] * along;
         let (before, back) = (sum, along * inverse);
         sum = along.mul_add(gain, sum);
-        inverse = sum.inverse();
+        inverse = sum.recip();
         factor.weight[i] = factor.weight[i] * (before * inverse);
         for j in i + 1..n {
             let x = factor.unit[i * n + j];

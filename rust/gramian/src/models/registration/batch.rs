@@ -7,6 +7,7 @@ use core::convert::Infallible;
 use crate::batch::lanes::Lanes;
 use crate::batch::simd::{Path, apart, last_pairs, pairs};
 use crate::batch::{Items, Stream, Threads};
+use crate::numbers::lane::Lane;
 use crate::registration::estimate::{Answer, Estimator, Question, Status};
 use crate::registration::pair::Plane;
 use crate::registration::report::unchecked_report;
@@ -334,7 +335,7 @@ impl<S: pulp::Simd> Constants<S> {
         let r1 = x1.mul_add(x1, y1 * y1).sqrt();
         let r2 = x2.mul_add(x2, y2 * y2).sqrt();
         let both = r1 * r2;
-        let cross = y1.mul_from(x2, x1 * y2);
+        let cross = y1.negate_mul_add(x2, x1 * y2);
         let dot = y1.mul_add(y2, x1 * x2);
         // The minors of `Plane::new`, all times r1 r2, which the projector
         // does not see and which saves a division; signs go into the products.
@@ -349,14 +350,14 @@ impl<S: pulp::Simd> Constants<S> {
         let p00 = s0 + (s1 + s2);
         let w = weight / ((p00 + s3) + (s4 + s5));
         sums[0] = p00.mul_add(w, sums[0]);
-        sums[1] = m2.mul_from(m4, m1 * m3).mul_add(w, sums[1]);
-        sums[2] = m0.mul_add(m3, m2 * m5).mul_from(w, sums[2]);
-        sums[3] = m0.mul_add(m4, m1 * m5).mul_from(w, sums[3]);
+        sums[1] = m2.negate_mul_add(m4, m1 * m3).mul_add(w, sums[1]);
+        sums[2] = m0.mul_add(m3, m2 * m5).negate_mul_add(w, sums[2]);
+        sums[3] = m0.mul_add(m4, m1 * m5).negate_mul_add(w, sums[3]);
         sums[4] = (s0 + (s3 + s4)).mul_add(w, sums[4]);
         sums[5] = m0.mul_add(m1, m4 * m5).mul_add(w, sums[5]);
-        sums[6] = m0.mul_add(m2, m3 * m5).mul_from(w, sums[6]);
+        sums[6] = m0.mul_add(m2, m3 * m5).negate_mul_add(w, sums[6]);
         sums[7] = (s1 + (s3 + s5)).mul_add(w, sums[7]);
-        sums[8] = m1.mul_from(m2, m3 * m4).mul_add(w, sums[8]);
+        sums[8] = m1.negate_mul_add(m2, m3 * m4).mul_add(w, sums[8]);
         sums[9] = (s2 + (s4 + s5)).mul_add(w, sums[9]);
     }
 }

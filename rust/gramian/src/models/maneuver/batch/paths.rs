@@ -6,6 +6,7 @@ use crate::batch::simd::Path;
 use crate::batch::{Items, Threads};
 use crate::bearings;
 use crate::maneuver::{AtStandoff, Error, Law, Steering, unchecked_row};
+use crate::numbers::lane::Lane;
 use crate::scalar::hypot;
 use crate::square_root::SquareRootInformation;
 
@@ -310,7 +311,7 @@ impl<S: pulp::Simd> Flight<S> {
     #[inline(always)]
     fn flown(&self, samples: usize) -> Lanes<S> {
         let all = Lanes::splat(self.simd, samples as f64);
-        self.moving.choose_above(self.zero(), all, self.count)
+        self.moving.select_greater(self.zero(), all, self.count)
     }
 
     #[inline(always)]
@@ -321,7 +322,7 @@ impl<S: pulp::Simd> Flight<S> {
     /// `new` where the observer still flies, `old` where it has stopped.
     #[inline(always)]
     fn moved(&self, new: Lanes<S>, old: Lanes<S>) -> Lanes<S> {
-        self.moving.choose_above(self.zero(), new, old)
+        self.moving.select_greater(self.zero(), new, old)
     }
 
     /// Takes the bearing of sample `k` into the information.
@@ -336,13 +337,13 @@ impl<S: pulp::Simd> Flight<S> {
         self.sight = [east, north, range, inverse];
         // What is NaN is not good either.
         let large = Lanes::splat(self.simd, LARGE);
-        self.good = large.choose_above(range, self.good, zero);
-        self.good = range.choose_above(Lanes::splat(self.simd, SMALL), self.good, zero);
+        self.good = large.select_greater(range, self.good, zero);
+        self.good = range.select_greater(Lanes::splat(self.simd, SMALL), self.good, zero);
         let least = range.times(SHARE);
         for share in [east, north] {
-            let size = share.choose_above(zero, share, -share);
-            let none = size.choose_above(zero, zero, self.good);
-            self.good = size.choose_above(least, self.good, none);
+            let size = share.select_greater(zero, share, -share);
+            let none = size.select_greater(zero, zero, self.good);
+            self.good = size.select_greater(least, self.good, none);
         }
         // The row (a, b), turned into the factor by a rotation without roots: the
         // second pivot is what the row has beside the first, squared, and not a
@@ -350,9 +351,9 @@ impl<S: pulp::Simd> Flight<S> {
         let scale = inverse * inverse * self.weight;
         let (a, b) = (north * scale, -(east * scale));
         let first = a.mul_add(a, self.pivots[0]);
-        let inverse = one / first.choose_above(zero, first, one);
-        let cosine = first.choose_above(zero, self.pivots[0] * inverse, one);
-        let beside = a.mul_from(self.below, b);
+        let inverse = one / first.select_greater(zero, first, one);
+        let cosine = first.select_greater(zero, self.pivots[0] * inverse, one);
+        let beside = a.negate_mul_add(self.below, b);
         let second = (cosine * beside).mul_add(beside, self.pivots[1]);
         let below = cosine.mul_add(self.below, a * inverse * b);
         self.pivots = [
@@ -387,7 +388,7 @@ impl<S: pulp::Simd> Flight<S> {
         let (mut cos, mut sin) = self.turn();
         if self.bounded {
             let inside = self.standoff.times(1.0 - f64::EPSILON.sqrt());
-            self.good = inside.choose_above(range, self.moved(zero, self.good), self.good);
+            self.good = inside.select_greater(range, self.moved(zero, self.good), self.good);
             // As `next_range` in the scalar form: nothing cancels near zero.
             let near = range - self.step;
             let rest = (range * self.step).times(2.0) * (Lanes::splat(self.simd, 1.0) - cos);
@@ -396,13 +397,13 @@ impl<S: pulp::Simd> Flight<S> {
                 AtStandoff::Stop => {
                     let stopped = Lanes::splat(self.simd, (k + 1) as f64);
                     let count = self.moved(stopped, self.count);
-                    self.count = self.standoff.choose_above(next, count, self.count);
-                    self.moving = self.standoff.choose_above(next, zero, self.moving);
+                    self.count = self.standoff.select_greater(next, count, self.count);
+                    self.moving = self.standoff.select_greater(next, zero, self.moving);
                 }
                 AtStandoff::Circle => {
                     let (c, s) = self.turn_to_standoff();
-                    cos = self.standoff.choose_above(next, c, cos);
-                    sin = self.standoff.choose_above(next, s, sin);
+                    cos = self.standoff.select_greater(next, c, cos);
+                    sin = self.standoff.select_greater(next, s, sin);
                 }
             }
         }
@@ -430,7 +431,7 @@ impl<S: pulp::Simd> Flight<S> {
             Law::Perpendicular => return (zero, one),
         };
         let short = self.moved(zero, self.good);
-        self.good = self.step.choose_above(reach, short, self.good);
+        self.good = self.step.select_greater(reach, short, self.good);
         let ratio = self.step * inverse;
         match self.law {
             Law::MaxDet => {
@@ -466,8 +467,8 @@ impl<S: pulp::Simd> Flight<S> {
         let (step, to) = (self.step, self.standoff);
         let fall = (range - to) / step * ((range + to) * inverse);
         let cos = step.mul_add(inverse, fall).times(0.5);
-        let cos = cos.choose_above(one, one, cos);
-        let cos = (-one).choose_above(cos, -one, cos);
+        let cos = cos.select_greater(one, one, cos);
+        let cos = (-one).select_greater(cos, -one, cos);
         (cos, ((one - cos) * (one + cos)).sqrt())
     }
 }

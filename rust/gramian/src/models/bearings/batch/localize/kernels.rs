@@ -4,6 +4,7 @@ use alloc::vec;
 use alloc::vec::Vec;
 
 use crate::batch::lanes::{Block, LANES, Lanes, total};
+use crate::numbers::lane::Lane;
 
 /// Columns of a working array at most: states, and the right-hand side.
 pub const MAX: usize = 9;
@@ -110,7 +111,7 @@ impl<const N: usize> pulp::WithSimd for Exact<'_, N> {
                 let (east, north) = place::<S, N>(&h, time, de, dn);
                 let square = east.mul_add(east, north * north);
                 // Closer than rounding is on it.
-                let square = square.choose_above(
+                let square = square.select_greater(
                     Lanes::splat(simd, 1e-28),
                     square,
                     Lanes::splat(simd, f64::NAN),
@@ -140,8 +141,8 @@ fn place<S: pulp::Simd, const N: usize>(
     de: Lanes<S>,
     dn: Lanes<S>,
 ) -> (Lanes<S>, Lanes<S>) {
-    let mut east = h[N].mul_from(de, h[0]);
-    let mut north = h[N].mul_from(dn, h[1]);
+    let mut east = h[N].negate_mul_add(de, h[0]);
+    let mut north = h[N].negate_mul_add(dn, h[1]);
     let powers = powers(time);
     for order in 1..N / 2 {
         east = h[2 * order].mul_add(powers[order - 1], east);
@@ -169,7 +170,7 @@ impl pulp::WithSimd for Turn<'_> {
                     Lanes::load(simd, cosine, part),
                 );
                 s0.mul_add(c, c0 * s).store(sine, part);
-                s0.mul_from(s, c0 * c).store(cosine, part);
+                s0.negate_mul_add(s, c0 * c).store(cosine, part);
             }
         }
     }
@@ -216,7 +217,7 @@ impl<const N: usize> pulp::WithSimd for Linearize<'_, N> {
                 let [sine, cosine, weight, time, de, dn] = samples.load(simd, i, part);
                 let (east, north) = place::<S, N>(&h, time, de, dn);
                 let square = east.mul_add(east, north * north);
-                let cross = cosine.mul_from(east, sine * north);
+                let cross = cosine.negate_mul_add(east, sine * north);
                 let along = cosine.mul_add(north, sine * east);
                 let residual = cross.atan2(along) * weight;
                 let gain = weight / square;
@@ -318,7 +319,7 @@ impl<const N: usize> pulp::WithSimd for PseudoLinear<'_, N> {
                 let [sine, cosine, weight, time, de, dn] = samples.load(simd, i, part);
                 let (mut x, mut y) = if turned {
                     // No part in it for the padding, whose weight is zero.
-                    let part_of = weight.choose_above(zero, one, zero);
+                    let part_of = weight.select_greater(zero, one, zero);
                     (-(sine * part_of), -(cosine * part_of))
                 } else {
                     (cosine * weight, -(sine * weight))
@@ -387,7 +388,7 @@ impl pulp::WithSimd for Triangularize<'_> {
                 for (q, x) in pivot.iter().zip(column) {
                     for part in 0..Lanes::<S>::PARTS {
                         let (q, old) = (Lanes::load(simd, q, part), Lanes::load(simd, x, part));
-                        q.mul_from(along, old).store(x, part);
+                        q.negate_mul_add(along, old).store(x, part);
                     }
                 }
             }
