@@ -86,7 +86,7 @@ def by_law(name: Any) -> Callable[[Any], Callable[[], Any]]:
     def prepare(data: Any) -> Callable[[], Any]:
         samples, _, distance = data
         return lambda: (
-            gm.maneuver.trajectory([0, distance], [0, 0], STEP, 1.0, samples, law=name).positions
+            gm.maneuver.trajectory([0, distance], [0, 0], STEP, 1.0, samples, law=name).path
         )
 
     return prepare

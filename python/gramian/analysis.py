@@ -145,7 +145,7 @@ class Observability:
     def to_dict(self) -> dict[str, Any]:
         """Return the answer as plain lists, numbers and strings, fit for JSON.
 
-        Infinite values, which JSON has not, become the strings "inf" and "-inf".
+        JSON has no infinity: infinite values become the strings "inf" and "-inf".
         """
         return {
             "status": self.status,
@@ -254,7 +254,7 @@ def analyze(
     singular values of the rows with unit columns, by orthogonal factorisation,
     so it does not depend on units. A prior makes a problem full rank; the status
     then compares the bound *from the measurements alone* with the prior, so that
-    what only the prior holds up is called "weak".
+    what only the prior determines is called "weak".
 
     Examples
     --------

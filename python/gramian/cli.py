@@ -214,7 +214,7 @@ def reproduce(
 
     for paper in list(PAPERS) if name == "all" else [name]:
         folder = out / paper if out and name == "all" else out
-        with _waiting(f"computing {paper}", quiet=json):
+        with _spinner(f"computing {paper}", quiet=json):
             report = run(paper)
         _finish(report, folder, json)
 
@@ -305,7 +305,7 @@ def _in(file: Path) -> Iterator[None]:
         raise ScenarioError(f"{file}: {error}") from error
 
 
-def _waiting(what: str, *, quiet: bool) -> Status:
+def _spinner(what: str, *, quiet: bool) -> Status:
     return Console(stderr=True, quiet=quiet).status(what)
 
 

@@ -22,7 +22,7 @@ class InputError(GramianError, ValueError):
 
 
 class ScenarioError(InputError):
-    """A mistake in a scenario file or in a file that it names."""
+    """An error in a scenario file or in a file that it names."""
 
 
 class StorageError(GramianError, OSError):

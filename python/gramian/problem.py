@@ -354,7 +354,7 @@ def from_function(
         accepts complex numbers and is analytic in them (no abs, no comparison);
         or the function `jacobian`.
     jacobian : callable, optional
-        Takes the state (n,), returns (K, n). Wanted by ``method="given"`` only.
+        Takes the state (n,), returns (K, n). Needed by ``method="given"`` only.
     units, scale, combinations : optional
         As for `Problem`. The scale also sets the step of the differences.
 

@@ -105,7 +105,7 @@ class Report:
     data: Mapping[str, Any] = field(default_factory=dict)
 
     def show(self, console: Console) -> None:
-        """Print the report, pictures apart, to a terminal."""
+        """Print the report to a terminal, without its pictures."""
         from rich.markup import escape
         from rich.table import Table as RichTable
 
@@ -176,7 +176,7 @@ class Report:
         try:
             import jinja2
         except ImportError as error:  # pragma: no cover - without the extra
-            raise GramianError("a report wants jinja2: pip install 'gramian[report]'") from error
+            raise GramianError("a report needs jinja2: pip install 'gramian[report]'") from error
         environment = jinja2.Environment(
             loader=jinja2.PackageLoader("gramian"),
             autoescape=True,
@@ -213,7 +213,7 @@ def answer_tables(answer: Observability, *, suggestions: int = 6) -> list[Table]
         tables.append(
             Table(
                 "What cannot be determined",
-                ["combination that moves unseen"],
+                ["unobservable combination"],
                 [[text] for text in answer.null_combinations],
                 "Moving the states together in these proportions changes no measurement.",
             )

@@ -59,7 +59,7 @@ def test_one_leg_is_unobservable_and_says_what_moves(scenario):
     report = exact.localize()
     assert (report.headline, report.tone) == ("UNOBSERVABLE", "bad")
     assert "state" not in report.data
-    assert report.facts[0][0] == "moves unseen"
+    assert report.facts[0][0] == "changes no measurement"
     known = scenario(
         ("launch.csv", "straight.csv"), ("duration = 900.0", "duration = 440.0"),
         more="[prior]\nvx = { mean = -3.4, sigma = 0.1 }\n",

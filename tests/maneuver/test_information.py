@@ -86,7 +86,7 @@ def test_information_adds_turns_and_scales():
 def test_trajectory_accumulates_the_same():
     path = man.trajectory([0.0, 1000.0], [0.0, 0.0], 20.0, 1.0, 120, sigma=0.02)
     for k in (1, 2, 64, 65, 120):
-        part = path.positions[:k]
+        part = path.path[:k]
         np.testing.assert_allclose(
             path.information[k - 1], man.fisher(part, [0, 1000], 0.02), rtol=1e-12, atol=1e-12
         )
@@ -97,7 +97,7 @@ def test_trajectory_accumulates_the_same():
 
 def test_the_bound_is_that_of_the_problem():
     path = man.trajectory([0.0, 1000.0], [0.0, 0.0], 20.0, 1.0, 120, sigma=0.02)
-    answer = gm.analyze(man.problem(path.positions, [0, 1000], 0.02))
+    answer = gm.analyze(man.problem(path.path, [0, 1000], 0.02))
     np.testing.assert_allclose(path.crlb_std[-1], answer.crlb_std, rtol=1e-12)
     assert np.isinf(path.crlb_std[0]).all()
 
@@ -114,12 +114,12 @@ def test_the_bound_is_that_of_the_problem():
         ({"target": [9.0, 9.0, 1.0, 1.0]}, "a moving target needs times"),
         ({"times": [0.0, 1.0, 2.0]}, "a fixed one has none"),
         ({"target": [9.0, 9, 1, 1], "times": [0.0, 2.0, 1.0]}, r"times\[2\] = 1 s: must be later"),
-        ({"positions": np.zeros((0, 2))}, "must not be empty"),
-        ({"positions": [[0.0, np.nan]]}, r"positions\[0, 1\] = NaN: must be finite"),
+        ({"path": np.zeros((0, 2))}, "must not be empty"),
+        ({"path": [[0.0, np.nan]]}, r"path\[0, 1\] = NaN: must be finite"),
     ],
 )
 def test_bad_input_is_named(change, message):
-    good = {"positions": [[0.0, 0.0], [5.0, 5.0], [0.0, 1.0]], "target": [9.0, 9.0], "sigma": 0.1}
+    good = {"path": [[0.0, 0.0], [5.0, 5.0], [0.0, 1.0]], "target": [9.0, 9.0], "sigma": 0.1}
     with pytest.raises(gm.InputError, match=message):
         man.fisher(**{**good, **change})
     with pytest.raises(gm.InputError, match=message):

@@ -15,7 +15,7 @@ CASE = {"target": [0.0, 1000.0], "start": [0.0, 0.0], "speed": 20.0, "dt": 1.0}
 
 @pytest.mark.parametrize("law", ["max_det", "hammel_liu"])
 def test_paths_equal_the_references(law):
-    path = gm.maneuver.trajectory(**CASE, steps=500, law=law, sigma=0.001**0.5)
+    path = gm.maneuver.trajectory(**CASE, samples=500, law=law, sigma=0.001**0.5)
     for samples, wanted in REFERENCE[law].items():
         k = int(samples) - 1
         got = {
@@ -23,8 +23,8 @@ def test_paths_equal_the_references(law):
             "J_xx": path.information[k, 0, 0],
             "J_yy": path.information[k, 1, 1],
             "range_m": path.ranges[k],
-            "x": path.positions[k, 0],
-            "y": path.positions[k, 1],
+            "x": path.path[k, 0],
+            "y": path.path[k, 1],
         }
         for name, value in wanted.items():
             assert got[name] == pytest.approx(value, rel=1e-12), (samples, name)
@@ -40,9 +40,9 @@ def test_range_follows_the_recursion():
 
 
 def test_bearing_rate_keeps_the_circle_and_perpendicular_leaves_it():
-    circle = gm.maneuver.trajectory(**CASE, steps=300, law="bearing_rate")
+    circle = gm.maneuver.trajectory(**CASE, samples=300, law="bearing_rate")
     np.testing.assert_allclose(circle.ranges, 1000.0, rtol=1e-12)
-    spiral = gm.maneuver.trajectory(**CASE, steps=300, law="perpendicular")
+    spiral = gm.maneuver.trajectory(**CASE, samples=300, law="perpendicular")
     np.testing.assert_allclose(spiral.ranges, np.sqrt(1000.0**2 + 400.0 * np.arange(300)))
 
 
@@ -74,24 +74,24 @@ def test_hammel_liu_maximises_the_integral_of_bearing_rate_over_range_for_small_
 
 @pytest.mark.parametrize("law", LAWS)
 def test_sides_mirror_and_geometry_turns(law):
-    path = gm.maneuver.trajectory(**CASE, steps=60, law=law)
-    left = gm.maneuver.trajectory(**CASE, steps=60, law=law, side=-1)
-    np.testing.assert_allclose(left.positions * [-1, 1], path.positions, atol=1e-9)
+    path = gm.maneuver.trajectory(**CASE, samples=60, law=law)
+    left = gm.maneuver.trajectory(**CASE, samples=60, law=law, side=-1)
+    np.testing.assert_allclose(left.path * [-1, 1], path.path, atol=1e-9)
     np.testing.assert_allclose(left.det, path.det, rtol=1e-12)
     turn = np.array([[0.6, -0.8], [0.8, 0.6]])
     shift = np.array([5000.0, -3000.0])
     turned = gm.maneuver.trajectory(turn @ [0, 1000] + shift, shift, 20.0, 1.0, 60, law=law)
-    np.testing.assert_allclose(turned.positions, path.positions @ turn.T + shift, atol=1e-8)
+    np.testing.assert_allclose(turned.path, path.path @ turn.T + shift, atol=1e-8)
     np.testing.assert_allclose(turned.det, path.det, rtol=1e-9)
 
 
 @pytest.mark.parametrize("law", LAWS)
 def test_trajectory_flies_the_headings_of_the_law(law):
-    path = gm.maneuver.trajectory(**CASE, steps=40, law=law, side=-1)
+    path = gm.maneuver.trajectory(**CASE, samples=40, law=law, side=-1)
     wanted = gm.maneuver.heading(path.bearings[:-1], path.ranges[:-1], 20.0, law, side=-1)
     np.testing.assert_allclose(np.cos(path.headings - wanted), 1.0, rtol=1e-14)
     legs = 20.0 * np.stack([np.sin(path.headings), np.cos(path.headings)], axis=-1)
-    np.testing.assert_allclose(np.diff(path.positions, axis=0), legs, atol=1e-10)
+    np.testing.assert_allclose(np.diff(path.path, axis=0), legs, atol=1e-10)
 
 
 def test_batches_equal_single_paths():
@@ -100,33 +100,33 @@ def test_batches_equal_single_paths():
     side = rng.choice([-1, 1], size=(3, 7))
     speed = rng.uniform(1, 4, size=7)
     batch = gm.maneuver.trajectory(targets, starts, speed, 2.0, 50, side=side, standoff=50.0)
-    assert batch.positions.shape == (3, 7, 50, 2)
+    assert batch.path.shape == (3, 7, 50, 2)
     for i, j in [(0, 0), (2, 6), (1, 3)]:
         one = gm.maneuver.trajectory(
             targets[i, 0], starts[j], speed[j], 2.0, 50, side=side[i, j], standoff=50.0
         )
-        for name in ("positions", "bearings", "ranges", "headings", "information", "det", "count"):
+        for name in ("path", "bearings", "ranges", "headings", "information", "det", "count"):
             np.testing.assert_allclose(
                 getattr(batch, name)[i, j], getattr(one, name), rtol=1e-12, atol=1e-12
             )
 
 
 def test_path_stops_at_the_standoff():
-    free = gm.maneuver.trajectory(**CASE, steps=400)
-    path = gm.maneuver.trajectory(**CASE, steps=400, standoff=800.0)
+    free = gm.maneuver.trajectory(**CASE, samples=400)
+    path = gm.maneuver.trajectory(**CASE, samples=400, standoff=800.0)
     flown = int(path.count)
     assert flown == np.count_nonzero(free.ranges >= 800.0)
-    np.testing.assert_array_equal(path.positions[:flown], free.positions[:flown])
-    assert (path.positions[flown:] == path.positions[flown - 1]).all()
+    np.testing.assert_array_equal(path.path[:flown], free.path[:flown])
+    assert (path.path[flown:] == path.path[flown - 1]).all()
     assert (path.det[flown:] == path.det[flown - 1]).all()
 
 
 def test_path_circles_at_the_standoff():
-    path = gm.maneuver.trajectory(**CASE, steps=400, standoff=800.0, at_standoff="circle")
+    path = gm.maneuver.trajectory(**CASE, samples=400, standoff=800.0, at_standoff="circle")
     assert path.ranges.min() >= 800.0 * (1 - 1e-12)
     np.testing.assert_allclose(path.ranges[-50:], 800.0, rtol=1e-12)
     assert path.count == 400
-    stopped = gm.maneuver.trajectory(**CASE, steps=400, standoff=800.0)
+    stopped = gm.maneuver.trajectory(**CASE, samples=400, standoff=800.0)
     assert path.det[-1] > 1.5 * stopped.det[-1]
 
 
@@ -148,7 +148,7 @@ def test_landing_on_the_target_is_an_error():
         ({"speed": 0.0}, "speed = 0.0 m/s: must be > 0"),
         ({"speed": [20.0, np.nan]}, r"speed\[1\] = nan m/s: must be > 0 and finite"),
         ({"dt": -1.0}, "dt = -1.0 s: must be > 0"),
-        ({"steps": 0}, "steps = 0: must be >= 1"),
+        ({"samples": 0}, "samples = 0: must be >= 1"),
         ({"start": [0.0, 1000.0]}, "position 0 is the target's"),
         ({"start": [0.0, 990.0]}, "sample 0: the step, 20 m, is longer than the range, 10 m"),
         ({"sigma": 0.0}, "sigma = 0 rad: must be > 0"),
@@ -164,7 +164,7 @@ def test_landing_on_the_target_is_an_error():
 )
 def test_bad_input_of_a_trajectory_is_named(change, message):
     with pytest.raises(gm.InputError, match=message):
-        gm.maneuver.trajectory(**{**CASE, "steps": 10, **change})
+        gm.maneuver.trajectory(**{**CASE, "samples": 10, **change})
 
 
 @pytest.mark.parametrize(

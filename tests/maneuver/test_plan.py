@@ -22,11 +22,11 @@ BEST = {
 
 @pytest.fixture(scope="module", params=list(BEST), ids=str)
 def case(request):
-    steps, standoff = request.param
+    samples, standoff = request.param
     before = gm.set_threads(1)
     started = time.thread_time()
     plan = gm.maneuver.plan(
-        TARGET, START, SPEED, DT, steps, criterion="D", sigma=SIGMA, standoff=standoff
+        TARGET, START, SPEED, DT, samples, criterion="D", sigma=SIGMA, standoff=standoff
     )
     seconds = time.thread_time() - started
     gm.set_threads(before)
@@ -332,8 +332,8 @@ def test_limits_that_nothing_keeps_are_told():
         ({"speed": np.nan}, "speed = nan: must be finite"),
         ({"dt": 0.0}, "dt = 0.0 s: must be > 0"),
         ({"dt": -1.0}, "dt = -1.0 s: must be > 0"),
-        ({"steps": 1}, "steps = 1: must be >= 2"),
-        ({"steps": 2.5}, "steps = 2.5"),
+        ({"samples": 1}, "samples = 1: must be >= 2"),
+        ({"samples": 2.5}, "samples = 2.5"),
         ({"start": [0.0, 1000.0]}, "start is on target"),
         ({"start": [0.0]}, "start has shape"),
         ({"target": [1.0, 2.0, 3.0]}, "target has shape"),
@@ -354,7 +354,7 @@ def test_limits_that_nothing_keeps_are_told():
     ],
 )
 def test_bad_input_is_named(change, words):
-    given_ = {"target": TARGET, "start": START, "speed": SPEED, "dt": DT, "steps": 40, **change}
-    positional = [given_.pop(name) for name in ("target", "start", "speed", "dt", "steps")]
+    given_ = {"target": TARGET, "start": START, "speed": SPEED, "dt": DT, "samples": 40, **change}
+    positional = [given_.pop(name) for name in ("target", "start", "speed", "dt", "samples")]
     with pytest.raises(gm.InputError, match=words):
         gm.maneuver.plan(*positional, **given_)

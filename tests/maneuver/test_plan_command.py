@@ -76,7 +76,7 @@ def test_the_examples_are_planned():
         ("count = 30", "count = 1", ":9: bearings.count = 1: must be >= 2"),
         ("lost = 0.2", "lost = 1.0", "closed_loop.lost = 1.0: must be < 1"),
         ("[limits]", '[prior]\ndepth = 1.0\n[limits]', "prior = 'depth': must be one of"),
-        ("speed = 20.0", "speed = [10.0, 20.0]", "closed_loop: wants one speed"),
+        ("speed = 20.0", "speed = [10.0, 20.0]", "closed_loop needs one speed"),
     ],
 )  # fmt: skip
 def test_mistakes_are_named(tmp_path, old, new, words):

@@ -269,7 +269,7 @@ def test_gramian_simulate_writes_its_report(file, tmp_path):
     wanted = gm.monte_carlo.run(scene(), 2000, 3)
     np.testing.assert_allclose(data["rmse"], wanted.rmse, rtol=1e-9)
     page = (out / "report.html").read_text()
-    for title in ("Errors of x0 and y0", "RMSE against the bound", "Is the covariance honest?"):
+    for title in ("Errors of x0 and y0", "RMSE against the bound", "Is the covariance consistent?"):
         assert title in page
     assert page.count("data:image/") >= 4
 

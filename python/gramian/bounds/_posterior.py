@@ -360,7 +360,7 @@ def posterior(
     std = packed[..., : steps * n].reshape(*batch, steps, n)
     # The least of all is NaN where one is: one way over the numbers, no array between.
     if np.isnan(packed.min(initial=0.0)):
-        raise InputError("a bound exceeds the numbers that can be held: choose other units")
+        raise InputError("a bound overflows float64: choose other units")
     roots = packed[..., steps * n :].reshape(*batch, steps if keep == "all" else 1, n, n)
     return PosteriorBound(
         std=std,

@@ -1,7 +1,9 @@
 """Files of tracks and measurements, as people have them.
 
-`read` takes one or more files and returns a `Recording`: `Track` objects and
-`Detections` of sensors, on one clock and in one plane. `FORMATS` lists what is read.
+- `read`: one or more files, as a `Recording` of `Track` objects and `Detections` of sensors,
+  on one clock and in one plane.
+- `joined`: several recordings as one; `unix_seconds`: dates as seconds.
+- `FORMATS`: what is read.
 """
 
 from gramian.io._read import FORMATS, joined, read, unix_seconds

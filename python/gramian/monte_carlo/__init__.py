@@ -1,4 +1,4 @@
-"""Monte Carlo: whether an estimator reaches its bound and is honest about its errors.
+"""Monte Carlo: whether an estimator reaches its bound, with a covariance that fits its errors.
 
 - `run` simulates an experiment many times, estimates in every trial, and sets the errors
   beside the bound: a `MonteCarloResult`, with `Nees`, `Quantity` and `Failure`.

@@ -18,9 +18,9 @@ __all__ = [
     "HEAD",
     "Chunk",
     "Failure",
-    "Rows",
     "Statistics",
     "Task",
+    "TrialTable",
     "chunk_size",
     "nees_marks",
 ]
@@ -120,7 +120,7 @@ class Chunk:
 
 
 @dataclass(eq=False)
-class Rows:
+class TrialTable:
     """What came of the trials from `first` on, each with its place in every array.
 
     Attributes
@@ -138,7 +138,7 @@ class Rows:
     quantities: dict[str, Array] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, table: Table) -> Rows:
+    def of(cls, table: Table) -> TrialTable:
         """Return the columns of a table, as `table` writes them."""
         names = table.dtype.names or ()
         errors = [name for name in names if name.startswith(ERROR)]
@@ -193,7 +193,7 @@ class Task:
 
     def run(self, first: int, trials: int) -> Chunk:
         """Simulate and estimate `trials` trials from `first` on."""
-        rows, notes = Rows(first, np.zeros(trials, dtype=np.int16)), _Notes()
+        rows, notes = TrialTable(first, np.zeros(trials, dtype=np.int16)), _Notes()
         measurements = None
         if callable(self.estimator) or any(self.quantities.values()):
             measurements = self.experiment.simulate(self.seed, first, trials)
@@ -210,7 +210,7 @@ class Task:
             self._quantity(name, function, measurements, rows, notes)
         return self.digest(rows, tuple(notes.failures.values()))
 
-    def digest(self, rows: Rows, failures: tuple[Failure, ...]) -> Chunk:
+    def digest(self, rows: TrialTable, failures: tuple[Failure, ...]) -> Chunk:
         """Return the chunk of finished rows, fresh or from a file."""
         errors = histogram = None
         inside = 0
@@ -236,7 +236,7 @@ class Task:
             rows.table(self.dtype) if self.keep else None,
         )
 
-    def _take(self, found: Estimates, rows: Rows, notes: _Notes) -> None:
+    def _take(self, found: Estimates, rows: TrialTable, notes: _Notes) -> None:
         trials, n = len(rows.status), len(self.experiment.names)
         if not isinstance(found, Estimates):
             raise InputError(f"estimate returned a {type(found).__name__}: must be Estimates")
@@ -268,7 +268,9 @@ class Task:
         errors[bad] = nees[bad] = np.nan
         rows.status, rows.errors, rows.nees = status, errors, nees
 
-    def _estimate(self, estimator: Estimator, measurements: Any, rows: Rows, notes: _Notes) -> None:
+    def _estimate(
+        self, estimator: Estimator, measurements: Any, rows: TrialTable, notes: _Notes
+    ) -> None:
         truth = np.asarray(self.experiment.truth, dtype=float)
         trials, n = len(rows.status), len(truth)
         errors = rows.errors = np.full((trials, n), np.nan)
@@ -292,7 +294,7 @@ class Task:
         rows.nees = self._nees(errors, rows, covariances, notes)
 
     def _nees(
-        self, errors: Array, rows: Rows, covariances: Mapping[int, Array], notes: _Notes
+        self, errors: Array, rows: TrialTable, covariances: Mapping[int, Array], notes: _Notes
     ) -> Array:
         """Return the squared errors over the covariances claimed, or else over the bound."""
         trials = len(rows.status)
@@ -327,7 +329,7 @@ class Task:
         name: str,
         function: Callable[[Any], Any] | None,
         measurements: Any,
-        rows: Rows,
+        rows: TrialTable,
         notes: _Notes,
     ) -> None:
         trials = len(rows.status)

@@ -250,24 +250,20 @@ class Measurements(Experiment):
     truth: ArrayLike
     sigma: ArrayLike
     names: Sequence[str]
-    unit_names: Sequence[str] | None = None
+    units: Sequence[str] = ()
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "units", tuple(self.units) or ("",) * len(self.names))
         if not callable(self.h):
             raise InputError(f"h is a {type(self.h).__name__}: must be a function of the state")
         # Checks everything else.
         self.problem()
 
-    @property
-    def units(self) -> Sequence[str]:
-        """Their units."""
-        return self.unit_names or ("",) * len(self.names)
-
     def problem(self) -> Problem:
         """Return the problem at the truth, by differences."""
         if np.ndim(self.sigma) > 1:
             raise InputError("sigma has two axes: must be one number, or one for each measurement")
-        return from_function(self.h, self.truth, self.sigma, self.names, units=self.unit_names)
+        return from_function(self.h, self.truth, self.sigma, self.names, units=self.units)
 
     def simulate(self, seed: int, first: int, trials: int) -> Array:
         """Return measurements (trials, K)."""

@@ -139,7 +139,7 @@ def rmse_and_bound(result: MonteCarloResult, axes: Axes) -> None:
 
 
 def nees_histogram(result: MonteCarloResult, axes: Axes) -> None:
-    """Draw the NEES with the chi-square density that an honest estimator has."""
+    """Draw the NEES with the chi-square density of a consistent estimator."""
     nees = result.nees
     if nees is None:
         axes.set_title("no NEES: no covariance to compare with", fontsize="medium")

@@ -68,7 +68,7 @@ def _facts(result: MonteCarloResult) -> list[tuple[str, str]]:
         answer = "yes" if result.nees.consistent else "NO"
         facts.append(
             (
-                "is its covariance honest?",
+                "is its covariance consistent?",
                 f"{answer}: NEES {result.nees.mean:.4g}, expected {low:.4g} to {high:.4g}; "
                 f"{100 * result.nees.inside:.3g} % of the errors within the 95 % ellipsoid",
             )
@@ -141,9 +141,9 @@ def _pictures(result: MonteCarloResult) -> list[Picture]:
     if result.nees is not None:
         shown.append(
             Picture(
-                "Is the covariance honest?",
-                "Squared errors over the covariance that the estimator claims: an honest one "
-                "follows the chi-square curve, a bold one lies to its right.",
+                "Is the covariance consistent?",
+                "Squared errors over the covariance that the estimator claims: a consistent one "
+                "follows the chi-square curve, an optimistic one lies to its right.",
                 lambda: plot.single(result, plot.nees_histogram),
             )
         )

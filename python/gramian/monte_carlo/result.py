@@ -330,7 +330,7 @@ class MonteCarloResult:
         """Return everything but tables and timings as plain values, fit for JSON.
 
         Two runs with equal numbers have equal dictionaries. Infinite values and
-        NaN, which JSON has not, become the strings "inf", "-inf" and "nan".
+        NaN, which JSON does not have, become the strings "inf", "-inf" and "nan".
         """
         values: dict[str, Any] = {
             "verdict": self.verdict,
@@ -395,14 +395,14 @@ class MonteCarloResult:
 
             return pa.table(self._state_columns())
         except ImportError as error:  # pragma: no cover - without the extra
-            raise GramianError("tables want pyarrow: pip install 'gramian[interop]'") from error
+            raise GramianError("tables need pyarrow: pip install 'gramian[interop]'") from error
 
     def to_pandas(self, what: Literal["trials", "states"] = "trials") -> Any:
         """Return the same as `to_arrow` as a pandas DataFrame."""
         try:
             import pandas as pd
         except ImportError as error:  # pragma: no cover - without the extra
-            raise GramianError("frames want pandas: pip install 'gramian[interop]'") from error
+            raise GramianError("frames need pandas: pip install 'gramian[interop]'") from error
         if what == "trials":
             table = self._trials()
             return pd.DataFrame({name: table[name] for name in table.dtype.names or ()})

@@ -65,7 +65,7 @@ class Store:
         try:
             import pyarrow.parquet  # noqa: F401
         except ImportError as error:  # pragma: no cover - without the extra
-            raise GramianError("resume wants pyarrow: pip install 'gramian[interop]'") from error
+            raise GramianError("resume needs pyarrow: pip install 'gramian[interop]'") from error
         self._lock: IO[str] | None = None
         if not (isinstance(path, (str, os.PathLike)) and str(path)) or "\0" in str(path):
             raise InputError(f"resume = {path!r}: must be the path of a directory")

@@ -20,9 +20,9 @@ from gramian.monte_carlo.chunks import (
     Chunk,
     Estimator,
     Failure,
-    Rows,
     Statistics,
     Task,
+    TrialTable,
     chunk_size,
     nees_marks,
 )
@@ -257,7 +257,7 @@ def _collect(
                 yield first, count
             else:
                 table, failures = found
-                total.add(task.digest(Rows.of(table), failures), fresh=False)
+                total.add(task.digest(TrialTable.of(table), failures), fresh=False)
                 advance(count)
 
     starts = range(0, trials, size)

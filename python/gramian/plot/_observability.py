@@ -61,5 +61,5 @@ def null_space(answer: Observability, axes: Axes) -> None:
     axes.axvline(0, color="black", linewidth=0.8)
     axes.set_yticks(range(n), answer.names)
     axes.invert_yaxis()
-    axes.set_title("moves together, unseen")
+    axes.set_title("unobservable combinations")
     axes.set_xlabel("each state in units of its scale")

@@ -10,13 +10,13 @@ from gramian.exceptions import GramianError
 try:
     from matplotlib.figure import Figure
 except ImportError as error:  # pragma: no cover - without the extra
-    raise GramianError("pictures want matplotlib: pip install 'gramian[plot]'") from error
+    raise GramianError("pictures need matplotlib: pip install 'gramian[plot]'") from error
 
 __all__ = ["COLORS", "Figure", "ellipse", "figure"]
 
 Array = NDArray[np.float64]
 
-#: Colours that stay apart for colour-blind readers (Okabe & Ito).
+#: Colours that colour-blind readers can distinguish (Okabe & Ito).
 COLORS = {
     "observer": "#0072B2",
     "target": "#D55E00",

@@ -20,7 +20,7 @@ PAPERS: dict[str, str] = {
 
 
 def reproduce(name: str) -> Report:
-    """Compute what a paper prints and set it beside the print.
+    """Compute the figures of a paper and compare them with the printed values.
 
     Parameters
     ----------

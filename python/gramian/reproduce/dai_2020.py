@@ -40,7 +40,7 @@ FREE = [0, 1, 3, 4, 6, 7, 8]
 
 
 def run(*, generations: int = 400) -> Report:
-    """Compute Tables 1 to 3 and Figs. 2 and 3 and set them beside the print.
+    """Compute Tables 1 to 3 and Figs. 2 and 3 and compare them with the printed values.
 
     Parameters
     ----------

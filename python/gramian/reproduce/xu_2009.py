@@ -56,7 +56,7 @@ def _case(law: Law, **change: Any) -> Trajectory:
         "start": [0.0, 0.0],
         "speed": 20.0,
         "dt": 1.0,
-        "steps": 500,
+        "samples": 500,
         "sigma": 0.001**0.5,
     }
     return trajectory(law=law, **(setting | change))
@@ -79,7 +79,7 @@ def computed() -> dict[str, dict[Law, list[float]]]:
 
 
 def run() -> Report:
-    """Compute the tables and figures and set them beside the print."""
+    """Compute the tables and figures and compare them with the printed values."""
     ours = computed()
     equal, total, surprises, tables = 0, 0, [], []
     for number, (label, laws) in enumerate(PRINTED.items(), start=1):
@@ -164,14 +164,14 @@ def _pictures() -> list[Picture]:
             "Figure 5",
             "The right branch at V = 30 m/s: a spiral inward. The paper runs 4000 samples; "
             "the law ends where the range comes down to a step, so the path stops there.",
-            lambda: _paths([("right", _case("max_det", speed=30.0, steps=4000, standoff=30.0))]),
+            lambda: _paths([("right", _case("max_det", speed=30.0, samples=4000, standoff=30.0))]),
         ),
         Picture(
             "Figure 6",
             "Both branches at V = 50 m/s: mirror images. They end at a step's range too.",
             lambda: _paths(
                 [
-                    (name, _case("max_det", speed=50.0, steps=500, standoff=50.0, side=side))
+                    (name, _case("max_det", speed=50.0, samples=500, standoff=50.0, side=side))
                     for name, side in (("right", 1), ("left", -1))
                 ]
             ),
@@ -188,7 +188,7 @@ def _pictures() -> list[Picture]:
                             "max_det",
                             target=[0.0, 500.0],
                             speed=speed,
-                            steps=200,
+                            samples=200,
                             side=side,
                             standoff=speed,
                         ),
@@ -211,7 +211,7 @@ def _pictures() -> list[Picture]:
                             "max_det",
                             start=[0.0, 1000.0 - first],
                             speed=15.0,
-                            steps=600,
+                            samples=600,
                             standoff=15.0,
                         ),
                     )
@@ -256,14 +256,14 @@ def _paths(paths: Sequence[tuple[str, Trajectory]], colors: int = 1) -> Figure:
     axes = fig.subplots()
     palette = _palette()
     for i, (name, path) in enumerate(paths):
-        flown = path.positions[: int(path.count)]
+        flown = path.path[: int(path.count)]
         color = palette[i // colors]
         axes.plot(*flown.T, color=color, linewidth=1.2, label=name or None)
         axes.plot(*flown[0], "o", color=color, markersize=5)
     # The target is the same in all: along the first bearing at the first range.
     first = paths[0][1]
     sight = np.array([np.sin(first.bearings[0]), np.cos(first.bearings[0])])
-    target = first.positions[0] + first.ranges[0] * sight
+    target = first.path[0] + first.ranges[0] * sight
     axes.plot(*target, "*", color=COLORS["target"], markersize=13, label="target")
     axes.set_aspect("equal")
     axes.set_xlabel("east (m)")

@@ -93,7 +93,7 @@ ZERO = 1e-16
 
 
 def run() -> Report:
-    """Compute everything and set it beside the print."""
+    """Compute everything and compare it with the printed values."""
     system = inertial.static_base(np.radians(28.15))
     found = linear.degree(system, method="order")
     assert isinstance(found, linear.Degree)
@@ -105,8 +105,8 @@ def run() -> Report:
     agrees = counts["agrees"]
     verdict_line = (
         f"{agrees} of {counts['all']} legible entries of table 1 agree in sign and both digits, "
-        f"{counts['noise']} are rounding noise in the print, "
-        f"{counts['differs']} contradict the print's own orthogonality"
+        f"{counts['noise']} are rounding noise in the paper, "
+        f"{counts['differs']} contradict the paper's own orthogonality"
     )
     information = linear.degree(system, window=3600.0, dt=1.0)
     assert isinstance(information, linear.Information)
@@ -160,7 +160,7 @@ def verdict(printed: str, computed: float) -> str:
 
 
 def _vector(found: linear.Degree, name: str) -> Array:
-    """Return an eigenvector with the sign of the print."""
+    """Return an eigenvector with the sign printed."""
     vector = found.vectors[:, int(name[1:]) - 1]
     largest = max(PRINTED[name], key=lambda state: abs(float(PRINTED[name][state])))
     i = found.names.index(largest)
@@ -170,8 +170,8 @@ def _vector(found: linear.Degree, name: str) -> Array:
 def _entries(found: linear.Degree) -> tuple[list[Table], dict[str, int]]:
     words = {
         "agrees": "agrees",
-        "noise": "the print's rounding: it is 0",
-        "differs": "the print is wrong: 0.0099, by its own s14 and s15",
+        "noise": "rounding in the paper: it is 0",
+        "differs": "misprint: 0.0099 by its own s14 and s15",
     }
     counts = {"all": 0, "agrees": 0, "noise": 0, "differs": 0, "unit": 0}
     rows = []
@@ -191,7 +191,7 @@ def _entries(found: linear.Degree) -> tuple[list[Table], dict[str, int]]:
     note = (
         f"{counts['unit']} entries that are 1 by the vectors' length are shown but not counted. "
         "Left out: the null space and the pair s8, s9, whose mixing is arbitrary (0.19 and 0.98, "
-        "1.8e-3, 5.4e-6, 3.3e-10 in the print), and entries below 1e-14."
+        "1.8e-3, 5.4e-6, 3.3e-10 in the paper), and entries below 1e-14."
     )
     return [
         Table("Table 1, eigenvectors", ["vector", "state", "printed", "computed", ""], rows, note)

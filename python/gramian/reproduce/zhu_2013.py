@@ -95,8 +95,8 @@ def run() -> Report:
         facts=[
             (
                 "parameters",
-                "A (0, 0), B (60, 0) km, 50 m, 0.1 deg; the print lost its own, so no printed "
-                "number stands beside these",
+                "A (0, 0), B (60, 0) km, 50 m, 0.1 deg; the paper does not give its own: no "
+                "printed number to compare with",
             )
         ],
         tables=[

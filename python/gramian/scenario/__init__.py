@@ -1,7 +1,9 @@
 """Scenario files: what a command works on, in TOML, checked key by key.
 
-`load` reads one, as the `Scenario` of its model; `draft` writes one for files of tracks and
-measurements, and `from_files` does without.
+- `load`: a file, as the `Scenario` of its model.
+- `draft`: a scenario to start from, for files of tracks and measurements; `from_files`:
+  the analysis of such files without one. `Choices` says which of their tracks are meant.
+- `schema`: the JSON Schema of every key, for editors.
 """
 
 from gramian.scenario._draft import Choices, draft, from_files

@@ -28,7 +28,7 @@ def load(path: Path | str) -> Scenario:
     Raises
     ------
     ScenarioError
-        With file, line, key, value and what was expected, for each mistake.
+        With file, line, key, value and what was expected, for each error.
     """
     path = Path(path)
     try:

@@ -30,7 +30,7 @@ class Simulation:
 
 
 class Section(BaseModel):
-    """A table of a scenario file: unknown keys, NaN and infinity are mistakes.
+    """A table of a scenario file: unknown keys, NaN and infinity are errors.
 
     So are true, false and "1" for a number, at any depth.
     """
@@ -61,7 +61,7 @@ class Scenario(Section):
         """Return the path of a file that is named relative to the scenario file."""
         return self._path.parent / name
 
-    def mistake(self, key: str, message: str) -> ScenarioError:
+    def error(self, key: str, message: str) -> ScenarioError:
         """Return an error about a key that only the whole scenario shows to be wrong."""
         return ScenarioError(f"{self._path}: {key}: {message}")
 

@@ -173,7 +173,7 @@ impl<'py> Inputs<'py> {
         sigma: &Bound<'py, PyAny>,
         times: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Self> {
-        let mut positions = Input::unchecked(positions, "positions", 2)?;
+        let mut positions = Input::unchecked(positions, "path", 2)?;
         positions.expect(&[None, Some(2)], "an east and a north for each bearing")?;
         positions.expect_entries()?;
         let m = positions.core_shape()[0];

@@ -45,16 +45,16 @@ def localize(scenario: BearingsScenario) -> Report:
             subtitle=subtitle,
             tone="bad",
             headline="UNOBSERVABLE",
-            verdict="no position can be told from these bearings",
+            verdict="these bearings do not determine a position",
             facts=[
-                *(("moves unseen", text) for text in error.null_combinations),
+                *(("changes no measurement", text) for text in error.null_combinations),
                 ("what would help", "a turn of the observer, or a prior on one of these states"),
             ],
             data={"model": scenario.model, "status": "unobservable",
                   "null_combinations": list(error.null_combinations)},
         )  # fmt: skip
     except InputError as error:
-        raise scenario.mistake("bearings", str(error)) from error
+        raise scenario.error("bearings", str(error)) from error
     return _report(scenario, title, subtitle, times, seen, observer, answer)
 
 
@@ -175,9 +175,7 @@ def _measured(scenario: BearingsScenario) -> tuple[Array, Array]:
     """Return the measured bearings that are within the window."""
     given, recording = scenario.bearings, scenario.recording
     if given is None and not recording.sensors:
-        raise scenario.mistake(
-            "bearings", "is missing: localize needs the file of measured bearings"
-        )
+        raise scenario.error("bearings", "is missing: localize needs the file of measured bearings")
     seen = {name: d for name, d in recording.sensors.items() if d.bearing is not None}
     name = given.sensor if given is not None else None
     if name is None and len(seen) == 1:
@@ -185,14 +183,14 @@ def _measured(scenario: BearingsScenario) -> tuple[Array, Array]:
     if name is None or name not in seen:
         there = ", ".join(map(repr, seen)) or "none"
         problem = "is missing" if name is None else f"no sensor is named {name!r}"
-        raise scenario.mistake("bearings.sensor", f"{problem}: sensors with bearings are {there}")
+        raise scenario.error("bearings.sensor", f"{problem}: sensors with bearings are {there}")
     times, bearing = seen[name].times, np.asarray(seen[name].bearing)
     inside = np.isfinite(bearing)
     if scenario.window is not None:
         first, last = scenario.start, scenario.start + scenario.window.duration
         inside &= (times >= first) & (times <= last)
         if not inside.any():
-            raise scenario.mistake(
+            raise scenario.error(
                 "window",
                 f"{recording.where} has no bearing from {recording.when(first)} to "
                 f"{recording.when(last)}: they are from {recording.when(float(times[0]))} to "
@@ -203,17 +201,17 @@ def _measured(scenario: BearingsScenario) -> tuple[Array, Array]:
 
 def _prior(scenario: BearingsScenario) -> dict[str, tuple[float, float]]:
     if scenario.known:
-        raise scenario.mistake(
-            "known", "localize wants a value too: give a prior with a mean and a small sigma"
+        raise scenario.error(
+            "known", "localize needs a value too: give a prior with a mean and a small sigma"
         )
     prior: dict[str, tuple[float, float]] = {}
     for name, value in scenario.prior.items():
         if name not in _rows.NAMES:
-            raise scenario.mistake(
+            raise scenario.error(
                 f"prior.{name}", f"localize takes priors of {', '.join(_rows.NAMES)}"
             )
         if isinstance(value, float) or value.mean is None:
-            raise scenario.mistake(f"prior.{name}", "localize wants its mean beside its sigma")
+            raise scenario.error(f"prior.{name}", "localize needs its mean beside its sigma")
         prior[name] = (value.mean, value.sigma)
     return prior
 

@@ -143,7 +143,7 @@ def _position_covariance(answer: Observability) -> Array:
 
 
 def _error_axis(answer: Observability) -> Array:
-    """Return the direction in the plane along which the position moves unseen."""
+    """Return the direction in the plane along which the position changes no measurement."""
     direction = np.zeros(2)
     source = answer.null_space[:, 0] if answer.nullity else answer.weakest_direction
     for i, name in enumerate(("x0", "y0")):

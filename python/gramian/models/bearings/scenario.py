@@ -201,7 +201,7 @@ class BearingsScenario(Scenario):
     def geometry(self) -> Geometry:
         """Where observer and target are at each instant."""
         if self.target is None and self.tracks.target is None and self.tracks.target_file is None:
-            raise self.mistake(
+            raise self.error(
                 "tracks.target", "is missing: analyze and simulate ask about a given target"
             )
         times = self.times
@@ -264,7 +264,7 @@ class BearingsScenario(Scenario):
             return self.window.times(self.start)
         first, last = self._span()
         if not last > first:
-            raise self.mistake("window", "the tracks have no time in common: give a window")
+            raise self.error("window", "the tracks have no time in common: give a window")
         return np.linspace(first, last, 61)
 
     @property
@@ -274,11 +274,11 @@ class BearingsScenario(Scenario):
         if isinstance(start, float):
             return start
         if self.recording.epoch is None:
-            raise self.mistake("window.start", f"{start!r} is a date, and the files have none")
+            raise self.error("window.start", f"{start!r} is a date, and the files have none")
         try:
             return io.unix_seconds(start) - self.recording.epoch
         except ValueError:
-            raise self.mistake(
+            raise self.error(
                 "window.start", f"{start!r}: must be seconds or a date (2026-05-01T12:00:00Z)"
             ) from None
 
@@ -295,17 +295,17 @@ class BearingsScenario(Scenario):
         try:
             return self.recording.track(name)
         except InputError as error:
-            raise self.mistake("tracks", str(error)) from error
+            raise self.error("tracks", str(error)) from error
 
     def track(self, name: str | None, times: Array) -> Array:
         """Return the positions of a track at given times, interpolated between its reports."""
         track = self._named(name)
         if track.times.size < 2:
-            raise self.mistake("tracks", f"{track.name} has 1 report: must have at least 2")
+            raise self.error("tracks", f"{track.name} has 1 report: must have at least 2")
         try:
             return track.at(times, self.tracks.max_gap)
         except InputError as error:
-            raise self.mistake("window", str(error).replace("max_gap", "tracks.max_gap")) from error
+            raise self.error("window", str(error).replace("max_gap", "tracks.max_gap")) from error
 
     def target_at(self, times: Array) -> Array:
         """Return the recorded positions of the target at given times."""
@@ -315,7 +315,7 @@ class BearingsScenario(Scenario):
             others = [track for track in self.recording.tracks if track != observer]
             if len(others) != 1:
                 there = ", ".join(map(repr, others)) or "none"
-                raise self.mistake(
+                raise self.error(
                     "tracks.target", f"is missing: beside {observer!r} there are {there}"
                 )
             name = others[0]
@@ -337,11 +337,11 @@ class BearingsScenario(Scenario):
                 priors[name] = value if isinstance(value, float) else value.sigma
             else:
                 what = "a known state" if name in self.known else "undefined for this target"
-                raise self.mistake(f"prior.{name}", f"is {what}")
+                raise self.error(f"prior.{name}", f"is {what}")
         return problem.prior(priors)
 
     def analyze(self) -> Report:
-        """Answer whether the target's motion can be told from its bearings, and how well."""
+        """Answer whether the target's motion can be determined from its bearings, and how well."""
         geometry, problem = self.geometry, self.problem
         answer = analyze(problem)
         relative = _relative(answer, geometry)
@@ -419,11 +419,11 @@ class BearingsScenario(Scenario):
 
         geometry = self.geometry
         if self.known:
-            raise self.mistake("known", "simulate estimates every state: give a [prior] instead")
+            raise self.error("known", "simulate estimates every state: give a [prior] instead")
         priors: dict[str, float] = {}
         for name, value in self.prior.items():
             if name not in _rows.NAMES:
-                raise self.mistake(
+                raise self.error(
                     f"prior.{name}", "simulate takes what is known of x0, y0, vx and vy alone"
                 )
             priors[name] = value if isinstance(value, float) else value.sigma

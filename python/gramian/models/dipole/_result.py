@@ -66,7 +66,7 @@ class Localization:
     sigma : float
         The standard deviation given or estimated, tesla.
     explained : float
-        Fraction of the field's sum of squares, background off and spikes apart,
+        Fraction of the field's sum of squares, without background and spikes,
         that the model explains.
     spikes : int
         Samples of a sensor that were rejected.

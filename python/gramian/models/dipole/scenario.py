@@ -160,7 +160,7 @@ class DipoleScenario(Scenario):
             chosen = words["selection"] == record.select.value
             if not chosen.any():
                 there = ", ".join(sorted(set(words["selection"])))
-                raise self.mistake(
+                raise self.error(
                     "record.select.value", f"{record.select.value!r} is not in {path}: {there}"
                 )
         times = values.pop("time")[chosen]
@@ -192,12 +192,12 @@ class DipoleScenario(Scenario):
                     starts=fit.starts,
                 )
             except UserWarning as warning:
-                raise self.mistake("record.unit", str(warning)) from None
+                raise self.error("record.unit", str(warning)) from None
 
     def localize(self) -> Report:
         """Estimate the pass from its field."""
         if self.record is None:
-            raise self.mistake("record", "is missing: there is nothing to locate from")
+            raise self.error("record", "is missing: there is nothing to locate from")
         try:
             found = self.locate()
         except UnobservableError as error:
@@ -253,7 +253,7 @@ class DipoleScenario(Scenario):
         sizes = [name for name in names if name not in _model.NAMES]
         fixed = [name for name in _model.NAMES if name in names]
         if len(fixed) == 9:
-            raise self.mistake("known", "names every state: nothing is left to determine")
+            raise self.error("known", "names every state: nothing is left to determine")
         if fixed:
             problem = problem.fix(*fixed)
         # Exactly known sizes: to a millionth of themselves, so that they stay rows.
@@ -261,7 +261,7 @@ class DipoleScenario(Scenario):
         sigmas |= {_long(name): value.sigma for name, value in self.prior.items()}
         for name in sigmas:
             if name not in problem.names and name not in problem.combinations:
-                raise self.mistake(f"prior.{name}", "is of something that is known")
+                raise self.error(f"prior.{name}", "is of something that is known")
         answer = analyze(problem.prior(sigmas) if sigmas else problem)
         return Report(
             title=self._title,
@@ -285,7 +285,7 @@ class DipoleScenario(Scenario):
         from gramian.monte_carlo import Dipole
 
         if self.assumed is None:
-            raise self.mistake("pass", "is missing: there is nothing to simulate")
+            raise self.error("pass", "is missing: there is nothing to simulate")
         given = self.assumed
         return Simulation(
             Dipole(
@@ -315,7 +315,7 @@ class DipoleScenario(Scenario):
         run in one go: there is nothing to resume.
         """
         if self.assumed is None:
-            raise self.mistake("pass", "is missing: there is nothing to simulate")
+            raise self.error("pass", "is missing: there is nothing to simulate")
         given = self.assumed
         state = np.array([*given.r0, *given.v, *given.m])
         if not self.prior and all(

@@ -114,7 +114,7 @@ class InertialScenario(Scenario):
                 **priors,
             )
         except InputError as error:
-            raise self.mistake("flight", str(error)) from error
+            raise self.error("flight", str(error)) from error
         return self._in_flight(flight, place)
 
     def _check_size(self, flight: Flown) -> None:
@@ -125,14 +125,14 @@ class InertialScenario(Scenario):
             if leg.turn_deg or leg.speed_change
         )
         if pieces > 2000:
-            raise self.mistake(
+            raise self.error(
                 "flight.legs",
                 f"turning and changing speed make {pieces:.0f} pieces of 5 s or 3 deg, more than "
                 "2000: shorten these legs",
             )
         samples = sum(leg.duration for leg in flight.legs) / self._step
         if samples > 2e4:
-            raise self.mistake(
+            raise self.error(
                 "window.step",
                 f"the flight has {samples:.3g} samples of {self._step:g} s, more than 20 000: "
                 "a longer step or shorter legs",

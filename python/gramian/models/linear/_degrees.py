@@ -246,7 +246,10 @@ def degree(
     """
     if method == "information":
         if window is None or dt is None:
-            raise InputError('method = "information" wants window and dt: over what, how often')
+            raise InputError(
+                'method = "information" needs window and dt: the span of the '
+                "samples and the time between them"
+            )
         return information(
             A, C, window=window, dt=dt, R=R, Q=Q, prior=prior, names=names, time=time
         )
@@ -262,8 +265,8 @@ def degree(
     singular, directions = _core.right_singular(observability_matrix(system.A, system.C))
     if not 1e-150 < singular.max() < 1e150 and singular.max() != 0:
         raise InputError(
-            "the observability matrix is too small or too large for its squares to be held: "
-            "choose other units"
+            "the observability matrix is too small or too large: its squares overflow or "
+            "underflow float64: choose other units"
         )
     singular, vectors = singular[::-1], directions[::-1].T
     # The sign of a singular vector is free: its largest component is positive.
@@ -373,7 +376,7 @@ def information(
         raise InputError(f"prior is missing for {missing}: the degree compares with it")
     if not ((std > 1e-150) & (std < 1e150)).all():
         raise InputError(
-            f"prior goes from {std.min():.3g} to {std.max():.3g}: the squares cannot be held"
+            f"prior goes from {std.min():.3g} to {std.max():.3g}: their squares overflow float64"
         )
     if covariance is None:
         root = np.diag(std)
@@ -403,8 +406,8 @@ def posterior(
     singular, directions = _core.right_singular(seen)
     if not np.isfinite(singular).all():
         raise InputError(
-            "outputs and priors are too small or too large for their squares to be held: "
-            "choose other units"
+            "outputs and priors are too small or too large: their squares overflow or "
+            "underflow float64: choose other units"
         )
     moves = root @ directions.T
     prior = np.sqrt((root**2).sum(axis=1))

@@ -95,7 +95,7 @@ class LinearScenario(Scenario):
             )
             observed = self._observed(found) if self.window and self.prior else None
         except InputError as error:
-            raise self.mistake("system", str(error)) from error
+            raise self.error("system", str(error)) from error
         count = len(self.system.C)
         outputs = "1 output" if count == 1 else f"{count} outputs"
         return linear_report(
@@ -108,10 +108,10 @@ class LinearScenario(Scenario):
         if missing or len(self.prior) > len(found.names):
             unknown = [name for name in self.prior if name not in found.names]
             if unknown:
-                raise self.mistake(
+                raise self.error(
                     f"prior.{unknown[0]}", f"no state has that name: {', '.join(found.names)}"
                 )
-            raise self.mistake("prior", f"{', '.join(missing)} has none: every state needs one")
+            raise self.error("prior", f"{', '.join(missing)} has none: every state needs one")
         sigma = np.broadcast_to(np.asarray(self.noise.output, dtype=float), (len(self.system.C),))
         seen = _windows.rows(
             self.system.A,
@@ -280,7 +280,7 @@ def _null_table(found: Levels) -> list[Table]:
     return [
         Table(
             "What cannot be determined",
-            ["combination that moves unseen"],
+            ["unobservable combination"],
             [[text] for text in found.null_combinations],
             "Moving the states together in these proportions changes no output, ever.",
         )
@@ -301,7 +301,7 @@ def _ratio_table(information: Information, found: Levels, where: str, unit: str)
                 f"{information.ratio[i]:.3g}",
             ]
         )
-    column = "alone known from derivative" + (f", {where}" if where else "")
+    column = "known on its own from derivative" + (f", {where}" if where else "")
     return Table(
         f"After a window of {information.window:g} {unit}".rstrip(),
         ["state", column, "prior", "posterior", "unit", "posterior / prior"],

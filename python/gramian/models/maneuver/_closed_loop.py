@@ -29,12 +29,12 @@ class LoopRun:
     ----------
     method : str
         A law, or "plan".
-    paths : ndarray, shape (trials, steps, 2)
-    estimates : ndarray, shape (trials, steps, 2)
+    paths : ndarray, shape (trials, samples, 2)
+    estimates : ndarray, shape (trials, samples, 2)
         Of the target, after each bearing.
-    believed : ndarray, shape (trials, steps)
+    believed : ndarray, shape (trials, samples)
         The standard deviation of the position that the estimator believes, metres.
-    errors : ndarray, shape (trials, steps)
+    errors : ndarray, shape (trials, samples)
         Distance of the estimate from the target, metres.
     nearest : ndarray, shape (trials,)
         The smallest true range of a path, metres: below the stand-off range
@@ -157,7 +157,7 @@ def closed_loop(
     start: ArrayLike,
     speed: float,
     dt: float,
-    steps: int,
+    samples: int,
     *,
     sigma: float,
     first_range: tuple[float, float],
@@ -189,7 +189,7 @@ def closed_loop(
         m/s, > 0.
     dt : float
         Time from one bearing to the next, seconds, > 0.
-    steps : int
+    samples : int
         Number of bearings >= 2, the first at the start.
     sigma : float
         Standard deviation of a bearing, radians, > 0.
@@ -207,7 +207,7 @@ def closed_loop(
         At a lost bearing a law takes the one that the estimate predicts, or holds
         the heading. A plan goes on as it is.
     opening : int
-        So many steps go along the measured line of sight before a law begins.
+        So many legs go along the measured line of sight before a law begins.
     standoff : float, optional
         The range to the *estimated* target not to go below, metres. By default
         one step.
@@ -237,7 +237,7 @@ def closed_loop(
     itself bearings say nothing of the range, so an opening costs more than it
     gives: compare.) The estimator is Gauss-Newton on all bearings with the prior
     of the range, started from the estimate before; where a path tells enough it
-    reaches the Cramer-Rao bound. Cost: about 30 ns for each pair of steps and law;
+    reaches the Cramer-Rao bound. Cost: about 30 ns for each pair of samples and law;
     a plan takes some hundredths of a second.
 
     Examples
@@ -268,7 +268,7 @@ def closed_loop(
         start=start,
         speed=speed,
         dt=dt,
-        steps=steps,
+        samples=samples,
         sigma=sigma,
         first_range=first_range,
         opening=opening,
@@ -277,7 +277,7 @@ def closed_loop(
         keep_out=keep_out,
         max_turn_rate=max_turn_rate,
     )
-    noise, gone = _noise(int(steps), trials, seed, lost)
+    noise, gone = _noise(int(samples), trials, seed, lost)
     runs = []
     for method in methods:
         if method == "plan":
@@ -311,7 +311,7 @@ class _Setting:
         start: ArrayLike,
         speed: float,
         dt: float,
-        steps: int,
+        samples: int,
         sigma: float,
         first_range: tuple[float, float],
         opening: int,
@@ -324,9 +324,9 @@ class _Setting:
         for name, point in (("target", place), ("start", origin)):
             if point.shape != (2,):
                 raise InputError(f"{name} has shape {point.shape}: must be (2,), east and north")
-        steps = whole(steps, "steps", 2)
-        if not 0 <= opening < steps:
-            raise InputError(f"opening = {opening}: must be from 0 to below steps, {steps}")
+        samples = whole(samples, "samples", 2)
+        if not 0 <= opening < samples:
+            raise InputError(f"opening = {opening}: must be from 0 to below samples, {samples}")
         guess = finite(first_range, "first_range")
         if guess.shape != (2,):
             raise InputError(f"first_range has shape {guess.shape}: must be (mean, deviation)")
@@ -341,7 +341,7 @@ class _Setting:
             positive(value, name, unit)
         speed, dt, sigma = number(speed, "speed"), number(dt, "dt"), number(sigma, "sigma")
         if not speed * dt < 1e150:
-            raise InputError(f"a step of {speed * dt:.3g} m: its square cannot be held")
+            raise InputError(f"a step of {speed * dt:.3g} m: its square overflows float64")
         standoff = None if standoff is None else number(standoff, "standoff")
         if max_turn_rate is not None:
             positive(max_turn_rate, "max_turn_rate", "rad/s")
@@ -351,7 +351,7 @@ class _Setting:
             target=place,
             start=origin,
             length=speed * dt,
-            moves=int(steps) - 1,
+            moves=int(samples) - 1,
             sigma=sigma,
             first_range=(mean, deviation),
             opening=int(opening),
@@ -381,13 +381,13 @@ class _Setting:
         )
 
 
-def _noise(steps: int, trials: int, seed: int, lost: float) -> tuple[Array, Array]:
-    """Return standard normal noise and lost bearings (1 for lost), (trials, steps) each."""
+def _noise(samples: int, trials: int, seed: int, lost: float) -> tuple[Array, Array]:
+    """Return standard normal noise and lost bearings (1 for lost), (trials, samples) each."""
     from scipy.special import ndtri
 
-    numbers = _core.normals(seed, 0, trials, 2 * steps)
-    gone = (numbers[:, steps:] < ndtri(lost)).astype(float)
-    return np.ascontiguousarray(numbers[:, :steps]), gone
+    numbers = _core.normals(seed, 0, trials, 2 * samples)
+    gone = (numbers[:, samples:] < ndtri(lost)).astype(float)
+    return np.ascontiguousarray(numbers[:, :samples]), gone
 
 
 def _run(method: str, out: Array, target: Array) -> LoopRun:

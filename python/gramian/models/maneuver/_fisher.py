@@ -18,13 +18,13 @@ Array = NDArray[np.float64]
 
 
 def fisher(
-    positions: ArrayLike, target: ArrayLike, sigma: ArrayLike, times: ArrayLike | None = None
+    path: ArrayLike, target: ArrayLike, sigma: ArrayLike, times: ArrayLike | None = None
 ) -> Array:
     """Return the Fisher information of bearings of a target along a path.
 
     Parameters
     ----------
-    positions : array_like, shape (..., m, 2)
+    path : array_like, shape (..., m, 2)
         East and north of the observer at each bearing, metres.
     target : array_like, shape (..., 2) or (..., 4)
         A fixed target, or the state (x0, y0, vx, vy) at the first time of one at
@@ -57,11 +57,11 @@ def fisher(
     array([[0.0125, 0.0025],
            [0.0025, 0.0025]])
     """
-    return _core.maneuver_fisher(*_arguments(positions, target, sigma, times))
+    return _core.maneuver_fisher(*_arguments(path, target, sigma, times))
 
 
 def fisher_det(
-    positions: ArrayLike,
+    path: ArrayLike,
     target: ArrayLike,
     sigma: ArrayLike,
     times: ArrayLike | None = None,
@@ -72,7 +72,7 @@ def fisher_det(
 
     Parameters
     ----------
-    positions, target, sigma, times
+    path, target, sigma, times
         As for `fisher`.
     method : {"root", "pairs"}
         From the triangular factor of the rows, O(m); or the sum over pairs of
@@ -98,7 +98,7 @@ def fisher_det(
     """
     if method not in ("root", "pairs"):
         raise InputError(f'method = {method!r}: must be "root" or "pairs"')
-    arguments = _arguments(positions, target, sigma, times)
+    arguments = _arguments(path, target, sigma, times)
     if method == "pairs" and arguments[1].shape[-1] == 4:
         raise InputError('method = "pairs" is for a fixed target: a moving one has four states')
     return require_finite(
@@ -106,12 +106,12 @@ def fisher_det(
     )[()]
 
 
-def problem(positions: ArrayLike, target: ArrayLike, sigma: ArrayLike) -> Problem:
+def problem(path: ArrayLike, target: ArrayLike, sigma: ArrayLike) -> Problem:
     """Return the problem of locating a fixed target: rows with named states.
 
     Parameters
     ----------
-    positions, target, sigma
+    path, target, sigma
         As for `fisher`, a fixed target, without leading axes.
 
     Returns
@@ -125,10 +125,10 @@ def problem(positions: ArrayLike, target: ArrayLike, sigma: ArrayLike) -> Proble
     >>> gm.analyze(problem([[0, 0], [0, 100]], [0.0, 1000.0], 0.01)).status
     'unobservable'
     """
-    places, at = as_float_array(positions, "positions"), as_float_array(target, "target")
+    places, at = as_float_array(path, "path"), as_float_array(target, "target")
     if places.ndim != 2 or at.shape != (2,):
         raise InputError(
-            f"positions has shape {places.shape}, target {at.shape}: must be (m, 2) and (2,)"
+            f"path has shape {places.shape}, target {at.shape}: must be (m, 2) and (2,)"
         )
     # Checks everything.
     fisher(places, at, sigma)
@@ -154,7 +154,7 @@ def problem(positions: ArrayLike, target: ArrayLike, sigma: ArrayLike) -> Proble
 
 
 def _arguments(
-    positions: ArrayLike, target: ArrayLike, sigma: ArrayLike, times: ArrayLike | None
+    path: ArrayLike, target: ArrayLike, sigma: ArrayLike, times: ArrayLike | None
 ) -> tuple[ArrayLike, Array, Array, ArrayLike | None]:
     place, noise = as_float_array(target, "target"), as_float_array(sigma, "sigma")
     if place.ndim == 0 or place.shape[-1] not in (2, 4):
@@ -167,4 +167,4 @@ def _arguments(
             f"{'given' if times is not None else 'missing'}: a moving target needs times, "
             "a fixed one has none"
         )
-    return positions, place, noise[None] if noise.ndim == 0 else noise, times
+    return path, place, noise[None] if noise.ndim == 0 else noise, times

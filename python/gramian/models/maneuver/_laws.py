@@ -87,28 +87,28 @@ class Trajectory:
 
     Attributes
     ----------
-    positions : ndarray, shape (..., steps, 2)
+    path : ndarray, shape (..., samples, 2)
         East and north of the observer, metres; the first is the start.
-    bearings : ndarray, shape (..., steps)
+    bearings : ndarray, shape (..., samples)
         Of the target, radians clockwise from north.
-    ranges : ndarray, shape (..., steps)
+    ranges : ndarray, shape (..., samples)
         To the target, metres.
-    headings : ndarray, shape (..., steps - 1)
+    headings : ndarray, shape (..., samples - 1)
         Of each leg, radians clockwise from north.
-    information : ndarray, shape (..., steps, 2, 2)
+    information : ndarray, shape (..., samples, 2, 2)
         Fisher information on the target's position (east, north) of all bearings
         up to each sample, 1 / m^2.
-    det : ndarray, shape (..., steps)
+    det : ndarray, shape (..., samples)
         Its determinant, 1 / m^4.
     count : ndarray of int, shape (...)
-        How many samples were flown; less than `steps` where the path stopped at
+        How many samples were flown; less than `samples` where the path stopped at
         the stand-off range. From there on it keeps its last position and heading
         and measures no more.
     law : str
         The law followed.
     """
 
-    positions: Array
+    path: Array
     bearings: Array
     ranges: Array
     headings: Array
@@ -119,7 +119,7 @@ class Trajectory:
 
     @property
     def crlb_std(self) -> Array:
-        """Bounds (..., steps, 2) on east and north, metres; `inf` where there is none."""
+        """Bounds (..., samples, 2) on east and north, metres; `inf` where there is none."""
         across = np.stack([self.information[..., 1, 1], self.information[..., 0, 0]], axis=-1)
         none = np.full(across.shape, np.inf)
         det = np.broadcast_to(self.det[..., None], across.shape)
@@ -131,7 +131,7 @@ class Trajectory:
         return {
             "law": self.law,
             "count": self.count.tolist(),
-            "positions": self.positions.tolist(),
+            "path": self.path.tolist(),
             "bearings": self.bearings.tolist(),
             "ranges": self.ranges.tolist(),
             "headings": self.headings.tolist(),
@@ -162,7 +162,7 @@ def trajectory(
     start: ArrayLike,
     speed: ArrayLike,
     dt: ArrayLike,
-    steps: int,
+    samples: int,
     *,
     law: Law = "max_det",
     side: ArrayLike = 1,
@@ -182,8 +182,8 @@ def trajectory(
         Its speed, m/s, > 0.
     dt : array_like, shape (...)
         Time between bearings, s, > 0.
-    steps : int
-        Number of samples >= 1, the first at the start: steps - 1 legs.
+    samples : int
+        Number of samples >= 1, the first at the start: samples - 1 legs.
     law, side
         As for `heading`.
     sigma : array_like, shape (...)
@@ -224,7 +224,7 @@ def trajectory(
     >>> trajectory([0, 1000], [0, 0], 20.0, 1.0, 500, standoff=900.0).count
     array(159)
     """
-    n = whole(steps, "steps", 1)
+    n = whole(samples, "samples", 1)
     if at_standoff not in ("stop", "circle"):
         raise InputError(f'at_standoff = {at_standoff!r}: must be "stop" or "circle"')
     step = _positive(speed, "speed", "m/s") * _positive(dt, "dt", "s")
@@ -242,7 +242,7 @@ def trajectory(
     batch = packed.shape[:-1]
     # As `path_size` of the extension's crate lists them.
     return Trajectory(
-        positions=packed[..., 1 : 2 * n + 1].reshape(*batch, n, 2),
+        path=packed[..., 1 : 2 * n + 1].reshape(*batch, n, 2),
         bearings=packed[..., 2 * n + 1 : 3 * n + 1],
         ranges=packed[..., 3 * n + 1 : 4 * n + 1],
         headings=packed[..., 4 * n + 1 : 5 * n],

@@ -66,8 +66,8 @@ class LawComparison:
         eigenvalues or variances; `inf` where the law determines nothing.
     kept : bool
         Whether its path keeps all limits.
-    path : ndarray, shape (steps, 2)
-    values : ndarray, shape (steps,)
+    path : ndarray, shape (samples, 2)
+    values : ndarray, shape (samples,)
         Its criterion after each bearing.
     crlb_std : ndarray, shape (targets, states)
         Bound on the standard deviation of each state, for each possible target.
@@ -89,11 +89,11 @@ class Plan:
 
     Attributes
     ----------
-    path : ndarray, shape (steps, 2)
+    path : ndarray, shape (samples, 2)
         Positions at which a bearing is taken, the first at the start, metres.
-    headings : ndarray, shape (steps - 1,)
+    headings : ndarray, shape (samples - 1,)
         Clockwise from north, in (-pi, pi], radians.
-    speeds : ndarray, shape (steps - 1,)
+    speeds : ndarray, shape (samples - 1,)
     turns : ndarray of int
         With a number of legs: the samples at which the path turns.
     criterion : str
@@ -103,7 +103,7 @@ class Plan:
         (D), trace of the bound on the scaled states (A), smallest eigenvalue of
         the information on the scaled states (E), variance of the combination.
         With several targets its expectation.
-    values : ndarray, shape (steps,)
+    values : ndarray, shape (samples,)
         The same after each bearing; -inf, inf or 0 while the states are not
         determined.
     crlb_std : ndarray, shape (targets, states)
@@ -161,7 +161,7 @@ class Plan:
         return float(np.exp(self.value)) if self.criterion == "D" else float("nan")
 
     def positions(self) -> Array:
-        """Return the positions of the possible targets, shape (targets, steps, 2)."""
+        """Return the positions of the possible targets, shape (targets, samples, 2)."""
         return moved(self.targets, self.times)
 
     def covariance(self, path: Array | None = None, target: int = 0) -> Array | None:
@@ -254,7 +254,7 @@ def plan(
     start: ArrayLike,
     speed: float | tuple[float, float],
     dt: float,
-    steps: int,
+    samples: int,
     *,
     criterion: Criterion = "D",
     sigma: float | None = None,
@@ -285,8 +285,8 @@ def plan(
         Speed of the observer, or its least and largest, m/s, > 0.
     dt : float
         Time from one bearing to the next, seconds, > 0.
-    steps : int
-        Number of bearings >= 2, the first at the start: steps - 1 moves.
+    samples : int
+        Number of bearings >= 2, the first at the start: samples - 1 moves.
     criterion : {"D", "A", "E"} or {"combination": name or array_like}
         Largest determinant of the information; smallest trace of the bound;
         largest smallest eigenvalue of the information; smallest variance of a
@@ -294,7 +294,7 @@ def plan(
         time), "speed", "course", or one number for each state.
     sigma : float, optional
         Standard deviation of a bearing, radians, > 0. Without a prior it does not
-        change the path, and is 1 if not given; a prior wants it.
+        change the path, and is 1 if not given; a prior needs it.
     standoff : float, optional
         No bearing is taken closer than this to any possible target, metres. By
         default one step, or half the first range if that is less: with none at
@@ -369,7 +369,7 @@ def plan(
         start=start,
         speed=speed,
         dt=dt,
-        steps=steps,
+        samples=samples,
         criterion=criterion,
         sigma=sigma,
         standoff=standoff,
@@ -517,7 +517,7 @@ def _held(task: Task, law: str, side: int) -> Array:
 def _why_not(task: Task) -> str:
     if len(task.names) > task.moves + 1 and not task.known:
         return (
-            f"steps = {task.moves + 1}: so few bearings cannot determine "
+            f"samples = {task.moves + 1}: so few bearings cannot determine "
             f"{len(task.names)} states without a prior"
         )
     if task.legs == 1 and len(task.names) == 4:
@@ -525,4 +525,4 @@ def _why_not(task: Task) -> str:
             "legs = 1: bearings from a straight leg at constant speed do not determine the range "
             "of a target at constant velocity; allow 2 legs or give a prior"
         )
-    return "no path was found whose bearings determine all states: give more steps or a prior"
+    return "no path was found whose bearings determine all states: give more samples or a prior"

@@ -76,7 +76,7 @@ def free_guesses(task: Task, seed: int) -> list[Found]:
         group = slice(k * offsets.size, (k + 1) * offsets.size)
         families.append((name, groups[group], clear[group]))
     if len(task.names) == 4:
-        # A moving target wants legs to either side, near or far.
+        # A moving target needs legs to either side, near or far.
         aim = task.weights @ task.targets[:, :2] - task.start
         angles = np.arctan2(*aim) + np.linspace(-np.pi, np.pi, 16, endpoint=False) + np.pi / 32
         first, second = (grid.ravel() for grid in np.meshgrid(angles, angles))

@@ -65,7 +65,7 @@ class Task:
         start: ArrayLike,
         speed: float | tuple[float, float],
         dt: float,
-        steps: int,
+        samples: int,
         criterion: Criterion,
         sigma: float | None,
         standoff: float | None,
@@ -93,8 +93,8 @@ class Task:
         slow, fast = _speeds(speed)
         positive(dt, "dt", "s")
         dt = number(dt, "dt")
-        steps = whole(steps, "steps", 2)
-        moves = int(steps) - 1
+        samples = whole(samples, "samples", 2)
+        moves = int(samples) - 1
         if legs is not None and not 1 <= legs <= moves:
             raise InputError(f"legs = {legs}: must be from 1 to the number of moves, {moves}")
         if max_turn_rate is not None:
@@ -108,7 +108,7 @@ class Task:
         discs = checked_discs(keep_out)
         check_outside(origin, full, standoff, discs)
         ranges = np.hypot(*(full[:, :2] - origin).T)
-        # Its square must be held.
+        # Its square must not overflow.
         if standoff is not None and 0 < standoff < 1e-100:
             raise InputError(f"standoff = {standoff} m: must be 0 or >= 1e-100")
         if standoff is None:

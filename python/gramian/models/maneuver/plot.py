@@ -19,7 +19,7 @@ __all__ = ["ellipses", "errors", "information", "paths"]
 
 Array = NDArray[np.float64]
 
-#: A line style for each law, told apart without colour too.
+#: A line style for each law, to be distinguished without colour too.
 _STYLES = {
     "max_det": (COLORS["bad"], "--"),
     "hammel_liu": (COLORS["weak"], "-."),

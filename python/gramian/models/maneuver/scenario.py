@@ -111,7 +111,7 @@ class ManeuverScenario(Scenario):
             best = self._plan()
             loop = self._loop()
         except InputError as error:
-            raise self.mistake("plan", str(error)) from error
+            raise self.error("plan", str(error)) from error
         return _report(self.path.name, best, loop)
 
     def _plan(self) -> Plan:
@@ -141,9 +141,9 @@ class ManeuverScenario(Scenario):
         if loop is None:
             return None
         if self.target.position is None or self.target.velocity is not None:
-            raise InputError("closed_loop: wants one fixed target: target.position alone")
+            raise InputError("closed_loop needs one fixed target: target.position alone")
         if not isinstance(self.observer.speed, float):
-            raise InputError("closed_loop: wants one speed, not a range")
+            raise InputError("closed_loop needs one speed, not a range")
         return _closed_loop.closed_loop(
             self.target.position,
             self.observer.start,

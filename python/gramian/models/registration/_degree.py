@@ -28,7 +28,7 @@ def degree(
     smoothing: int | None = None,
     biases: ArrayLike | Mapping[str, float] | None = None,
 ) -> Array:
-    """Return how well the biases can be told, along a track or between instants.
+    """Return how well the biases can be determined, along a track or between instants.
 
     Parameters
     ----------

@@ -169,10 +169,10 @@ def estimate(
         in Zhu, Tang & He 2013.
     prior : mapping of str to float, or array_like, shape (n,), optional
         Standard deviations of biases known beforehand to be near 0 (`inf` for
-        none): what a singular geometry wants. Not with "ls".
+        none): what a singular geometry needs. Not with "ls".
     iterations : int, optional
         Linearisations at most: 100 for "ml", 1 for "gls" and "ls". With more,
-        those are linearised again at the corrected reports, which large biases want.
+        those are linearised again at the corrected reports, as large biases need.
     tolerance : float
         "ml" ends when a step is below so many standard deviations.
     on_failure : {"raise", "report"}
@@ -229,7 +229,7 @@ def estimate(
     known = setup(sensors, sigma, extras)
     values = reports.values if isinstance(reports, Reports) else report_array(reports)
     if method == "ls" and prior is not None:
-        raise InputError('method "ls" is not weighted: a prior wants "gls" or "ml"')
+        raise InputError('method "ls" is not weighted: a prior needs "gls" or "ml"')
     if on_failure not in ("raise", "report"):
         raise InputError(f'on_failure = {on_failure!r}: must be "raise" or "report"')
     count = iterations if iterations is not None else (100 if method == "ml" else 1)
@@ -289,7 +289,7 @@ def estimate_trials(
     seed, first = whole(seed, "seed", 0, SEED_MOST), whole(first, "first")
     trials = whole(trials, "trials", 1)
     if method == "ls" and prior is not None:
-        raise InputError('method "ls" is not weighted: a prior wants "gls" or "ml"')
+        raise InputError('method "ls" is not weighted: a prior needs "gls" or "ml"')
     count = iterations if iterations is not None else (100 if method == "ml" else 1)
     deviations = _prior(known, prior)
     flat = _core.registration_estimate_trials(

@@ -77,7 +77,7 @@ def report_array(value: ArrayLike | Sequence[ArrayLike]) -> Array:
         if len(set(lengths)) < 2:
             raise
         raise InputError(
-            f"reports of different length ({', '.join(map(str, lengths))}): every look wants "
+            f"reports of different length ({', '.join(map(str, lengths))}): every look needs "
             "one report from each sensor; match() pairs recordings by their times"
         ) from None
     if array.ndim < 3 or array.shape[-1] not in (2, 3):
@@ -103,7 +103,7 @@ def fused(known: Setup, reports: Array, biases: Array) -> Array:
     if not (np.abs(offset) < 1e150).all():
         raise InputError(
             "reports: a sensor would be more than 1e150 m from a target: "
-            "the square of that cannot be held"
+            "its square overflows float64"
         )
     ranges = np.linalg.norm(offset, axis=-1, keepdims=True)
     if not (ranges > 0).all():
@@ -255,7 +255,7 @@ def match(
         raise InputError(f"max_gap = {max_gap} s: must be > 0")
     clean = {name: _recording(name, *pair) for name, pair in recordings.items()}
     if len(clean) < 2:
-        raise InputError(f"recordings has {len(clean)} entries: registration wants 2 or more")
+        raise InputError(f"recordings has {len(clean)} entries: registration needs 2 or more")
     (first, (t, _)), *others = clean.items()
     if interpolate == "none":
         for name, (other, _) in others:

@@ -131,13 +131,13 @@ def setup(sensors: SensorsLike, sigma: ArrayLike | None, extras: Sequence[Extra]
     if not isfinite(sum(numbers)):
         finite(places, "sensors")
     if len(places) < 2:
-        raise InputError(f"sensors has {len(places)} entries: registration wants 2 or more sensors")
+        raise InputError(f"sensors has {len(places)} entries: registration needs 2 or more sensors")
     ordered = _ordered(extras) if extras else ()
     if (
         max(numbers) - min(numbers) > 1e100
         and (span := (places.max(axis=0) - places.min(axis=0)).max()) > 1e100
     ):
-        raise InputError(f"sensors are {span:.3g} m apart: their squares cannot be held")
+        raise InputError(f"sensors are {span:.3g} m apart: their squares overflow float64")
     d = places.shape[1]
     noise = np.ones(d) if sigma is None else as_float_array(sigma, "sigma")
     if noise.shape not in ((d,), (len(places), d)):

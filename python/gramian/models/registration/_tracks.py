@@ -1,4 +1,4 @@
-"""The tracks on which two sensors' biases cannot be told: a closed list."""
+"""The tracks on which two sensors' biases cannot be determined: a closed list."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class TrackCheck:
 
 
 def singular_tracks(sensors: SensorsLike) -> tuple[SingularTrack, ...]:
-    """Return every kind of track on which two sensors' biases cannot be told.
+    """Return every kind of track on which two sensors' biases cannot be determined.
 
     Parameters
     ----------

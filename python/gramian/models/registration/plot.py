@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["bars", "degrees", "field", "geometry", "selection"]
 
 Array = NDArray[np.float64]
-#: Line colours for several targets, apart for colour-blind readers.
+#: Line colours for several targets that colour-blind readers can distinguish.
 LINES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 
 
@@ -29,7 +29,7 @@ def geometry(
 ) -> Figure:
     """Draw sensors and tracks; with `chosen`, the others are grey.
 
-    With `singular` the lines on which two sensors' biases cannot be told are shaded.
+    With `singular` the lines on which two sensors' biases cannot be determined are shaded.
     """
     fig = figure(6.8, 5.6)
     axes = fig.subplots()

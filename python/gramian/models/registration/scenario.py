@@ -136,7 +136,7 @@ class Map(Section):
     @model_validator(mode="after")
     def _edges(self) -> Map:
         if not (self.west < self.east and self.south < self.north):
-            raise ValueError("a map wants west < east and south < north")
+            raise ValueError("a map needs west < east and south < north")
         return self
 
 
@@ -206,7 +206,7 @@ class RegistrationScenario(Scenario):
                 kind = key.removesuffix("_deg")
                 name = f"{sensor}.{kind}"
                 if name not in self.names:
-                    raise self.mistake(f"{section}.{sensor}.{key}", "the sensor has no such bias")
+                    raise self.error(f"{section}.{sensor}.{key}", "the sensor has no such bias")
                 found[name] = float(np.radians(value)) if key.endswith("_deg") else value
         return found
 
@@ -238,7 +238,7 @@ class RegistrationScenario(Scenario):
             tracks: dict[str, tuple[Array, Array]] = {}
             for name, track in self.tracks.items():
                 if len(track.start) != self.d or len(track.velocity) != self.d:
-                    raise self.mistake(
+                    raise self.error(
                         f"tracks.{name}", f"start and velocity must have {self.d} numbers"
                     )
                 count = int(np.floor(track.duration / track.step * (1 + 1e-12))) + 1
@@ -250,15 +250,13 @@ class RegistrationScenario(Scenario):
         numbers = {"time": columns.time, "east": columns.east, "north": columns.north}
         if self.d == 3:
             if columns.up is None:
-                raise self.mistake("targets.columns", "up is missing: the sensors are in space")
+                raise self.error("targets.columns", "up is missing: the sensors are in space")
             numbers["up"] = columns.up
         values, words = read_columns(self.beside(self.targets.file), numbers, {"id": columns.id})
         there = list(dict.fromkeys(words["id"].tolist()))
         for name in self.targets.names or []:
             if name not in there:
-                raise self.mistake(
-                    "targets.names", f"no track is named {name!r}: {', '.join(there)}"
-                )
+                raise self.error("targets.names", f"no track is named {name!r}: {', '.join(there)}")
         recorded: dict[str, tuple[Array, Array]] = {}
         for name in self.targets.names or there:
             chosen = words["id"] == name
@@ -285,7 +283,7 @@ class RegistrationScenario(Scenario):
         }  # fmt: skip
         if self.d == 3:
             if columns.elevation_deg is None:
-                raise self.mistake("reports.columns", "elevation_deg is missing")
+                raise self.error("reports.columns", "elevation_deg is missing")
             numbers["elevation"] = columns.elevation_deg
         texts = {"target": columns.target, "sensor": columns.sensor}
         path = self.beside(self.reports.file)
@@ -296,7 +294,7 @@ class RegistrationScenario(Scenario):
             for sensor in self.sensors:
                 chosen = (words["target"] == name) & (words["sensor"] == sensor)
                 if not chosen.any():
-                    raise self.mistake(
+                    raise self.error(
                         "reports", f"sensor {sensor!r} has no report of {name!r} in {path}"
                     )
                 order = np.argsort(values["time"][chosen], kind="stable")
@@ -428,7 +426,7 @@ class RegistrationScenario(Scenario):
             Picture(
                 "Geometry",
                 "Sensors and targets; the chosen ones in colour. On the red lines two sensors' "
-                "biases cannot be told, if a target keeps to them.",
+                "biases cannot be determined, if a target keeps to them.",
                 lambda: _plot().geometry(
                     self.places, {k: p for k, (_, p) in self.seen.items()}, chosen=chosen.chosen
                 ),
@@ -477,7 +475,7 @@ class RegistrationScenario(Scenario):
     def _field(self, m: Map) -> _field.Field:
         heading = None if m.heading_deg is None else float(np.radians(m.heading_deg))
         if m.quantity != "eta" and m.quantity not in self.names:
-            raise self.mistake("maps.quantity", f"must be eta or one of {', '.join(self.names)}")
+            raise self.error("maps.quantity", f"must be eta or one of {', '.join(self.names)}")
         return _field.field(
             self.places, self.sigma, (m.west, m.east, m.south, m.north), heading, m.radius,
             quantity=m.quantity,
@@ -617,9 +615,7 @@ class RegistrationScenario(Scenario):
         if self.prior is None and self.estimate.method == "ml":
             return super().simulate(trials, seed, resume=resume, progress=progress)
         if resume is not None:
-            raise self.mistake(
-                "resume", "all trials run in one call: nothing is kept to go on from"
-            )
+            raise self.error("resume", "all trials run in one call: nothing is kept to go on from")
         bound = crlb_std(self.problem())
         found = _estimate.estimate_trials(
             self.all_positions, self.places, self.sigma, self.truth or None, seed=seed,
