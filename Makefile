@@ -3,12 +3,14 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-# Tests never fetch more threads than there are cores, and fail on rustc warnings.
 export CARGO_TERM_COLOR ?= auto
+# As maturin sets it: else pyo3 is compiled anew whenever cargo and maturin take turns.
+export PYO3_PYTHON ?= $(abspath $(BIN)/python)
 
 .PHONY: demo test lint format rust-test python-test no-std-check fuzz bench bench-quick bench-check bench-record embedded-size package docs clean
 
-demo: $(VENV)/.installed
+# What the demo needs and no more, unless everything is there already.
+demo: $(if $(wildcard $(VENV)/.installed),$(VENV)/.installed,$(VENV)/.demo)
 	$(BIN)/gramian demo --out out/demo
 
 test: lint rust-test no-std-check python-test
@@ -31,7 +33,7 @@ format: $(VENV)/.installed
 
 rust-test:
 	cargo test -p gramian -p gramian-capi -p embedded-examples --features gramian/parallel,gramian/large
-	cargo test -p gramian --no-default-features --features libm
+	cargo test -p gramian --no-default-features --features libm --lib --tests
 
 no-std-check:
 	cargo build --manifest-path rust/no-std-check/Cargo.toml --target-dir target/no-std-check
@@ -44,7 +46,7 @@ fuzz:
 	cargo test --release -p gramian-capi --test fuzz
 
 python-test: $(VENV)/.installed
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist worksteal
 
 # The peers: told by name, so that the extension is not built a second time. Where one
 # cannot be installed the others are, and the run says which is missing.
@@ -78,14 +80,18 @@ docs:
 clean:
 	rm -rf target $(VENV) out
 
-# The extension is built anew when a Rust source changed, the rest when
-# pyproject.toml did.
-RUST := $(shell find rust -name '*.rs' -o -name 'Cargo.toml' | grep -v target) Cargo.toml
+# The extension is built anew when a Rust source changed, the rest when pyproject.toml
+# did.
+RUST := $(shell find rust -name target -prune -o -name '*.rs' -print -o -name Cargo.toml -print) Cargo.toml Cargo.lock
+EXTRAS := dev,report,files,interop,distributed
 $(VENV)/.dependencies: pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit("gramian needs Python >= 3.11") if sys.version_info < (3, 11) else None'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --upgrade pip 'maturin>=1.9,<2'
+	$(BIN)/python -m pip install --quiet 'maturin>=1.9,<2'
+	touch $@
+$(VENV)/.demo: $(VENV)/.dependencies $(RUST)
+	$(BIN)/maturin develop --profile demo --no-default-features --extras report
 	touch $@
 $(VENV)/.installed: $(VENV)/.dependencies $(RUST)
-	$(BIN)/maturin develop --release --extras dev,report,files,interop,distributed
+	$(BIN)/maturin develop --release --extras $(EXTRAS)
 	touch $@
