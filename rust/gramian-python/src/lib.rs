@@ -15,6 +15,7 @@ mod monte_carlo;
 mod posterior;
 mod registration;
 mod run;
+mod sparse;
 mod spine;
 
 use pyo3::prelude::*;
@@ -23,6 +24,7 @@ use pyo3::prelude::*;
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     spine::register(module)?;
+    sparse::register(module)?;
     bearings::register(module)?;
     bearings_localize::register(module)?;
     bearings_motion::register(module)?;

@@ -137,11 +137,17 @@ pub fn in_pieces(
         } else {
             detached(py, |threads| kernel(range, threads))??;
         }
-        py.check_signals()?;
-        let check = WORKER.with_borrow(|worker| worker.as_ref().map(|w| w.check.clone_ref(py)));
-        if let Some(check) = check {
-            check.call0(py)?;
-        }
+        look(py)?;
+    }
+    Ok(())
+}
+
+/// Raises where Ctrl-C was pressed; in a worker, where its check does.
+pub fn look(py: Python<'_>) -> PyResult<()> {
+    py.check_signals()?;
+    let check = WORKER.with_borrow(|worker| worker.as_ref().map(|w| w.check.clone_ref(py)));
+    if let Some(check) = check {
+        check.call0(py)?;
     }
     Ok(())
 }

@@ -1,5 +1,7 @@
 //! Problems too large for the plain loops of the spine: the only place that names faer.
 
+pub mod sparse;
+
 use alloc::vec::Vec;
 
 /// Singular values, descending, of a row-major matrix with `columns` columns.
