@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian._arrays import as_float_array, number, representable
-from gramian._registry import draw
+from gramian._registry import draw, load
 from gramian._text import describe_null_space, plain
 from gramian.exceptions import InputError
-from gramian.problem import Problem, as_problem, at_least_one_row
+from gramian.problem import Problem, as_problem, at_least_one_row, is_sparse
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -222,7 +222,8 @@ def analyze(
     Parameters
     ----------
     problem_or_rows : Problem or array_like, shape (K, n)
-        Whitened rows, (d h / d x) / sigma.
+        Whitened rows, (d h / d x) / sigma. Sparse ones are answered by a
+        `gramian.large.SparseObservability`, with the same attributes.
     names : sequence of str, length n, optional
         The states, for plain rows; x0, x1, ... by default.
     scale : array_like, shape (n,), or mapping of str to float, optional
@@ -277,6 +278,11 @@ def analyze(
             raise InputError(f"{label} = {threshold}: must be > 0")
     if rtol is not None and (np.shape(rtol) or not 0 < as_float_array(rtol, "rtol") < 1):
         raise InputError(f"rtol = {rtol}: must be between 0 and 1")
+    if is_sparse(problem.rows):
+        sparse: Observability = load("large").analyze_sparse(
+            problem, weak_ratio=weak_ratio, weak_condition=weak_condition, rtol=rtol
+        )
+        return sparse
     tolerance = problem.rtol if rtol is None else rtol
     analysis = _core.Analysis(at_least_one_row(problem.all_rows), tolerance)
     data_std = analysis.crlb_std()

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian._arrays import as_float_array, finite
+from gramian._registry import load
 from gramian.exceptions import InputError
 
 __all__ = ["Problem", "from_function"]
@@ -27,7 +28,9 @@ class Problem:
     ----------
     rows : array_like, shape (K, n)
         One row for each measurement: (d h / d x) / sigma. No row at all, shape
-        (0, n), is a problem of which nothing is measured.
+        (0, n), is a problem of which nothing is measured. A ``scipy.sparse`` matrix, or
+        triplets (values, (rows, columns)), makes a `gramian.large.SparseProblem`, which
+        has further parameters.
     names : sequence of str, length n
         The states.
     units : sequence of str, length n, optional
@@ -68,6 +71,11 @@ class Problem:
     rtol: float | None
     priors: Mapping[str, float]
     combinations: Mapping[str, Array] = field(repr=False)
+
+    def __new__(cls, rows: Any = None, *args: Any, **options: Any) -> Problem:
+        """Make a `gramian.large.SparseProblem` of sparse rows."""
+        made: type = load("large").SparseProblem if cls is Problem and is_sparse(rows) else cls
+        return object.__new__(made)
 
     def __init__(
         self,
@@ -313,10 +321,25 @@ def as_problem(problem_or_rows: Problem | ArrayLike, names: Sequence[str] | None
         if names is not None:
             raise InputError("names was given with a problem, which has its own")
         return problem_or_rows
+    if is_sparse(problem_or_rows):
+        return Problem(problem_or_rows, names)  # type: ignore[arg-type]
     rows = as_float_array(problem_or_rows, "rows")
     if rows.ndim != 2 or 0 in rows.shape:
         raise InputError(f"rows has shape {rows.shape}: must be (rows, states), not empty")
     return Problem(rows, names or [f"x{i}" for i in range(rows.shape[1])])
+
+
+def is_sparse(rows: object) -> bool:
+    """Say whether rows are a matrix of scipy.sparse, or triplets as it takes them."""
+    if hasattr(rows, "tocsr"):
+        return True
+    return (
+        isinstance(rows, tuple)
+        and len(rows) == 2
+        and isinstance(rows[1], tuple)
+        and len(rows[1]) == 2
+        and np.ndim(rows[1][0]) == 1
+    )
 
 
 def at_least_one_row(rows: Array) -> Array:
