@@ -102,13 +102,29 @@ class PoseGraph:
         """The states of one pose: small moves in its own axes."""
         return _STATES[self.dimensions]
 
-    def rows_of(self, edges: NDArray[np.int64], information: Array) -> Any:
+    @cached_property
+    def errors(self) -> Array:
+        """What log(Z^-1 T1^-1 T2) is at the poses of the file, (edges, p), states' order."""
+        first, second = self.edges.T
+        z, shift = self.moves
+        turn = np.swapaxes(self.rotations, 1, 2)
+        r = turn[first] @ self.rotations[second]
+        t = np.einsum("eij,ej->ei", turn[first], self.positions[second] - self.positions[first])
+        back = np.swapaxes(z, 1, 2)
+        return _log(back @ r, np.einsum("eij,ej->ei", back, t - shift))
+
+    def rows_of(
+        self, edges: NDArray[np.int64], information: Array, errors: Array | None = None
+    ) -> Any:
         """Return the whitened rows (csr_array) of edges at the poses as they are.
 
         Parameters
         ----------
         edges : ndarray, shape (m, 2)
         information : ndarray, shape (m, p, p)
+        errors : ndarray, shape (m, p), optional
+            Where the derivative of the logarithm is taken; 0 by default, for moves that
+            are as the poses have them.
         """
         from scipy.sparse import coo_array
 
@@ -120,6 +136,8 @@ class PoseGraph:
         r = turn[second] @ self.rotations[first]
         t = np.einsum("eij,ej->ei", turn[second], self.positions[first] - self.positions[second])
         factor = np.swapaxes(np.linalg.cholesky(information), 1, 2)
+        if errors is not None:
+            factor = factor @ _log_derivative(errors, self.dimensions)
         blocks = np.concatenate([-factor @ _adjoint(r, t), factor], axis=2)
         i = np.arange(count * p).reshape(count, p, 1)
         j = np.concatenate(
@@ -135,9 +153,9 @@ class PoseGraph:
         """The whitened rows of all edges, with names, units, blocks and gauges.
 
         The state of a pose is a small move in its own axes, T exp(xi), rotation before
-        translation in space, and a row the derivative of log(Z^-1 T1^-1 T2) where that is
-        small: the conventions of GTSAM's BetweenFactor. Poses that the file fixes are
-        fixed.
+        translation in space, and a row the whitened derivative of log(Z^-1 T1^-1 T2): the
+        conventions of GTSAM's BetweenFactor (4.3), so that the numbers agree. Poses that
+        the file fixes are fixed.
         """
         d = self.dimensions
         turn = np.swapaxes(self.rotations, 1, 2)
@@ -145,7 +163,7 @@ class PoseGraph:
         # A small move of the world, in the axes of each pose.
         moves = _adjoint(turn, place)
         problem = SparseProblem(
-            self.rows_of(self.edges, self.information),
+            self.rows_of(self.edges, self.information, self.errors),
             [f"{name}.{state}" for name in self.names for state in self.states],
             units=[
                 "rad" if state.startswith(("r", "t")) else "m"
@@ -199,13 +217,76 @@ def _adjoint(r: Array, t: Array) -> Array:
         result[:, 1, 2] = -t[:, 0]
         result[:, 2, 2] = 1
         return result
-    cross = np.zeros((m, 3, 3))
-    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -t[:, 2], t[:, 1], -t[:, 0]
-    cross -= np.swapaxes(cross, 1, 2)
     result = np.zeros((m, 6, 6))
     result[:, :3, :3] = result[:, 3:, 3:] = r
-    result[:, 3:, :3] = cross @ r
+    result[:, 3:, :3] = _cross(t) @ r
     return result
+
+
+def _log(r: Array, t: Array) -> Array:
+    """Return the logarithm (m, p) of rigid moves, in the order of the states."""
+    m, d = t.shape
+    if d == 2:
+        angle = np.arctan2(r[:, 1, 0], r[:, 0, 0])
+        omega = np.zeros((m, 2, 2))
+        omega[:, 0, 1], omega[:, 1, 0] = -angle, angle
+    else:
+        from scipy.spatial.transform import Rotation
+
+        vector = Rotation.from_matrix(r).as_rotvec()
+        angle = np.linalg.norm(vector, axis=1)
+        omega = _cross(vector)
+    half = angle / 2
+    small = np.abs(angle) < 1e-3
+    with np.errstate(divide="ignore", invalid="ignore"):
+        quadratic = np.where(small, 1 / 12 + angle**2 / 720, (1 - half / np.tan(half)) / angle**2)
+    inverse = np.eye(d) - omega / 2 + quadratic[:, None, None] * (omega @ omega)
+    v = np.einsum("eij,ej->ei", inverse, t)
+    if d == 2:
+        return np.column_stack([v, angle])
+    return np.column_stack([vector, v])
+
+
+def _log_derivative(xi: Array, d: int) -> Array:
+    """Return d log(T exp(x)) / dx at x = 0 where log T = xi, (m, p, p).
+
+    A series in the matrix of brackets with xi that ends, by its minimal polynomial
+    (Selig, Geometrical Methods in Robotics, section 7.6).
+    """
+    m, p = xi.shape
+    bracket = np.zeros((m, p, p))
+    if d == 2:
+        bracket[:, 0, 1], bracket[:, 1, 0] = -xi[:, 2], xi[:, 2]
+        bracket[:, 0, 2], bracket[:, 1, 2] = xi[:, 1], -xi[:, 0]
+        angle = np.abs(xi[:, 2])
+    else:
+        bracket[:, :3, :3] = bracket[:, 3:, 3:] = _cross(xi[:, :3])
+        bracket[:, 3:, :3] = _cross(xi[:, 3:])
+        angle = np.linalg.norm(xi[:, :3], axis=1)
+    square = bracket @ bracket
+    small = angle < 0.3
+    a = np.where(small, 1.0, angle)
+    c = 4 * (np.cos(a) - 1)
+    second = 2 / a**2 + (a + 3 * np.sin(a)) / (a * c)
+    fourth = 1 / a**4 + (a + np.sin(a)) / (a**3 * c)
+    # Where these cancel, by Bernoulli numbers.
+    second = np.where(small, 1 / 12, second)
+    fourth = np.where(small, -1 / 720, fourth)
+    power = square @ square
+    result: Array = (
+        np.eye(p) + bracket / 2 + second[:, None, None] * square + fourth[:, None, None] * power
+    )
+    for coefficient in (1 / 30240, -1 / 1209600, 1 / 47900160):
+        power = power @ square
+        result += np.where(small, coefficient, 0.0)[:, None, None] * power
+    return result
+
+
+def _cross(v: Array) -> Array:
+    matrix = np.zeros((len(v), 3, 3))
+    matrix[:, 0, 1], matrix[:, 0, 2], matrix[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
+    crossed: Array = matrix - np.swapaxes(matrix, 1, 2)
+    return crossed
 
 
 def read_graph(path: str | os.PathLike[str]) -> PoseGraph:

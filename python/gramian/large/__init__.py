@@ -4,8 +4,9 @@ Nothing here has to be called: `gramian.Problem` and `gramian.analyze` take
 ``scipy.sparse`` rows (and triplets), and answer with the classes of this module.
 
 - `SparseProblem`: sparse rows with names, blocks of states and named gauges.
-- `SparseObservability`: the answer; the attributes of `gramian.Observability`, and which
-  combinations are missing as `NullCombination` objects.
+- `analyze_sparse` answers with a `SparseObservability`: the attributes of
+  `gramian.Observability`, which combinations are missing as `NullCombination` objects,
+  and `SparseSuggestion` objects.
 - `similarity_gauges`: translations, rotations and scale as directions of the states.
 """
 

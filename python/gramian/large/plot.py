@@ -11,7 +11,7 @@ from gramian.plot import COLORS, figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from gramian.large import SparseObservability
+    from gramian.large._analysis import SparseObservability
 
 __all__ = ["sparse_observability"]
 
