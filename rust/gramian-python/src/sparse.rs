@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use gramian::large::sparse::analysis::marginal_rows;
 use gramian::large::sparse::{Index, Rows, Sparse, SparseError, graph};
-use numpy::{Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods};
+use numpy::{Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError};
 use pyo3::prelude::*;
 
@@ -41,6 +41,8 @@ impl<'py, I: Element + Index> Arrays<'py, I> {
     }
 }
 
+/// By value, as `map_err` gives it.
+#[allow(clippy::needless_pass_by_value)]
 fn refused(error: SparseError) -> PyErr {
     match error {
         SparseError::Memory { .. } => PyMemoryError::new_err(error.to_string()),
@@ -63,7 +65,7 @@ fn interruptible<R: Send>(
                 return false;
             }
             last = Instant::now();
-            raised = Python::attach(|py| crate::run::look(py)).err();
+            raised = Python::attach(crate::run::look).err();
             raised.is_some()
         };
         work(&mut stop)
@@ -77,6 +79,9 @@ fn interruptible<R: Send>(
 /// Sparse rows, reduced: see `gramian::large::sparse::Sparse`.
 #[pyclass(frozen, name = "SparseAnalysis", module = "gramian._core")]
 struct SparseAnalysis(Sparse);
+
+/// Numbers of columns, rows, edges or vertices.
+type Places<'py> = Bound<'py, PyArray1<usize>>;
 
 /// Start of each column, row of each entry, value of each entry.
 type Columns<'py> = (
@@ -182,10 +187,7 @@ impl SparseAnalysis {
     }
 
     /// Columns and rows of each underdetermined piece.
-    fn shortages<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> Vec<(Bound<'py, PyArray1<usize>>, Bound<'py, PyArray1<usize>>)> {
+    fn shortages<'py>(&self, py: Python<'py>) -> Vec<(Places<'py>, Places<'py>)> {
         self.0
             .structure()
             .shortages
@@ -325,10 +327,11 @@ fn sparse_marginal_rows<'py>(
     start: &Bound<'py, PyAny>,
     column: &Bound<'py, PyAny>,
     value: &Bound<'py, PyAny>,
-    eliminated: PyReadonlyArray1<'py, bool>,
+    eliminated: &Bound<'py, PyArray1<bool>>,
     available: usize,
 ) -> PyResult<Columns<'py>> {
     let arrays = Arrays::<i64>::new(start, column, value)?;
+    let eliminated = eliminated.readonly();
     let eliminated = eliminated.as_slice()?;
     let rows = arrays.rows(eliminated.len())?;
     let left = interruptible(py, |stop| marginal_rows(&rows, eliminated, available, stop))?;
@@ -341,18 +344,14 @@ fn sparse_marginal_rows<'py>(
 
 /// Bridges (numbers of edges), vertices on the smaller side of each, cut vertices.
 #[pyfunction]
-#[allow(clippy::type_complexity)]
 fn weak_places<'py>(
     py: Python<'py>,
     vertices: usize,
-    first: PyReadonlyArray1<'py, i64>,
-    second: PyReadonlyArray1<'py, i64>,
-) -> PyResult<(
-    Bound<'py, PyArray1<usize>>,
-    Bound<'py, PyArray1<usize>>,
-    Bound<'py, PyArray1<usize>>,
-)> {
-    if first.len() != second.len() {
+    first: &Bound<'py, PyArray1<i64>>,
+    second: &Bound<'py, PyArray1<i64>>,
+) -> PyResult<(Places<'py>, Places<'py>, Places<'py>)> {
+    let (first, second) = (first.readonly(), second.readonly());
+    if first.as_slice()?.len() != second.as_slice()?.len() {
         return Err(InputError::new_err("an edge has two ends"));
     }
     let edges = first
