@@ -15,6 +15,7 @@ from gramian import _core
 from gramian._arrays import as_float_array, number, representable
 from gramian._registry import draw, load
 from gramian._text import describe_null_space, plain
+from gramian._text import number as readable
 from gramian.exceptions import InputError
 from gramian.problem import Problem, as_problem, at_least_one_row, is_sparse
 
@@ -196,7 +197,7 @@ class Observability:
             left = f"{suggestion.nullity} combination{'s' if suggestion.nullity > 1 else ''}"
             return f"knowing {suggestion.name} leaves {left} unobservable"
         known = [
-            f"{name} to {std:.3g} {unit}".rstrip()
+            f"{name} to {readable(std, 3)} {unit}".rstrip()
             for name, unit, std in zip(self.names, self.units, suggestion.crlb_std, strict=True)
             if std > 0
         ]

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.resources import as_file, files
+from importlib.util import find_spec
 from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -195,9 +196,16 @@ def demo(
                     scenarios.append(out / source.name)
     except OSError as error:
         raise StorageError(f"cannot write the demo to {out}: {error}") from error
+    lacking = [name for name in ("matplotlib", "jinja2") if find_spec(name) is None]
     for scenario in scenarios:
         console.rule(f"gramian analyze {scenario}", align="left", style="dim")
-        _finish(load(scenario).analyze(), out / scenario.stem, json=False)
+        _finish(load(scenario).analyze(), None if lacking else out / scenario.stem, json=False)
+    if lacking:
+        console.print(
+            f"\nReports with pictures need {' and '.join(lacking)}: pip install 'gramian[report]'",
+            highlight=False,
+            markup=False,
+        )
     console.print("\nEdit a scenario and run its line again, or point one at your own tracks.")
 
 

@@ -207,7 +207,7 @@ def answer_tables(answer: Observability, *, suggestions: int = 6) -> list[Table]
     if priors:
         columns += ["from the measurements alone", "prior"]
     if not np.isnan(scale).all():
-        columns.append("useless above")
+        columns.append("weak above")
     tables = [Table("How accurately, at best", columns, rows)]
     if answer.nullity:
         tables.append(

@@ -91,7 +91,7 @@ def test_a_recorded_target_is_compared_with(scenario):
         ([("start = 0.0", "start = 2000.0")], "", "has no bearing from 2000 s"),
         ([("duration = 900.0", "duration = 50.0")], "", "3 bearings: a target of order 1 has 4"),
         ([], "[prior]\nspeed = { mean = 1.0, sigma = 1.0 }\n", "prior.speed: localize takes priors"),
-        ([], "[prior]\nvx = 1.0\n", "prior.vx: localize wants its mean"),
+        ([], "[prior]\nvx = 1.0\n", "prior.vx: localize needs its mean"),
         ([("[noise]", 'known = ["vx"]\n[noise]')], "", "known"),
     ],
 )  # fmt: skip

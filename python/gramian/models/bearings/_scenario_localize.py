@@ -90,9 +90,9 @@ def _report(
     reach = float(np.hypot(*offset))
     spread = _range_std(offset, answer.covariance[:2, :2])
     verdict = (
-        f"{reach:.4g} m +- {spread:.2g} m ({100 * spread / reach:.2g} %) on bearing "
+        f"{reach:.4g} m +- {number(spread, 2)} m ({number(100 * spread / reach, 2)} %) on bearing "
         f"{np.degrees(np.arctan2(*offset)) % 360:.1f} deg, "
-        f"moving {np.hypot(vx, vy):.3g} m/s on course {course:.0f} deg"
+        f"moving {number(np.hypot(vx, vy), 3)} m/s on course {course:.0f} deg"
     )
     if answer.status == "not converged":
         verdict = "the iterations did not settle; the last state is shown, do not use it"
@@ -113,7 +113,8 @@ def _report(
     facts.append(
         (
             "error ellipse of the first position (95 %)",
-            f"{axes[0]:.3g} m by {axes[1]:.3g} m, long axis towards {np.degrees(angle):.0f} deg",
+            f"half axes {number(axes[0], 3)} m and {number(axes[1], 3)} m, the longer one "
+            f"towards {np.degrees(angle):.0f} deg",
         )
     )
     rows = [

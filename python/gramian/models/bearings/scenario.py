@@ -688,7 +688,7 @@ def _verdict(answer: Observability, relative: float, fit: StraightLineFit) -> tu
 
 def _percent(part: float) -> str:
     value = 100 * part
-    return f"{value:.2g} %" if value < 100 else f"{value:.0f} %"
+    return f"{number(value, 2)} %" if value < 100 else f"{value:.0f} %"
 
 
 def _pictures() -> Any:

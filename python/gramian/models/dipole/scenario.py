@@ -385,11 +385,20 @@ def _located(found: Localization, title: str, model: str) -> Report:
     near, speed, moment = found.closest, found.speed, found.moment
     tone: Tone = "good" if found.status == "good" and found.converged else "weak"
     facts = [
-        ("closest approach", f"{near.range:.3g} m +- {near.range_std:.2g} at {near.time:.4g} s"),
+        (
+            "closest approach",
+            f"{number(near.range, 3)} m +- {number(near.range_std, 2)} at {near.time:.4g} s",
+        ),
         ("seen from the first sensor", "(" + ", ".join(f"{x:.2f}" for x in near.position) + ") m"),
-        ("speed", f"{speed[0]:.4g} m/s" + (f" +- {speed[1]:.2g}" if speed[1] > 0 else " (known)")),
+        (
+            "speed",
+            f"{speed[0]:.4g} m/s" + (f" +- {number(speed[1], 2)}" if speed[1] > 0 else " (known)"),
+        ),
         ("direction of travel", "(" + ", ".join(f"{x:.3f}" for x in found.direction) + ")"),
-        ("moment", f"{moment[0]:.4g} A m^2" + (f" +- {moment[1]:.2g}" if moment[1] > 0 else "")),
+        (
+            "moment",
+            f"{moment[0]:.4g} A m^2" + (f" +- {number(moment[1], 2)}" if moment[1] > 0 else ""),
+        ),
         ("mirror image", _mirror(found)),
         (
             "left over",
@@ -433,7 +442,7 @@ def _located(found: Localization, title: str, model: str) -> Report:
         headline="LOCATED" if tone == "good" else "LOCATED, VAGUELY",
         verdict=(
             f"one dipole explains {100 * found.explained:.1f} % of the field; it passes at "
-            f"{near.range:.3g} m, +- {100 * near.range_std / near.range:.2g} %"
+            f"{number(near.range, 3)} m, +- {number(100 * near.range_std / near.range, 2)} %"
         ),
         facts=facts,
         tables=[table],

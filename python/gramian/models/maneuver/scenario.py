@@ -189,14 +189,17 @@ def _report(title: str, plan: Plan, loop: ClosedLoop | None) -> Report:
         ("where from", plan.starts[0].name),
     ]  # fmt: skip
     if np.isfinite(plan.clearance):
-        facts.append(("nearest to a limit", f"{max(plan.clearance, 0.0):.3g} m"))
+        facts.append(("nearest to a limit", f"{number(max(plan.clearance, 0.0), 3)} m"))
     if plan.turns.size:
         times = ", ".join(f"{plan.times[turn]:.6g} s" for turn in plan.turns)
         facts.append(("turns at", times))
     if loop is not None:
         first = loop.runs[0]
         facts.append(
-            ("flown without knowing", f"{first.method} ends with {first.final_rms:.3g} m rms")
+            (
+                "flown without knowing",
+                f"{first.method} ends with {number(first.final_rms, 3)} m rms",
+            )
         )
     shown = [
         Picture(
@@ -304,9 +307,9 @@ def _loop_table(loop: ClosedLoop) -> Table:
         [
             run.method,
             str(run.trials),
-            f"{run.final_rms:.3g} +- {run.uncertainty:.1g}",
-            f"{run.final_median:.3g}",
-            f"{run.final_p90:.3g}",
+            f"{number(run.final_rms, 3)} +- {run.uncertainty:.1g}",
+            f"{number(run.final_median, 3)}",
+            f"{number(run.final_p90, 3)}",
             f"{run.nearest.min():.4g}",
         ]
         for run in loop.runs
