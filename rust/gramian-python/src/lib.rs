@@ -15,6 +15,7 @@ mod monte_carlo;
 mod posterior;
 mod registration;
 mod run;
+#[cfg(feature = "large")]
 mod sparse;
 mod spine;
 
@@ -24,6 +25,7 @@ use pyo3::prelude::*;
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     spine::register(module)?;
+    #[cfg(feature = "large")]
     sparse::register(module)?;
     bearings::register(module)?;
     bearings_localize::register(module)?;
