@@ -121,7 +121,7 @@ def run() -> Report:
         headline="REPRODUCED",
         verdict=verdict_line,
         facts=[
-            ("ranks by derivative", ", ".join(map(str, levels.ranks[:5]))),
+            ("ranks by derivative", ", ".join(map(str, levels.ranks[:5] if levels.ranks else ()))),
             ("never seen", "; ".join(levels.null_combinations)),
             ("the older degrees", ranking),
             ("orders of the text", "the levels of s5 to s15 are those printed; that of s4 is 3"),
@@ -236,7 +236,7 @@ def _toy() -> Table:
                 f"a = {a:g}, c1 = {c1:g}, c2 = {c2:g}",
                 ", ".join(f"{by_state[name]:g}" for name in ("x1", "x2", "x3")),
                 f"{c1**2:g}, {c2**2:g}, {(a * c1) ** 2:g}",
-                ", ".join(str(level) for level in levels.states.values()),
+                ", ".join(str(level) for level in (levels.states or {}).values()),
             ]
         )
     return Table(
@@ -283,7 +283,7 @@ def _reordered(system: linear.System) -> tuple[Table, str]:
                 ", ".join(state for _, state in seen[:2]),
                 str(len(seen)),
                 str(np.linalg.matrix_rank(linear.observability_matrix(a, c))),
-                ", ".join(str(rank) for rank in levels.ranks[:4]),
+                ", ".join(map(str, levels.ranks[:4] if levels.ranks else ())),
             ]
         )
     table = Table(

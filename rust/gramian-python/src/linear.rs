@@ -3,7 +3,9 @@
 use gramian::batch::simd::Path;
 use gramian::linear::analysis::Analysis;
 use gramian::linear::batch::{self, Span};
+use gramian::linear::pencil::Pencil;
 use gramian::linear::piecewise;
+use gramian::linear::unobservable::{self, Unobservable};
 use gramian::linear::window;
 use gramian::observability::singular_values;
 use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
@@ -279,11 +281,23 @@ impl LinearAnalysis {
         (found.weakest, found.rejected)
     }
 
-    fn ranks(&self) -> Vec<usize> {
-        self.inner.ranks().to_vec()
+    /// A bound on how much the steps magnify rounding.
+    #[getter]
+    fn growth(&self) -> f64 {
+        self.inner.found().growth
     }
 
-    fn state_levels(&self) -> Vec<Option<usize>> {
+    /// None where they cannot be told.
+    fn ranks(&self) -> Option<Vec<usize>> {
+        self.inner.ranks().map(<[usize]>::to_vec)
+    }
+
+    #[getter]
+    fn rank(&self) -> usize {
+        self.inner.rank()
+    }
+
+    fn state_levels(&self) -> Option<Vec<Option<usize>>> {
         self.inner.state_levels()
     }
 
@@ -334,6 +348,190 @@ impl LinearAnalysis {
     }
 }
 
+/// One system, contiguous.
+fn one_system<'py>(
+    a: &Bound<'py, PyAny>,
+    c: &Bound<'py, PyAny>,
+) -> PyResult<(Input<'py>, Input<'py>, usize)> {
+    let (a, c, n, p) = system(a, c)?;
+    if a.slice()?.len() != n * n || c.slice()?.len() != p * n {
+        return Err(InputError::new_err(
+            "A and C have leading axes: must be one system",
+        ));
+    }
+    Ok((a, c, n))
+}
+
+/// A (n, n) and C (p, n), balanced.
+#[pyfunction]
+fn linear_balanced<'py>(
+    py: Python<'py>,
+    a: &Bound<'py, PyAny>,
+    c: &Bound<'py, PyAny>,
+) -> PyResult<(Matrix<'py>, Matrix<'py>)> {
+    let (a, c, n) = one_system(a, c)?;
+    let (a, c) = (a.slice()?, c.slice()?);
+    let (a, c) = run::detached(py, |_| unobservable::balanced(a, c, n))?
+        .map_err(|error| errors::input_at("", error))?;
+    let outputs = c.len() / n;
+    Ok((
+        PyArray1::from_vec(py, a).reshape([n, n])?,
+        PyArray1::from_vec(py, c).reshape([outputs, n])?,
+    ))
+}
+
+/// The distance, real and imaginary part of z, and of the direction (2, n).
+type Distance<'py> = (f64, (f64, f64), Matrix<'py>, usize);
+
+/// The pencil of one system: see `gramian::linear::pencil`.
+#[pyclass(frozen)]
+struct LinearPencil {
+    inner: Pencil,
+    n: usize,
+}
+
+#[pymethods]
+impl LinearPencil {
+    #[new]
+    fn new(py: Python<'_>, a: &Bound<'_, PyAny>, c: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let (a, c, n) = one_system(a, c)?;
+        let (a, c) = (a.slice()?, c.slice()?);
+        let inner = run::detached(py, |_| Pencil::new(a, c, n))?
+            .map_err(|error| errors::input_at("", error))?;
+        Ok(Self { inner, n })
+    }
+
+    #[getter]
+    fn norm(&self) -> f64 {
+        self.inner.norm()
+    }
+
+    /// (n, 2)
+    fn eigenvalues<'py>(&self, py: Python<'py>) -> PyResult<Matrix<'py>> {
+        let flat = self.inner.eigenvalues().concat();
+        PyArray1::from_vec(py, flat).reshape([self.n, 2])
+    }
+
+    fn sigma(&self, re: f64, im: f64) -> f64 {
+        self.inner.sigma([re, im])
+    }
+
+    fn distance<'py>(&self, py: Python<'py>) -> PyResult<Distance<'py>> {
+        let found = run::detached(py, |_| self.inner.distance())?;
+        self.packed(py, &found)
+    }
+
+    /// The distance, a lower bound proved, and whether that is as near as was asked.
+    fn certify<'py>(
+        &self,
+        py: Python<'py>,
+        slack: f64,
+        most: usize,
+    ) -> PyResult<(Distance<'py>, f64, bool)> {
+        let mut raised = Ok(());
+        let found = py
+            .detach(|| {
+                self.inner.certify_until(slack, most, &mut |_| {
+                    raised = Python::attach(|py| py.check_signals());
+                    raised.is_err()
+                })
+            })
+            .map_err(|error| errors::input_at("", error))?;
+        raised?;
+        let distance = self.packed(py, &found.found)?;
+        Ok((distance, found.at_least, found.complete))
+    }
+}
+
+impl LinearPencil {
+    fn packed<'py>(
+        &self,
+        py: Python<'py>,
+        found: &gramian::linear::pencil::Distance,
+    ) -> PyResult<Distance<'py>> {
+        let parts: Vec<f64> = (0..2)
+            .flat_map(|k| found.direction.iter().map(move |z| z[k]))
+            .collect();
+        let direction = PyArray1::from_vec(py, parts).reshape([2, self.n])?;
+        let z = (found.z[0], found.z[1]);
+        Ok((found.distance, z, direction, found.evaluations))
+    }
+}
+
+/// What no output shows: see `gramian::linear::unobservable`.
+#[pyclass(frozen)]
+struct LinearUnobservable {
+    inner: Unobservable,
+    n: usize,
+}
+
+#[pymethods]
+impl LinearUnobservable {
+    #[new]
+    fn new(
+        py: Python<'_>,
+        a: &Bound<'_, PyAny>,
+        c: &Bound<'_, PyAny>,
+        rtol: Option<f64>,
+    ) -> PyResult<Self> {
+        let (a, c, n) = one_system(a, c)?;
+        expect_rtol(rtol)?;
+        let (a, c) = (a.slice()?, c.slice()?);
+        let inner = run::detached(py, |_| Unobservable::new(a, c, n, rtol))?
+            .map_err(|error| errors::input_at("", error))?;
+        Ok(Self { inner, n })
+    }
+
+    /// The largest singular value that counted as zero, the smallest that did not, and
+    /// what was decided with, over the norm.
+    #[getter]
+    fn margins(&self) -> (f64, f64, f64) {
+        let found = self.inner.found();
+        (found.rejected, found.weakest, found.rtol)
+    }
+
+    /// What the states and the unit of time were multiplied by.
+    #[getter]
+    fn scales(&self) -> (Vec<f64>, f64) {
+        (self.inner.state_scales().to_vec(), self.inner.time_scale())
+    }
+
+    fn null_space<'py>(&self, py: Python<'py>) -> PyResult<Matrix<'py>> {
+        columns(py, self.inner.null_space(), self.n)
+    }
+
+    /// Real and imaginary part of the eigenvalue, combinations (n, k).
+    fn modes<'py>(&self, py: Python<'py>) -> PyResult<Vec<(f64, f64, Matrix<'py>)>> {
+        self.inner
+            .modes()
+            .iter()
+            .map(|mode| {
+                let [re, im] = mode.eigenvalue;
+                Ok((re, im, columns(py, &mode.combinations, self.n)?))
+            })
+            .collect()
+    }
+
+    /// Rows (k, n) without what rounding says of the subspace.
+    fn project<'py>(&self, py: Python<'py>, rows: &Bound<'py, PyAny>) -> PyResult<Matrix<'py>> {
+        let rows = Input::new(rows, "rows", 2)?;
+        rows.expect(&[None, Some(self.n)], "a column for each state")?;
+        let mut out = rows.slice()?.to_vec();
+        let count = out.len() / self.n;
+        run::detached(py, |_| self.inner.project(&mut out))?;
+        PyArray1::from_vec(py, out).reshape([count, self.n])
+    }
+
+    /// How many combinations stay unobservable with each row of `outputs` added.
+    fn left_by(&self, py: Python<'_>, outputs: &Bound<'_, PyAny>) -> PyResult<Vec<usize>> {
+        let outputs = Input::new(outputs, "outputs", 2)?;
+        outputs.expect(&[None, Some(self.n)], "a column for each state")?;
+        let outputs = outputs.slice()?;
+        run::detached(py, |_| self.inner.left_by(outputs))?
+            .map_err(|error| errors::input_at("", error))
+    }
+}
+
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(observability_matrix, module)?)?;
     module.add_function(wrap_pyfunction!(linear_levels, module)?)?;
@@ -341,5 +539,8 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(linear_transition, module)?)?;
     module.add_function(wrap_pyfunction!(right_singular, module)?)?;
     module.add_function(wrap_pyfunction!(piecewise_ranks, module)?)?;
+    module.add_function(wrap_pyfunction!(linear_balanced, module)?)?;
+    module.add_class::<LinearPencil>()?;
+    module.add_class::<LinearUnobservable>()?;
     module.add_class::<LinearAnalysis>()
 }

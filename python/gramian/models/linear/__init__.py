@@ -19,18 +19,23 @@ from gramian.models.linear._levels import (
     levels,
     observability_matrix,
 )
+from gramian.models.linear._pencil import Distance, Mode, Unobservable, distance, unobservable
 from gramian.models.linear._systems import System
 from gramian.models.linear._windows import Piecewise, gramian, piecewise, problem, rows, transition
 
 __all__ = [
     "BatchLevels",
     "Degree",
+    "Distance",
     "Information",
     "Levels",
+    "Mode",
     "Piecewise",
     "System",
+    "Unobservable",
     "batch_levels",
     "degree",
+    "distance",
     "gramian",
     "information",
     "levels",
@@ -39,6 +44,7 @@ __all__ = [
     "problem",
     "rows",
     "transition",
+    "unobservable",
 ]
 
 

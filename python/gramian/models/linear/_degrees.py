@@ -51,7 +51,8 @@ class Degree:
         eigenvalues.
     order : tuple of (int or None)
         For "order", the level: the first derivative by which the combination is
-        known but for the part `tolerance`; None for never.
+        known but for the part `tolerance`; None for never, and for all where levels
+        cannot be told (see `levels`).
     """
 
     method: Method
@@ -277,13 +278,14 @@ def degree(
     order: tuple[int | None, ...] = ()
     if method == "order":
         analysis = _core.LinearAnalysis(system.A, system.C, None)
-        nullity = system.n - analysis.ranks()[-1]
+        nullity = system.n - analysis.rank
+        told = analysis.ranks() is not None
         published = tuple(
             None if i < nullity else published_order(system.A, system.C, column, threshold)
             for i, column in enumerate(vectors.T)
         )
         order = tuple(
-            None if i < nullity else nearest_level(analysis, column, tolerance)
+            None if i < nullity or not told else nearest_level(analysis, column, tolerance)
             for i, column in enumerate(vectors.T)
         )
     return Degree(

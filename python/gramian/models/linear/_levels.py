@@ -72,11 +72,15 @@ class BatchLevels:
     Attributes
     ----------
     ranks : ndarray of int, shape (..., n)
-        Rank of O_k for k = 0, 1, .., n - 1.
+        Rank of O_k for k = 0, 1, .., n - 1; the last is right for every system, the
+        others are -1 where `reliable` is False.
     levels : ndarray, shape (..., n)
-        The level of each state; `inf` where no derivative determines it.
+        The level of each state; `inf` where no derivative determines it, NaN where
+        `reliable` is False.
     rank : ndarray of int, shape (...)
         Rank of the whole observability matrix.
+    reliable : ndarray of bool, shape (...)
+        Whether levels can be told in double precision.
     """
 
     ranks: NDArray[np.int64]
@@ -88,6 +92,12 @@ class BatchLevels:
         last: NDArray[np.int64] = self.ranks[..., -1]
         return last
 
+    @property
+    def reliable(self) -> NDArray[np.bool_]:
+        """Whether the levels of each system can be told."""
+        told: NDArray[np.bool_] = ~np.isnan(self.levels[..., -1])
+        return told
+
 
 @dataclass(frozen=True, eq=False)
 class Levels:
@@ -96,15 +106,18 @@ class Levels:
     Attributes
     ----------
     names : tuple of str, length n
-    ranks : tuple of int, length n
-        Rank of O_k for k = 0, 1, .., n - 1.
+    ranks : tuple of int, length n, or None
+        Rank of O_k for k = 0, 1, .., n - 1. None where levels cannot be told in double
+        precision: see `reason`.
     rank, nullity : int
-        Of the whole observability matrix.
-    states : mapping of str to (int or None)
+        Of the whole observability matrix: right in any case.
+    states : mapping of str to (int or None), or None
         The level of each state: the derivative from which on it is known. None
-        for never.
-    combinations : mapping of str to (int or None)
+        for never; None in place of the mapping where levels cannot be told.
+    combinations : mapping of str to (int or None), or None
         The same of the named combinations.
+    reason : str or None
+        Why levels cannot be told.
     new : tuple of ndarray, shape (n, m)
         For each level up to the last that adds something, the combinations that
         become known there, one a column, in physical units; a combination of one
@@ -120,19 +133,16 @@ class Levels:
     """
 
     names: tuple[str, ...]
-    ranks: tuple[int, ...]
-    states: Mapping[str, int | None]
-    combinations: Mapping[str, int | None]
+    ranks: tuple[int, ...] | None
+    states: Mapping[str, int | None] | None
+    combinations: Mapping[str, int | None] | None
     new: tuple[Array, ...]
     null_space: Array
     margins: tuple[float, float]
     rtol: float
+    rank: int
+    reason: str | None
     _analysis: _core.LinearAnalysis = field(repr=False)
-
-    @property
-    def rank(self) -> int:
-        """Rank of the whole observability matrix."""
-        return self.ranks[-1]
 
     @property
     def nullity(self) -> int:
@@ -165,6 +175,8 @@ class Levels:
             The part of the combination, in balanced states, that may be left
             open; by default what rounding explains.
         """
+        if self.reason is not None:
+            raise InputError(self.reason)
         if tolerance is not None and not 0 < tolerance < 1:
             raise InputError(f"tolerance = {tolerance}: must be between 0 and 1")
         return self._analysis.level_of(coefficients(combination, self.names), tolerance)
@@ -173,11 +185,12 @@ class Levels:
         """Return the answer as plain lists, numbers and strings, fit for JSON."""
         return {
             "names": list(self.names),
-            "ranks": list(self.ranks),
+            "ranks": None if self.ranks is None else list(self.ranks),
             "rank": self.rank,
             "nullity": self.nullity,
-            "states": dict(self.states),
-            "combinations": dict(self.combinations),
+            "states": None if self.states is None else dict(self.states),
+            "combinations": None if self.combinations is None else dict(self.combinations),
+            "reason": self.reason,
             "new": [list(level) for level in self.new_combinations],
             "null_space": self.null_space.tolist(),
             "null_combinations": list(self.null_combinations),
@@ -190,10 +203,13 @@ class Levels:
         n = len(self.names)
         head = "OBSERVABLE" if self.nullity == 0 else "UNOBSERVABLE"
         lines = [f"{head}: rank {self.rank} of {n}"]
-        for k, level in enumerate(self.new_combinations):
-            source = "the output itself" if k == 0 else f"derivative {k}"
-            lines.append(f"  {source} gives (rank {self.ranks[k]})")
-            lines += [f"    {text}" for text in level]
+        if self.ranks is None:
+            lines.append(f"  {self.reason}")
+        else:
+            for k, level in enumerate(self.new_combinations):
+                source = "the output itself" if k == 0 else f"derivative {k}"
+                lines.append(f"  {source} gives (rank {self.ranks[k]})")
+                lines += [f"    {text}" for text in level]
         lines += [f"  never seen: {text}" for text in self.null_combinations]
         return "\n".join(lines)
 
@@ -253,6 +269,10 @@ def levels(
     of A are not formed. An entry that should be zero must be zero: 1e-17 counts
     as a coupling.
 
+    Where the steps of the staircase magnify rounding too much (long chains, dense systems
+    of more than about 20 states with few outputs), rank and null space come from the
+    pencil as in `unobservable`, and levels are None, with a `reason`.
+
     A discrete system (Phi, C) may be given as well; levels then count samples.
 
     Examples
@@ -270,20 +290,27 @@ def levels(
     """
     system = system_of(A, C, names)
     analysis = _core.LinearAnalysis(system.A, system.C, rtol)
-    wanted = dict(system.combinations) | dict(combinations or {})
-    named = {
-        name: analysis.level_of(coefficients(value, system.names), None)
-        for name, value in wanted.items()
+    wanted = {
+        name: coefficients(value, system.names)
+        for name, value in (dict(system.combinations) | dict(combinations or {})).items()
     }
+    ranks, states = analysis.ranks(), analysis.state_levels()
+    told = ranks is not None and states is not None
+    reason = (
+        "levels cannot be told in double precision: the steps from one derivative to the next "
+        f"magnify rounding {analysis.growth:.1e} times; `unobservable` and `distance` need none"
+    )
     return Levels(
         names=system.names,
-        ranks=tuple(analysis.ranks()),
-        states=dict(zip(system.names, analysis.state_levels(), strict=True)),
-        combinations=named,
-        new=tuple(analysis.combinations()),
+        ranks=None if ranks is None else tuple(ranks),
+        states=None if states is None else dict(zip(system.names, states, strict=True)),
+        combinations={k: analysis.level_of(v, None) for k, v in wanted.items()} if told else None,
+        new=tuple(analysis.combinations()) if told else (),
         null_space=analysis.null_space(),
         margins=analysis.margins,
         rtol=analysis.rtol,
+        rank=analysis.rank,
+        reason=None if told else reason,
         _analysis=analysis,
     )
 
@@ -314,7 +341,8 @@ def batch_levels(
     """
     a, c = matrices(A, C)
     both = _core.linear_levels(a, c, rtol)
-    return BatchLevels(ranks=both[..., 0, :].astype(np.int64), levels=both[..., 1, :])
+    ranks = np.nan_to_num(both[..., 0, :], nan=-1.0).astype(np.int64)
+    return BatchLevels(ranks=ranks, levels=both[..., 1, :])
 
 
 def coefficients(value: ArrayLike | Mapping[str, float], names: Sequence[str]) -> Array:

@@ -208,8 +208,11 @@ def problem(
     'observable'
     """
     system = system_of(A, C, names, units, prior, R)
+    sampled = rows(A, C, window=window, dt=dt, R=R, time=time)
+    # What no output shows is zero in the rows but for rounding, which would count.
+    hidden = _core.LinearUnobservable(system.A, system.C, None)
     found = Problem(
-        rows(A, C, window=window, dt=dt, R=R, time=time),
+        hidden.project(sampled) if hidden.null_space().size else sampled,
         system.names,
         units=system.units,
         scale=system.prior,

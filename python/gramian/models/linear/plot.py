@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from gramian.exceptions import InputError
 from gramian.plot import COLORS, figure
 
 if TYPE_CHECKING:
@@ -23,6 +24,8 @@ Array = NDArray[np.float64]
 
 def level_steps(found: Levels) -> Figure:
     """Draw the rank by derivative as steps, and the level of each state and combination."""
+    if found.ranks is None or found.states is None or found.combinations is None:
+        raise InputError(str(found.reason))
     last = len(found.new) if found.nullity else len(found.new) - 1
     shown = list(found.ranks[: max(last, 1) + 1])
     named = {**found.states, **found.combinations}

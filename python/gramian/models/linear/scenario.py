@@ -185,7 +185,10 @@ def linear_report(
         if found.nullity
         else "the outputs and their derivatives determine every state"
     )
-    lines = [("ranks by derivative", ", ".join(map(str, _distinct(found.ranks))))]
+    if found.ranks is None:
+        lines = [("ranks by derivative", str(found.reason))]
+    else:
+        lines = [("ranks by derivative", ", ".join(map(str, _distinct(found.ranks))))]
     weakest, rejected = found.margins
     lines.append(
         (
@@ -194,7 +197,7 @@ def linear_report(
         )
     )
     lines += facts
-    shown = [_levels_table(found), *_null_table(found)]
+    shown = [*_levels_table(found), *_null_table(found)]
     if where:
         shown = [replace(table, title=f"{where.capitalize()}: {table.title}") for table in shown]
     shown += tables
@@ -206,6 +209,8 @@ def linear_report(
             found.plot,
         )
     ]
+    if found.ranks is None:
+        pictures = []
     values: dict[str, Any] = {"levels": found.to_dict()} | dict(data or {})
     if observed is not None:
         information = observed.information
@@ -261,17 +266,21 @@ def _distinct(ranks: Sequence[int]) -> list[int]:
     return shown
 
 
-def _levels_table(found: Levels) -> Table:
+def _levels_table(found: Levels) -> list[Table]:
+    if found.ranks is None:
+        return []
     rows = []
     for k, level in enumerate(found.new_combinations):
         source = "outputs" if k == 0 else f"derivative {k}"
         rows += [[source if i == 0 else "", text] for i, text in enumerate(level)]
-    return Table(
-        "What becomes known when",
-        ["from", "combination"],
-        rows,
-        "A combination is determined up to those above it.",
-    )
+    return [
+        Table(
+            "What becomes known when",
+            ["from", "combination"],
+            rows,
+            "A combination is determined up to those above it.",
+        )
+    ]
 
 
 def _null_table(found: Levels) -> list[Table]:
@@ -290,11 +299,11 @@ def _null_table(found: Levels) -> list[Table]:
 def _ratio_table(information: Information, found: Levels, where: str, unit: str) -> Table:
     rows = []
     for i, name in enumerate(information.names):
-        level = found.states[name]
+        level = found.states[name] if found.states is not None else None
         rows.append(
             [
                 name,
-                "never" if level is None else str(level),
+                ("never" if level is None else str(level)) if found.states is not None else "-",
                 number(information.prior[i]),
                 number(information.posterior[i]),
                 information.units[i],

@@ -7,13 +7,14 @@
 //! let a = [0.0_f64, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
 //! let found = Analysis::new(&a, &[1.0, 0.0, 0.0], 3, None).unwrap();
 //! assert_eq!(found.rank(), 2);
-//! assert_eq!(found.state_levels(), [Some(0), Some(1), None]);
+//! assert_eq!(found.state_levels().unwrap(), [Some(0), Some(1), None]);
 //! ```
 
 use alloc::vec;
 use alloc::vec::Vec;
 
 use super::Error;
+use super::pencil::Pencil;
 use super::scaling::{self, Systems, Work, dot};
 use super::staircase::{self, Found, Staircase};
 use crate::scalar::{NumberError, Real, all_finite, check_finite, check_length};
@@ -31,6 +32,8 @@ pub struct Analysis<T> {
     /// Orthonormal directions in balanced states, those of level 0 first.
     basis: Vec<T>,
     ranks: Vec<usize>,
+    rank: usize,
+    reliable: bool,
     found: Found<T>,
     rtol: T,
 }
@@ -74,13 +77,12 @@ impl<T: Real> Analysis<T> {
             check_rtol(rtol)?;
         }
         let (mut a, mut c) = (a.to_vec(), c.to_vec());
-        let scale = balance(&mut a, &mut c, n);
+        let scale = balance(&mut a, &mut c, n).states;
         scaling::check(&a, &c, n)?;
         let rtol = rtol.unwrap_or_else(|| staircase::default_rtol(n));
         let mut rows = vec![T::zero(); n.max(p) * n];
         let (mut v, mut w) = (vec![T::zero(); n], vec![T::zero(); n]);
-        let forms = a
-            .chunks_exact(n * n)
+        a.chunks_exact(n * n)
             .zip(c.chunks_exact(p * n))
             .map(|(a, c)| {
                 let mut basis = vec![T::zero(); n * n];
@@ -93,28 +95,55 @@ impl<T: Real> Analysis<T> {
                     basis: &mut basis,
                     rows: &mut rows,
                 };
-                let found = form.reduce(rtol, &mut v, &mut w, &mut ranks);
-                Self {
+                let mut found = form.reduce(rtol, &mut v, &mut w, &mut ranks);
+                if !found.reliable(n) {
+                    found.growth = growth(a, &basis, &ranks, &found);
+                }
+                let rank = ranks.last().copied().unwrap_or(0);
+                let mut form = Self {
                     n,
                     scale: scale.clone(),
                     basis,
                     ranks,
+                    rank,
+                    reliable: found.reliable(n),
                     found,
                     rtol,
+                };
+                if !form.reliable {
+                    form.decide_on_the_pencil(a, c)?;
                 }
+                Ok(form)
             })
-            .collect();
-        Ok(forms)
+            .collect()
     }
 
-    /// Rank of `O_k` for k = 0..n.
-    pub fn ranks(&self) -> &[usize] {
-        &self.ranks
+    /// Rank and kernel where the staircase cannot be relied on.
+    fn decide_on_the_pencil(&mut self, a: &[T], c: &[T]) -> Result<(), Error> {
+        let double = |x: &[T]| x.iter().map(|x| x.double()).collect::<Vec<f64>>();
+        let decided =
+            Pencil::new(&double(a), &double(c), self.n)?.unobservable(Some(self.rtol.double()))?;
+        self.rank = self.n - decided.dimension();
+        self.basis = decided
+            .row_space
+            .iter()
+            .chain(&decided.kernel)
+            .map(|&x| T::of(x))
+            .collect();
+        self.found.rejected = T::of(decided.rejected);
+        self.found.weakest = T::of(decided.weakest.min(1.0));
+        Ok(())
+    }
+
+    /// Rank of `O_k` for k = 0..n; `None` where rounding grows so much over the steps
+    /// that they cannot be told. [`rank`](Self::rank) and the kernel are right all the same.
+    pub fn ranks(&self) -> Option<&[usize]> {
+        self.reliable.then_some(&self.ranks)
     }
 
     /// The rank of the whole observability matrix.
     pub fn rank(&self) -> usize {
-        self.ranks.last().copied().unwrap_or(0)
+        self.rank
     }
 
     /// How clear the rank decisions were.
@@ -143,8 +172,11 @@ impl<T: Real> Analysis<T> {
         &self.basis[self.rank() * self.n..]
     }
 
-    /// The level of each state.
-    pub fn state_levels(&self) -> Vec<Option<usize>> {
+    /// The level of each state; `None` for all where levels cannot be told.
+    pub fn state_levels(&self) -> Option<Vec<Option<usize>>> {
+        if !self.reliable {
+            return None;
+        }
         let mut levels = vec![None; self.n];
         let touch = self.found.touch(self.rtol);
         staircase::state_levels(
@@ -157,7 +189,16 @@ impl<T: Real> Analysis<T> {
                 levels[i] = level;
             },
         );
-        levels
+        Some(levels)
+    }
+
+    fn check_reliable(&self) -> Result<(), Error> {
+        if self.reliable {
+            return Ok(());
+        }
+        Err(Error::Levels {
+            growth: self.found.growth.double(),
+        })
     }
 
     /// The part of combination^T x, relative to the whole in balanced states,
@@ -165,8 +206,10 @@ impl<T: Real> Analysis<T> {
     ///
     /// # Errors
     /// [`NumberError::Length`]; [`Error::Number`] for what is not finite, a combination
-    /// that is zero, or so large or small in balanced states that it is no number.
+    /// that is zero, or so large or small in balanced states that it is no number;
+    /// [`Error::Levels`] where levels cannot be told.
     pub fn residuals(&self, combination: &[T]) -> Result<Vec<T>, Error> {
+        self.check_reliable()?;
         let n = self.n;
         check_length("combination", combination.len(), n)?;
         check_finite("combination", combination)?;
@@ -239,8 +282,9 @@ impl<T: Real> Analysis<T> {
     /// coefficient 1 that none of the others, here or before, contains.
     ///
     /// # Errors
-    /// As [`null_space`](Self::null_space).
+    /// As [`null_space`](Self::null_space), and [`Error::Levels`].
     pub fn combinations(&self) -> Result<Vec<Vec<Vec<T>>>, Error> {
+        self.check_reliable()?;
         let n = self.n;
         let touch = self.found.touch(self.rtol);
         // The states that parametrise the kernel do not serve as leaders.
@@ -304,14 +348,111 @@ fn check_vectors<T: Real>(vectors: &[Vec<T>]) -> Result<(), NumberError> {
     })
 }
 
-/// Centers and balances the systems in place; returns the states'
-/// factors.
-pub(super) fn balance<T: Real>(a: &mut [T], c: &mut [T], n: usize) -> Vec<T> {
+/// How much the steps of a staircase magnify an error: what step k leaves open by what
+/// the steps before do, with the sizes of the blocks of A between them.
+fn growth<T: Real>(a: &[T], basis: &[T], ranks: &[usize], found: &Found<T>) -> T {
+    let n = ranks.len();
+    let size = a
+        .chunks_exact(n)
+        .fold(T::zero(), |size, row| size.max(dot(row, row)))
+        .sqrt();
+    if !(size > T::zero()) {
+        return T::one() / found.weakest;
+    }
+    // Rows i: the i-th direction through A, in the basis.
+    let mut through = vec![T::zero(); n * n];
+    let mut image = vec![T::zero(); n];
+    for i in 0..n {
+        image.fill(T::zero());
+        for (&x, line) in basis[i * n..(i + 1) * n].iter().zip(a.chunks_exact(n)) {
+            scaling::add(&mut image, x / size, line);
+        }
+        for j in 0..n {
+            through[i * n + j] = dot(&image, &basis[j * n..(j + 1) * n]);
+        }
+    }
+    let mut bounds = vec![0];
+    for &rank in ranks {
+        if bounds.last() != Some(&rank) {
+            bounds.push(rank);
+        }
+    }
+    let mut open: Vec<T> = Vec::new();
+    let mut largest = T::zero();
+    for k in 0..bounds.len() - 1 {
+        let (first, last) = (bounds[k], bounds[k + 1]);
+        // The outputs were made of length one: their own smallest part is `weakest` at worst.
+        let (mut sum, coupling) = if k == 0 {
+            (T::one(), found.first)
+        } else {
+            let before = bounds[k - 1]..first;
+            let mut sum = T::one() + open[k - 1];
+            for (j, &part) in open.iter().enumerate() {
+                let mut squared = T::zero();
+                for i in before.clone() {
+                    let row = &through[i * n + bounds[j]..i * n + bounds[j + 1]];
+                    squared += dot(row, row);
+                }
+                sum += squared.sqrt() * part;
+            }
+            // The smallest direction of the block that leads to the new one: by rows,
+            // each without its part along those before it.
+            let mut rows: Vec<Vec<T>> = before
+                .map(|i| through[i * n + first..i * n + last].to_vec())
+                .collect();
+            (sum, smallest_pivot(&mut rows, last - first))
+        };
+        sum /= coupling;
+        open.push(sum);
+        largest = largest.max(sum);
+    }
+    largest
+}
+
+/// The smallest of `count` pivots of an orthogonalisation with the largest row first.
+fn smallest_pivot<T: Real>(rows: &mut [Vec<T>], count: usize) -> T {
+    let mut smallest = T::INFINITY;
+    for _ in 0..count {
+        let Some(best) = rows
+            .iter()
+            .map(|row| dot(row, row))
+            .enumerate()
+            .max_by(|x, y| x.1.double().total_cmp(&y.1.double()))
+        else {
+            return T::zero();
+        };
+        let norm = best.1.sqrt();
+        smallest = smallest.min(norm);
+        if !(norm > T::zero()) {
+            return T::zero();
+        }
+        let pivot: Vec<T> = rows[best.0].iter().map(|&x| x / norm).collect();
+        for row in rows.iter_mut() {
+            let along = dot(row, &pivot);
+            scaling::add(row, -along, &pivot);
+        }
+    }
+    smallest
+}
+
+/// What [`balance`] did.
+pub(super) struct Balanced<T> {
+    /// What a balanced state is multiplied by to give the physical one.
+    pub states: Vec<T>,
+    /// What the unit of time was multiplied by.
+    pub time: T,
+    /// What was taken from the diagonal of each A before.
+    pub centers: Vec<T>,
+}
+
+/// Centers and balances the systems in place.
+pub(super) fn balance<T: Real>(a: &mut [T], c: &mut [T], n: usize) -> Balanced<T> {
     let outputs = c.len().checked_div(n).unwrap_or(0);
     let mut states = vec![T::zero(); n];
-    for block in a.chunks_exact_mut(n * n) {
-        staircase::center(block, n, n, &mut states);
-    }
+    let centers = a
+        .chunks_exact_mut(n * n)
+        .map(|block| staircase::center(block, n, n, &mut states))
+        .collect();
     let mut output_scales = vec![T::zero(); outputs];
     let (mut pattern, mut see) = (vec![T::zero(); n * n], vec![T::zero(); outputs * n]);
     let (mut state, mut output) = (vec![T::zero(); 5 * n], vec![T::zero(); 4 * outputs]);
@@ -324,7 +465,11 @@ pub(super) fn balance<T: Real>(a: &mut [T], c: &mut [T], n: usize) -> Vec<T> {
     };
     let balance = scaling::balance(systems, work, &mut states, &mut output_scales);
     balance.apply(&states, &output_scales, a, c);
-    states
+    Balanced {
+        states,
+        time: balance.time,
+        centers,
+    }
 }
 
 /// The kernel directions `null` (rows, balanced) in physical units, reduced;

@@ -6,6 +6,7 @@ use core::convert::Infallible;
 
 use crate::batch::simd::Path;
 use crate::batch::{Items, Threads};
+use crate::linear::analysis::Analysis;
 use crate::linear::scaling::{self, Systems, Work};
 use crate::linear::staircase::{self, Staircase};
 use crate::linear::window::{Overflow, Window};
@@ -14,7 +15,8 @@ use crate::linear::window::{Overflow, Window};
 const LANES: usize = 8;
 
 /// Ranks of `O_0` .. `O_{n-1}` and the level of each state (`inf` for never) of
-/// systems A (trials, n, n), C (trials, p, n): 2 n numbers for each trial.
+/// systems A (trials, n, n), C (trials, p, n): 2 n numbers for each trial. Where levels
+/// cannot be told they are NaN, and so are all ranks but the last.
 pub fn linear_levels(
     a: Items<'_>,
     c: Items<'_>,
@@ -29,16 +31,38 @@ pub fn linear_levels(
     let cost = linear_cost(n, p);
     let each = |space: &mut Space, trial: usize, out: &mut [f64]| -> Result<(), Infallible> {
         let (a, c) = (a.get(trial), c.get(trial));
-        path.run(LevelsKernel {
+        let reliable = path.run(LevelsKernel {
             a,
             c,
             rtol,
             space,
             out,
         });
+        if !reliable {
+            carefully(a, c, n, rtol, out);
+        }
         Ok(())
     };
     let Ok(()) = threads.over_with(out, 2 * n, cost, || Space::new(n, p), each);
+}
+
+/// The levels of one system whose staircase may not be relied on: NaN where they cannot
+/// be told, but for the last rank, which the pencil decides.
+fn carefully(a: &[f64], c: &[f64], n: usize, rtol: f64, out: &mut [f64]) {
+    out.fill(f64::NAN);
+    let Ok(found) = Analysis::new(a, c, n, Some(rtol)) else {
+        return;
+    };
+    let (ranks, levels) = out.split_at_mut(n);
+    ranks[n - 1] = found.rank() as f64;
+    if let (Some(known), Some(states)) = (found.ranks(), found.state_levels()) {
+        for (out, &rank) in ranks.iter_mut().zip(known) {
+            *out = rank as f64;
+        }
+        for (out, level) in levels.iter_mut().zip(states) {
+            *out = level.map_or(f64::INFINITY, |level| level as f64);
+        }
+    }
 }
 
 /// Roughly what the levels of one system take, in nanoseconds.
@@ -93,12 +117,12 @@ struct LevelsKernel<'a> {
 }
 
 impl pulp::WithSimd for LevelsKernel<'_> {
-    type Output = ();
+    type Output = bool;
 
     // The vectors are those of the path this is inlined into: rows are padded to
     // whole vectors and the sums over them run in eight lanes.
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _simd: S) {
+    fn with_simd<S: pulp::Simd>(self, _simd: S) -> bool {
         let Space {
             n,
             stride,
@@ -141,7 +165,8 @@ impl pulp::WithSimd for LevelsKernel<'_> {
             basis,
             rows,
         };
-        let touch = form.reduce(self.rtol, v, w, ranks).touch(self.rtol);
+        let found = form.reduce(self.rtol, v, w, ranks);
+        let touch = found.touch(self.rtol);
         let (rank_out, level_out) = self.out.split_at_mut(n);
         for (out, &rank) in rank_out.iter_mut().zip(ranks.iter()) {
             *out = rank as f64;
@@ -149,6 +174,7 @@ impl pulp::WithSimd for LevelsKernel<'_> {
         staircase::state_levels(basis, n, stride, ranks, touch, |i, level| {
             level_out[i] = level.map_or(f64::INFINITY, |level| level as f64);
         });
+        found.reliable(n)
     }
 }
 

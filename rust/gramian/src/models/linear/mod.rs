@@ -12,15 +12,24 @@
 //! # Source
 //! Yang & Yin 2012 (the order of a combination); Paige 1981 and Van Dooren 1981
 //! (the staircase form); Curtis & Reid 1972 (the balance).
+//!
+//! Levels say when a combination is seen. *Whether* it is, the staircase tells where its
+//! steps do not magnify rounding; where they do, `pencil` decides.
 
 #[cfg(feature = "alloc")]
 pub mod analysis;
 #[cfg(feature = "std")]
 pub mod batch;
 #[cfg(feature = "alloc")]
+pub mod pencil;
+#[cfg(feature = "alloc")]
 pub mod piecewise;
 pub(crate) mod scaling;
+#[cfg(feature = "alloc")]
+pub(crate) mod schur;
 pub(crate) mod staircase;
+#[cfg(feature = "alloc")]
+pub mod unobservable;
 #[cfg(feature = "alloc")]
 pub mod window;
 use crate::scalar::{NumberError, Real, check_finite};
@@ -37,6 +46,15 @@ pub enum Error {
     /// A window too long for the numbers.
     #[error(transparent)]
     Window(#[from] window::Overflow),
+    /// No eigenvalues.
+    #[error(transparent)]
+    Pencil(#[from] pencil::Error),
+    /// A question about levels where they cannot be told.
+    #[error("levels cannot be told in this precision: rounding grows {growth:.1e} times")]
+    Levels {
+        /// A bound on how much the steps of the staircase magnify rounding.
+        growth: f64,
+    },
 }
 
 /// Ranks of `O_0`, `O_1`, .. of a system of fixed size, and the level of each state.
@@ -46,6 +64,9 @@ pub struct SmallLevels<const N: usize> {
     pub ranks: [usize; N],
     /// The level of each state, `None` where it is never determined.
     pub states: [Option<usize>; N],
+    /// Whether the numbers of this type can tell the above. Where they cannot, `analysis`
+    /// decides the rank on the `pencil`.
+    pub reliable: bool,
 }
 
 /// Levels of a small system, without allocation.
@@ -85,6 +106,7 @@ pub fn levels<T: Real, const N: usize, const P: usize>(
         return Ok(SmallLevels {
             ranks,
             states: [None; N],
+            reliable: true,
         });
     }
     staircase::center(a.as_flattened_mut(), N, N, &mut states);
@@ -122,7 +144,8 @@ pub fn levels<T: Real, const N: usize, const P: usize>(
         },
     };
     let rtol = default_rtol(N);
-    let touch = form.reduce(rtol, v, w, &mut ranks).touch(rtol);
+    let found = form.reduce(rtol, v, w, &mut ranks);
+    let touch = found.touch(rtol);
     let mut levels = [None; N];
     staircase::state_levels(basis.as_flattened(), N, N, &ranks, touch, |i, k| {
         levels[i] = k;
@@ -130,6 +153,7 @@ pub fn levels<T: Real, const N: usize, const P: usize>(
     Ok(SmallLevels {
         ranks,
         states: levels,
+        reliable: found.reliable(N),
     })
 }
 

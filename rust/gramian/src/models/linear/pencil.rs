@@ -30,7 +30,7 @@ use alloc::vec;
 use alloc::vec::Vec;
 use core::cmp::Ordering;
 
-use super::schur::{C64, Matrix, NoConvergence, Rotation, Schur, abs, rotate, root};
+use super::schur::{C64, Matrix, NoConvergence, Rotation, Schur, abs, root, rotate};
 use crate::scalar::{NumberError, check_finite, check_length};
 
 /// What can be wrong with a pencil.
@@ -106,11 +106,11 @@ impl Unobservable {
     pub fn dimension(&self) -> usize {
         self.kernel.len() / self.states.max(1)
     }
-}
 
-/// A below this part of the norm counts as zero: rounding of n reflections, with room.
-pub fn default_rtol(n: usize) -> f64 {
-    64.0 * f64::EPSILON * n.max(4) as f64
+    /// A component of a basis vector below this is rounding.
+    pub(super) fn touch(&self) -> f64 {
+        (4.0 * self.rtol / self.weakest.min(1.0)).clamp(4.0 * f64::EPSILON, 1e-2)
+    }
 }
 
 /// A system in Schur coordinates.
@@ -159,7 +159,10 @@ impl Pencil {
         check_finite("C", c)?;
         let norm = root(a.iter().chain(c).map(|x| x * x).sum());
         if !norm.is_finite() || norm > 1e150 {
-            return Err(NumberError::Overflow { result: "norm of A and C" }.into());
+            return Err(NumberError::Overflow {
+                result: "norm of A and C",
+            }
+            .into());
         }
         let form = Schur::new(a, n)?;
         let seen = compressed(c, n);
@@ -195,7 +198,15 @@ impl Pencil {
     }
 
     fn at(&self, z: C64, space: &mut Space) -> Point {
-        point(&self.form.t, &self.c, self.form.n(), z, self.norm, 40, space)
+        point(
+            &self.form.t,
+            &self.c,
+            self.form.n(),
+            z,
+            self.norm,
+            40,
+            space,
+        )
     }
 
     /// The distance to the nearest unobservable pair, by descent from the eigenvalues of
@@ -248,13 +259,10 @@ impl Pencil {
             .collect();
         points.sort_by(|a, b| a.sigma.total_cmp(&b.sigma));
         let mut best = points[0].clone();
-        let mut descents = 0;
-        for start in points {
-            // A slope of at most one: what is far above cannot come down near by.
-            if descents >= 24 || best.sigma <= f64::EPSILON * self.norm {
+        for start in points.into_iter().take(24) {
+            if best.sigma <= f64::EPSILON * self.norm {
                 break;
             }
-            descents += 1;
             let found = self.descend(start, 0.0, space);
             if found.sigma < best.sigma {
                 best = found;
@@ -324,8 +332,7 @@ impl Pencil {
                 complete = true;
                 break;
             }
-            if space.evaluations >= most
-                || (space.evaluations % 256 < 4 && stop(space.evaluations))
+            if space.evaluations >= most || (space.evaluations % 256 < 4 && stop(space.evaluations))
             {
                 break;
             }
@@ -333,8 +340,8 @@ impl Pencil {
             for (sx, sy) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
                 let center = cell.center + C64::new(sx * half, sy * half);
                 let here = self.at(center, &mut space);
-                let lower = (here.sigma * (1.0 - 1e-6) - half * core::f64::consts::SQRT_2)
-                    .max(cell.lower);
+                let lower =
+                    (here.sigma * (1.0 - 1e-6) - half * core::f64::consts::SQRT_2).max(cell.lower);
                 if here.sigma < best.sigma {
                     best = self.descend(here, 0.0, &mut space);
                 }
@@ -354,13 +361,14 @@ impl Pencil {
     }
 
     /// The unobservable subspace. A singular value below `rtol` of the norm counts as
-    /// zero; by default [`default_rtol`].
+    /// zero; by default
+    /// [`default_rtol`](super::default_rtol).
     ///
     /// # Errors
     /// [`Error::NoConvergence`].
     pub fn unobservable(&self, rtol: Option<f64>) -> Result<Unobservable, Error> {
         let n = self.form.n();
-        let rtol = rtol.unwrap_or_else(|| default_rtol(n));
+        let rtol = rtol.unwrap_or_else(|| super::default_rtol(n));
         let mut left = Deflation {
             form: self.form.clone(),
             c: self.c.clone(),
@@ -377,7 +385,11 @@ impl Pencil {
         real_span(&left.form.vectors, n - dimension, n, &mut basis);
         let row_space = basis.split_off(dimension * n);
         let norm = if self.norm > 0.0 { self.norm } else { 1.0 };
-        let weakest = left.shown.iter().flatten().fold(f64::INFINITY, |low, &x| low.min(x));
+        let weakest = left
+            .shown
+            .iter()
+            .flatten()
+            .fold(f64::INFINITY, |low, &x| low.min(x));
         Ok(Unobservable {
             kernel: basis,
             row_space,
@@ -396,16 +408,7 @@ impl Pencil {
 /// [`Error::NoConvergence`].
 pub fn modes(a: &[f64], n: usize, kernel: &[f64]) -> Result<Vec<Mode>, Error> {
     let m = kernel.len() / n.max(1);
-    let mut restricted = vec![0.0; m * m];
-    let mut image = vec![0.0; n];
-    for j in 0..m {
-        for (x, row) in image.iter_mut().zip(a.chunks_exact(n)) {
-            *x = super::scaling::dot(row, &kernel[j * n..(j + 1) * n]);
-        }
-        for i in 0..m {
-            restricted[i * m + j] = super::scaling::dot(&kernel[i * n..(i + 1) * n], &image);
-        }
-    }
+    let restricted = restricted(a, n, kernel);
     let form = Schur::new(&restricted, m)?;
     let near = 1e-6 * form.t.norm().max(f64::MIN_POSITIVE);
     // Single linkage, each value with its conjugate.
@@ -437,12 +440,10 @@ pub fn modes(a: &[f64], n: usize, kernel: &[f64]) -> Result<Vec<Mode>, Error> {
             / count as f64;
         let mut sorted = form.clone();
         let mut none = Matrix::zeros(0, m);
-        let mut place = 0;
-        for (i, _) in members.iter().enumerate().filter(|(_, member)| **member) {
+        for (place, i) in (0..m).filter(|&i| members[i]).enumerate() {
             for k in (place..i).rev() {
                 sorted.exchange(k, &mut none);
             }
-            place += 1;
         }
         let mut local = Vec::new();
         real_span(&sorted.vectors, count, m, &mut local);
@@ -464,6 +465,22 @@ pub fn modes(a: &[f64], n: usize, kernel: &[f64]) -> Result<Vec<Mode>, Error> {
             .then(a.eigenvalue[1].total_cmp(&b.eigenvalue[1]))
     });
     Ok(out)
+}
+
+/// V^T A V with the rows of `kernel` for the columns of V.
+pub(super) fn restricted(a: &[f64], n: usize, kernel: &[f64]) -> Vec<f64> {
+    let m = kernel.len() / n.max(1);
+    let mut restricted = vec![0.0; m * m];
+    let mut image = vec![0.0; n];
+    for (j, v) in kernel.chunks_exact(n).enumerate() {
+        for (x, row) in image.iter_mut().zip(a.chunks_exact(n)) {
+            *x = super::scaling::dot(row, v);
+        }
+        for (i, w) in kernel.chunks_exact(n).enumerate() {
+            restricted[i * m + j] = super::scaling::dot(w, &image);
+        }
+    }
+    restricted
 }
 
 /// A square yet to be looked at; the one with the lowest bound comes first.
@@ -642,7 +659,7 @@ fn solve(r: &Matrix, b_re: &mut [f64], b_im: &mut [f64]) {
     }
 }
 
-/// Sum of a_k b_k, in four sums side by side.
+/// Sum of the products, in four sums side by side.
 fn dot(a_re: &[f64], a_im: &[f64], b_re: &[f64], b_im: &[f64]) -> C64 {
     const LANES: usize = 4;
     let (mut re, mut im) = ([0.0; LANES], [0.0; LANES]);
@@ -797,7 +814,11 @@ impl Deflation {
         let tiny = f64::EPSILON * self.norm;
         let solve = |sum: C64, k: usize| {
             let below = z - t.get(k, k);
-            sum / if abs(below) > tiny { below } else { C64::new(tiny, 0.0) }
+            sum / if abs(below) > tiny {
+                below
+            } else {
+                C64::new(tiny, 0.0)
+            }
         };
         // Right and left eigenvector, each 1 in place i; huge ones stay as they are.
         let (mut right, mut left) = (0.0, 0.0);
@@ -830,7 +851,10 @@ impl Deflation {
         for radius in [1e-6, 1e-4, 1e-2] {
             let close = |x: &C64| abs(*x - z) <= radius * self.norm;
             let (mut sum, mut count) = (C64::default(), 0_u32);
-            for x in (0..self.form.n()).map(|k| self.form.eigenvalue(k)).filter(close) {
+            for x in (0..self.form.n())
+                .map(|k| self.form.eigenvalue(k))
+                .filter(close)
+            {
                 sum += x;
                 count += 1;
             }
@@ -868,7 +892,9 @@ impl Deflation {
                 count += 1;
             }
             if count == 1 {
-                let seen: f64 = (0..self.c.rows()).map(|o| self.c.get(o, 0).norm_sqr()).sum();
+                let seen: f64 = (0..self.c.rows())
+                    .map(|o| self.c.get(o, 0).norm_sqr())
+                    .sum();
                 if m == 1 || root(seen) <= accept {
                     break None;
                 }

@@ -32,7 +32,8 @@ pub struct Systems<'a, T> {
 pub struct Balance<T> {
     n: usize,
     stride: usize,
-    time: T,
+    /// The factor of the unit of time.
+    pub time: T,
 }
 
 /// log2|x| to 0.09, exact for powers of two.

@@ -39,12 +39,21 @@ pub struct Found<T> {
     pub weakest: T,
     /// The largest that did not.
     pub rejected: T,
+    /// The smallest that counted among the outputs themselves.
+    pub first: T,
+    /// A bound on how much the steps together magnify a relative error of A and C.
+    pub growth: T,
 }
 
 impl<T: Real> Found<T> {
     /// A component of a basis vector below this is rounding.
     pub(crate) fn touch(&self, rtol: T) -> T {
         (T::of(4.0) * rtol / self.weakest).clamp(T::of(4.0) * T::EPSILON, T::of(1e-2))
+    }
+
+    /// Whether rounding, magnified, leaves the kernels of n states to three digits.
+    pub(crate) fn reliable(&self, n: usize) -> bool {
+        self.growth * T::of(4.0 * n as f64) * T::EPSILON <= T::of(1e-3)
     }
 }
 
@@ -61,9 +70,9 @@ pub fn default_rtol<T: Real>(n: usize) -> T {
 
 /// Takes the middle diagonal entry from the whole diagonal: the row spaces of
 /// all `O_k` stay as they are, and a discrete system near the identity keeps its
-/// digits. Differences that are rounding become zero.
+/// digits. Differences that are rounding become zero. Returns what was taken.
 #[inline(always)]
-pub fn center<T: Real>(a: &mut [T], n: usize, stride: usize, sorted: &mut [T]) {
+pub fn center<T: Real>(a: &mut [T], n: usize, stride: usize, sorted: &mut [T]) -> T {
     for i in 0..n {
         // Insertion: n is small.
         let (x, mut k) = (a[i * stride + i], i);
@@ -84,6 +93,7 @@ pub fn center<T: Real>(a: &mut [T], n: usize, stride: usize, sorted: &mut [T]) {
             centered
         };
     }
+    middle
 }
 
 impl<T: Real> Staircase<'_, T> {
@@ -112,8 +122,12 @@ impl<T: Real> Staircase<'_, T> {
         let mut found = Found {
             weakest: T::one(),
             rejected: zero,
+            first: T::one(),
+            growth: T::one(),
         };
         let (mut first, mut rank) = (0, 0);
+        // What is left open in the kernel after each step by an error of one: a bound.
+        let mut open = zero;
         for step in 0..ranks.len() {
             // What this step can add, in coordinates of the basis: the outputs;
             // then what A makes of the directions that the step before added.
@@ -146,6 +160,7 @@ impl<T: Real> Staircase<'_, T> {
                 start - first
             };
             let left = &mut rows[..count * stride];
+            let mut smallest = T::one();
             while rank < n {
                 let (mut best, mut largest) = (0, zero);
                 for (i, row) in left.chunks_exact(stride).enumerate() {
@@ -159,7 +174,7 @@ impl<T: Real> Staircase<'_, T> {
                     found.rejected = found.rejected.max(largest);
                     break;
                 }
-                found.weakest = found.weakest.min(largest);
+                smallest = smallest.min(largest);
                 reflector(&left[best * stride..(best + 1) * stride], rank, v);
                 for row in left.chunks_exact_mut(stride) {
                     let along = dot(row, v);
@@ -170,6 +185,14 @@ impl<T: Real> Staircase<'_, T> {
                 left[best * stride..(best + 1) * stride].fill(zero);
                 reflect_rows(basis, stride, rank, v, w);
                 rank += 1;
+            }
+            found.weakest = found.weakest.min(smallest);
+            if step == 0 {
+                found.first = smallest;
+            }
+            if rank > start {
+                open += (T::one() + open + open) / smallest;
+                found.growth = open;
             }
             ranks[step] = rank;
             if rank == start || rank == n {

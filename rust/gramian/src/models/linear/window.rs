@@ -101,7 +101,7 @@ impl<T: Real> Window<T> {
         duration: T,
     ) -> Result<Self, Overflow> {
         let (mut scaled_a, mut scaled_c) = (a.to_vec(), c.to_vec());
-        let scale = balance(&mut scaled_a, &mut scaled_c, n);
+        let scale = balance(&mut scaled_a, &mut scaled_c, n).states;
         let v = information(c, n);
         let at = |i: usize, j: usize| a[i * n + j] * scale[j] / scale[i];
         let v_at = |i: usize, j: usize| v[i * n + j] * scale[i] * scale[j];
@@ -301,7 +301,7 @@ pub fn transition<T: Real>(a: &[T], n: usize, duration: T) -> Result<Vec<T>, Err
 
 pub(crate) fn exponential<T: Real>(a: &[T], n: usize, duration: T) -> Result<Vec<T>, Overflow> {
     let (mut scaled, mut none) = (a.to_vec(), Vec::new());
-    let scale = balance(&mut scaled, &mut none, n);
+    let scale = balance(&mut scaled, &mut none, n).states;
     let at = |i: usize, j: usize| a[i * n + j] * scale[j] / scale[i];
     let rate = norm(n, at);
     let (mut halvings, mut step) = (0, duration);

@@ -1,0 +1,447 @@
+"""Whether a state is shown at all: the pencil [A - z I; C] and what it leaves out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import atan2, hypot, pi
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gramian import _core
+from gramian._arrays import number, whole
+from gramian._text import describe_combination
+from gramian.exceptions import InputError
+from gramian.models.linear._levels import coefficients
+from gramian.models.linear._systems import System, SystemLike, system_of, whitener
+
+__all__ = ["Distance", "Mode", "Unobservable", "distance", "unobservable"]
+
+Array = NDArray[np.float64]
+Time = Literal["continuous", "discrete"]
+
+
+@dataclass(frozen=True, eq=False)
+class Distance:
+    """How far a pair (A, C) is from the nearest unobservable one.
+
+    Attributes
+    ----------
+    distance : float
+        The smallest singular value of [A - z I; C] over all complex z, in the scaling
+        of the question.
+    z : complex
+        Where it is attained; the conjugate serves as well.
+    direction : ndarray of complex, shape (n,)
+        The unit vector that is nearly not shown there, in the units of A.
+    norm : float
+        The Frobenius norm of [A; C] in the same scaling.
+    at_least : float or None
+        With ``certify=True``, a proved lower bound of the distance; None without.
+    complete : bool
+        Whether the proof came as near as `slack` asked for.
+    scaling : str
+        What A and C were multiplied by before the question, in words.
+    names : tuple of str, length n
+    evaluations : int
+        How often the singular value was found.
+    """
+
+    distance: float
+    z: complex
+    direction: NDArray[np.complex128]
+    norm: float
+    at_least: float | None
+    complete: bool
+    scaling: str
+    names: tuple[str, ...]
+    evaluations: int
+
+    @property
+    def relative(self) -> float:
+        """The distance over the norm of [A; C]."""
+        return self.distance / self.norm if self.norm > 0 else 0.0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the answer as plain lists, numbers and strings, fit for JSON."""
+        return {
+            "distance": self.distance,
+            "z": [self.z.real, self.z.imag],
+            "direction": [[x.real, x.imag] for x in self.direction.tolist()],
+            "norm": self.norm,
+            "at_least": self.at_least,
+            "complete": self.complete,
+            "scaling": self.scaling,
+            "names": list(self.names),
+        }
+
+    def summary(self) -> str:
+        """Return the distance and what is nearly lost, as text."""
+        size = np.abs(self.direction)
+        kept = [
+            f"{size[i]:.3g} {self.names[i]}"
+            for i in np.argsort(-size, kind="stable")[:4]
+            if size[i] > 1e-3 * size.max()
+        ]
+        lines = [
+            f"distance to the nearest unobservable pair {self.distance:.6g} "
+            f"({self.relative:.3g} of the norm of A and C), scaling: {self.scaling}",
+            f"  attained at z = {self.z:.6g}, by a motion of {', '.join(kept)}",
+        ]
+        if self.at_least is not None:
+            proof = "proved" if self.complete else "proved so far"
+            lines.append(f"  no nearer than {self.at_least:.6g}: {proof}")
+        return "\n".join(lines)
+
+    __str__ = summary
+
+
+@dataclass(frozen=True, eq=False)
+class Mode:
+    """A motion of the state that no output shows.
+
+    Attributes
+    ----------
+    eigenvalue : complex
+        With imaginary part >= 0; of a cluster, the mean. Per unit of time, or a factor
+        per sample for a discrete system.
+    combinations : ndarray, shape (n, k)
+        The combinations of states that it moves, in physical units, one a column.
+    names : tuple of str, length n
+    time : {"continuous", "discrete"}
+    """
+
+    eigenvalue: complex
+    combinations: Array
+    names: tuple[str, ...]
+    time: Time = "continuous"
+
+    @property
+    def decays(self) -> bool:
+        """Whether the motion dies out by itself."""
+        if self.time == "discrete":
+            return abs(self.eigenvalue) < 1 - 1e-12
+        return self.eigenvalue.real < -1e-12 * abs(self.eigenvalue) and self.eigenvalue.real < 0
+
+    @property
+    def motion(self) -> str:
+        """The motion in words: its time constant, or its frequency and damping."""
+        z = self.eigenvalue
+        unit = ""
+        if self.time == "discrete":
+            if abs(z) == 0:
+                return "gone after one sample"
+            unit = " samples"
+            z = complex(np.log(abs(z)), abs(atan2(z.imag, z.real)))
+        size = hypot(z.real, z.imag)
+        if size == 0 or (self.time == "discrete" and size < 1e-15):
+            return "constant"
+        if z.imag == 0:
+            word = "decays" if z.real < 0 else "grows"
+            return f"{word} with time constant {1 / abs(z.real):.4g}{unit}"
+        damping = -z.real / size
+        shape = f"oscillates with period {2 * pi / z.imag:.4g}{unit}, damping {damping:.3g}"
+        return shape if damping > -1e-12 else f"{shape}: grows"
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """The combinations in words: "1 x - 1 y"."""
+        return tuple(describe_combination(column, self.names) for column in self.combinations.T)
+
+
+@dataclass(frozen=True, eq=False)
+class Unobservable:
+    """What no output of a linear system shows.
+
+    Attributes
+    ----------
+    names : tuple of str, length n
+    null_space : ndarray, shape (n, nullity)
+        Basis in physical units, each column with a leading coefficient of 1.
+    modes : tuple of Mode
+        Its motions, the least damped first.
+    margins : (float, float)
+        The smallest singular value that counted and the largest that was taken for
+        rounding, over the norm of the balanced pencil; the tolerance is between them.
+    rtol : float
+    scales : ndarray, shape (n,)
+        What each balanced state is multiplied by to give the physical one: powers of two.
+    time_scale : float
+        What the unit of time was multiplied by.
+    time : {"continuous", "discrete"}
+    """
+
+    names: tuple[str, ...]
+    null_space: Array
+    modes: tuple[Mode, ...]
+    margins: tuple[float, float]
+    rtol: float
+    scales: Array
+    time_scale: float
+    time: Time
+    _found: _core.LinearUnobservable = field(repr=False)
+
+    @property
+    def nullity(self) -> int:
+        """Number of combinations that no output shows."""
+        return int(self.null_space.shape[1])
+
+    @property
+    def rank(self) -> int:
+        """Number of combinations that are shown."""
+        return len(self.names) - self.nullity
+
+    @property
+    def detectable(self) -> bool:
+        """Whether all that is not shown dies out by itself: harmless to a filter."""
+        return all(mode.decays for mode in self.modes)
+
+    @property
+    def null_combinations(self) -> tuple[str, ...]:
+        """The null space in words."""
+        return tuple(describe_combination(column, self.names) for column in self.null_space.T)
+
+    def left_by(
+        self, outputs: ArrayLike | Mapping[str, ArrayLike | Mapping[str, float]] | None = None
+    ) -> dict[str, int]:
+        """Say how many combinations stay unobservable with one more output.
+
+        Parameters
+        ----------
+        outputs : mapping of str to coefficients, or array_like (k, n), optional
+            Candidates, each a row of C; by default every state measured by itself.
+
+        Returns
+        -------
+        dict of str to int
+            The nullity that is left with each: 0 where it repairs the system.
+        """
+        if outputs is None:
+            labels, rows = self.names, np.eye(len(self.names))
+        elif isinstance(outputs, Mapping):
+            labels = tuple(outputs)
+            parts = [coefficients(value, self.names) for value in outputs.values()]
+            rows = np.array(parts).reshape(-1, len(self.names))
+        else:
+            rows = np.atleast_2d(np.asarray(outputs, dtype=float))
+            labels = tuple(f"output {i}" for i in range(len(rows)))
+        return dict(zip(labels, self._found.left_by(rows), strict=True))
+
+    def project(self, rows: ArrayLike) -> Array:
+        """Take from rows about the state, shape (k, n), what rounding says of the subspace."""
+        return self._found.project(rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the answer as plain lists, numbers and strings, fit for JSON."""
+        return {
+            "names": list(self.names),
+            "nullity": self.nullity,
+            "detectable": self.detectable,
+            "null_space": self.null_space.tolist(),
+            "null_combinations": list(self.null_combinations),
+            "modes": [
+                {
+                    "eigenvalue": [mode.eigenvalue.real, mode.eigenvalue.imag],
+                    "motion": mode.motion,
+                    "combinations": list(mode.texts),
+                }
+                for mode in self.modes
+            ],
+            "margins": list(self.margins),
+            "rtol": self.rtol,
+        }
+
+    def summary(self) -> str:
+        """Return what is not shown, mode by mode, as text."""
+        n = len(self.names)
+        if self.nullity == 0:
+            return f"OBSERVABLE: rank {n} of {n}, margin {self.margins[0]:.3g} of the norm"
+        harm = "all decay: detectable" if self.detectable else "not detectable"
+        lines = [f"UNOBSERVABLE: rank {self.rank} of {n}; {harm}"]
+        for mode in self.modes:
+            lines.append(f"  {mode.motion}:")
+            lines += [f"    {text}" for text in mode.texts]
+        return "\n".join(lines)
+
+    __str__ = summary
+
+
+def distance(
+    A: SystemLike,
+    C: ArrayLike | None = None,
+    *,
+    scaling: Literal["none", "balanced", "prior"] = "none",
+    certify: bool = False,
+    slack: float = 0.05,
+    most: int = 1_000_000,
+    names: Sequence[str] | None = None,
+    prior: ArrayLike | Mapping[str, float] | None = None,
+    R: ArrayLike | None = None,
+) -> Distance:
+    """Return the distance of (A, C) to the nearest unobservable pair.
+
+    By how much A and C together would have to change (complex changes allowed; for real
+    ones, or for A alone, it is a lower bound) until some combination of states is no
+    longer shown.
+
+    Parameters
+    ----------
+    A : array_like, shape (n, n), or state-space object
+    C : array_like, shape (p, n)
+    scaling : {"none", "balanced", "prior"}
+        "none": A and C as they are; the distance has their mixture of units.
+        "balanced": states, outputs and time in the units, powers of two, in which the
+        entries come as near to one as they can (Curtis & Reid 1972); no unit changes it.
+        "prior": states in their prior deviations, outputs in those of their noise, time
+        in that of the fastest mode.
+    certify : bool
+        Prove a lower bound.
+    slack : float
+        With `certify`: prove that the distance is at least (1 - slack) of what was found.
+    most : int
+        With `certify`: evaluations to stop at.
+    names : sequence of str, length n, optional
+    prior : array_like, shape (n,), or mapping of str to float, optional
+    R : array_like, optional
+        Covariance of the outputs.
+
+    Returns
+    -------
+    Distance
+
+    Raises
+    ------
+    InputError
+        Matrices that do not fit; a state without prior where `scaling` is "prior".
+
+    Notes
+    -----
+    min over complex z of sigma_min([A - z I; C]) (Eising 1984). One complex Schur form,
+    then a singular value costs O(n^2); local minima are found from the eigenvalues of A
+    and of its symmetric part and from a coarse grid. The smallest is an upper bound, in
+    practice the distance. The certificate covers the plane by squares: the singular value
+    changes by no more than z does, so that a square is done when the value at its center
+    exceeds the bound by half its diagonal.
+
+    Examples
+    --------
+    >>> found = distance([[1.0, 0.0], [0.0, 2.0]], [[1.0, 1.0]])
+    >>> round(found.distance, 4)
+    0.4472
+    """
+    system = system_of(A, C, names, prior=prior, R=R)
+    a, c = system.A, system.C
+    if scaling == "none":
+        words = "as given"
+    elif scaling == "balanced":
+        a, c = _core.linear_balanced(a, c)
+        words = "balanced"
+    elif scaling == "prior":
+        missing = [n for n, s in zip(system.names, system.prior, strict=True) if np.isnan(s)]
+        if missing:
+            raise InputError(f"prior is missing for {missing[0]}: scaling = 'prior' needs all")
+        white = whitener(R, len(c), system.noise)
+        d = system.prior
+        fastest = float(np.abs(_core.LinearPencil(a, c).eigenvalues()).max()) or 1.0
+        a, c = a * d / d[:, None] / fastest, white @ c * d
+        words = f"prior, noise, and the fastest mode ({fastest:.4g} per unit of time)"
+    else:
+        raise InputError(f'scaling = {scaling!r}: must be "none", "balanced" or "prior"')
+    pencil = _core.LinearPencil(a, c)
+    at_least, complete = None, False
+    if certify:
+        slack = number(slack, "slack")
+        if not 0 < slack < 1:
+            raise InputError(f"slack = {slack}: must be between 0 and 1")
+        found, at_least, complete = pencil.certify(slack, whole(most, "most", 1))
+    else:
+        found = pencil.distance()
+    value, z, direction, evaluations = found
+    return Distance(
+        distance=value,
+        z=complex(*z),
+        direction=direction[0] + 1j * direction[1],
+        norm=pencil.norm,
+        at_least=at_least,
+        complete=complete,
+        scaling=words,
+        names=system.names,
+        evaluations=evaluations,
+    )
+
+
+def unobservable(
+    A: SystemLike,
+    C: ArrayLike | None = None,
+    names: Sequence[str] | None = None,
+    *,
+    rtol: float | None = None,
+    time: Time = "continuous",
+) -> Unobservable:
+    """Return what no output of a linear system shows: the subspace and its modes.
+
+    Parameters
+    ----------
+    A : array_like, shape (n, n), or state-space object
+    C : array_like, shape (p, n)
+    names : sequence of str, length n, optional
+        The states; x0, x1, ... by default.
+    rtol : float, optional
+        A singular value of the balanced pencil below this part of its norm counts as
+        zero; 1024 eps sqrt(n) by default. Raise it for matrices from measurements.
+    time : {"continuous", "discrete"}
+        Whether A is that of x' = A x or of x[k+1] = A x[k]; an object with a nonzero
+        attribute ``dt`` is discrete.
+
+    Returns
+    -------
+    Unobservable
+
+    Raises
+    ------
+    InputError
+        An A that is not square, a C of another width, a number that is not finite.
+
+    Notes
+    -----
+    The largest A-invariant subspace in the kernel of C, for systems of hundreds of
+    states: one complex Schur form of the balanced A, the smallest singular value of
+    [A - z I; C] at each eigenvalue (Hautus), and an orthogonal deflation of every
+    direction where it is rounding. No powers of A are formed. O(n^3).
+
+    Examples
+    --------
+    Two equal rooms are heated; the sum of the temperatures is measured.
+
+    >>> found = unobservable([[-0.5, 0], [0, -0.5]], [[1, 1]], ["first", "second"])
+    >>> print(found)
+    UNOBSERVABLE: rank 1 of 2; all decay: detectable
+      decays with time constant 2:
+        1 first - 1 second
+    >>> found.left_by()
+    {'first': 0, 'second': 0}
+    """
+    if time not in ("continuous", "discrete"):
+        raise InputError(f'time = {time!r}: must be "continuous" or "discrete"')
+    if not isinstance(A, System) and getattr(A, "dt", None) not in (None, 0, False):
+        time = "discrete"
+    system = system_of(A, C, names)
+    found = _core.LinearUnobservable(system.A, system.C, rtol)
+    rejected, weakest, used = found.margins
+    scales, time_scale = found.scales
+    return Unobservable(
+        names=system.names,
+        null_space=found.null_space(),
+        modes=tuple(
+            Mode(complex(re, im), combinations, system.names, time)
+            for re, im, combinations in found.modes()
+        ),
+        margins=(weakest, rejected),
+        rtol=used,
+        scales=np.array(scales),
+        time_scale=time_scale,
+        time=time,
+        _found=found,
+    )

@@ -1,0 +1,253 @@
+"""Distance and unobservable subspace on the pencil, against exact and published values."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.linalg
+import scipy.signal
+
+import gramian as gm
+from gramian import _core
+from planted import planted
+
+# Values from ../shared/reference/linear_large.json of the project's theory notes: distance
+# by dense search in double precision, dimension exact by construction.
+REFERENCE = json.loads(
+    (Path(__file__).parents[1] / "reference" / "linear_large.json").read_text(encoding="utf-8")
+)["systems"]
+
+
+def heat_chain(n, node):
+    a = -2.0 * np.eye(n) + np.eye(n, k=1) + np.eye(n, k=-1)
+    return a, np.eye(n)[[node]]
+
+
+def structures():
+    block, positions = np.zeros((20, 20)), np.zeros(20)
+    for k in range(10):
+        w = 1.3 * (k + 1)
+        block[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = [[0, 1], [-w * w, -2 * 0.02 * w]]
+        positions[2 * k] = 1
+    return scipy.linalg.block_diag(block, block), np.r_[positions, positions][None]
+
+
+def pairs(n):
+    half = np.arange(1.0, n // 2 + 1)
+    return np.diag(np.r_[half, half]), np.ones((1, n))
+
+
+SYSTEMS = {
+    "pairs 30": pairs(30),
+    "pairs 100": pairs(100),
+    "ladder 40": (np.diag(np.arange(1.0, 41)), np.ones((1, 40))),
+    "heat chain 60, end": heat_chain(60, 0),
+    "heat chain 61, middle": heat_chain(61, 30),
+    "two structures, 40 states": structures(),
+    "integrators 20": (np.eye(20, k=1), np.eye(20)[:1]),
+    "hidden block 24": tuple(np.array(REFERENCE["hidden block 24"][key]) for key in "AC"),
+}
+
+
+def test_every_reference_system_is_tested():
+    assert set(SYSTEMS) == set(REFERENCE)
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_dimension_and_distance_of_the_reference(name):
+    a, c = SYSTEMS[name]
+    expected = REFERENCE[name]
+    found = gm.linear.unobservable(a, c)
+    assert found.nullity == expected["unobservable"]
+    assert gm.linear.levels(a, c).nullity == expected["unobservable"]
+    assert gm.linear.batch_levels(a, c).rank == len(a) - expected["unobservable"]
+    away = gm.linear.distance(a, c)
+    if expected["unobservable"]:
+        assert away.distance < 1e-13 * away.norm
+    else:
+        assert abs(away.distance / expected["distance"] - 1) < 1e-6
+    # It is what it says at its z, and attained by its direction.
+    stack = np.vstack([a - away.z * np.eye(len(a)), c])
+    smallest = np.linalg.svd(stack, compute_uv=False)[-1]
+    assert abs(smallest - away.distance) < 1e-13 * away.norm
+    assert abs(np.linalg.norm(stack @ away.direction) - away.distance) < 1e-13 * away.norm
+
+
+@pytest.mark.parametrize("name", [name for name in SYSTEMS if REFERENCE[name]["unobservable"]])
+def test_the_subspace_is_invariant_and_not_seen(name):
+    a, c = SYSTEMS[name]
+    found = gm.linear.unobservable(a, c)
+    v, _ = np.linalg.qr(found.null_space)
+    assert np.abs(c @ v).max() < 1e-12 * np.abs(c).max()
+    left = a @ v - v @ (v.T @ a @ v)
+    assert np.abs(left).max() < 1e-12 * np.abs(a).max()
+    assert sum(mode.combinations.shape[1] for mode in found.modes) == found.nullity
+    for mode in found.modes:
+        u, _ = np.linalg.qr(mode.combinations)
+        inner = u.T @ a @ u
+        assert np.abs(a @ u - u @ inner).max() < 1e-9 * np.abs(a).max()
+        values = np.linalg.eigvals(inner)
+        folded = values.real + 1j * np.abs(values.imag)
+        assert np.abs(folded - mode.eigenvalue).max() < 1e-6 * max(1, np.abs(a).max())
+
+
+def test_modes_in_words():
+    found = gm.linear.unobservable(*structures())
+    slowest = found.modes[0]
+    assert abs(slowest.eigenvalue - complex(-0.026, 1.3 * np.sqrt(1 - 0.02**2))) < 1e-9
+    assert slowest.motion == "oscillates with period 4.834, damping 0.02"
+    assert found.detectable
+    assert sorted(slowest.texts) == ["1 x0 - 1 x20", "1 x1 - 1 x21"]
+    drift = gm.linear.unobservable([[0, 0], [0, 0.5]], [[0, 0]], ["bias", "runaway"])
+    assert not drift.detectable
+    assert [mode.motion for mode in drift.modes] == ["grows with time constant 2", "constant"]
+    sampled = gm.linear.unobservable([[0.5, 0], [0, 0.25]], [[0, 1]], time="discrete")
+    assert sampled.modes[0].motion == "decays with time constant 1.443 samples"
+    assert sampled.detectable
+
+
+def test_which_output_repairs_it():
+    a, c = pairs(30)
+    found = gm.linear.unobservable(a, c)
+    assert set(found.left_by().values()) == {14}
+    both = gm.linear.unobservable(a, np.vstack([c, np.r_[np.ones(15), np.zeros(15)]]))
+    assert both.nullity == 0
+    wanted = {"first half": np.r_[np.ones(15), np.zeros(15)], "the same": np.ones(30)}
+    assert found.left_by(wanted) == {"first half": 0, "the same": 15}
+
+
+@pytest.mark.parametrize("kind", ["integer", "orthogonal"])
+@pytest.mark.parametrize("repeated", [False, True])
+def test_planted_blocks_are_found_exactly(kind, repeated):
+    """A larger run of the same: benches/planted.py."""
+    rng = np.random.default_rng(20)
+    wrong = []
+    for trial in range(40):
+        n = int(rng.integers(4, 41))
+        hidden = int(rng.integers(1, n // 2 + 1))
+        units = 30 if trial % 2 else 0
+        a, c = planted(rng, n, hidden, kind, repeated, units)
+        found = gm.linear.unobservable(a, c)
+        if found.nullity != hidden:
+            wrong.append((n, hidden, found.nullity, units))
+    assert wrong == []
+
+
+def test_observable_pairs_are_not_called_unobservable():
+    rng = np.random.default_rng(21)
+    called = 0
+    for _ in range(150):
+        n = int(rng.integers(4, 31))
+        a, c = rng.normal(size=(n, n)), rng.normal(size=(int(rng.integers(1, 3)), n))
+        away = gm.linear.distance(a, c)
+        # Nearly lost: towards the nearest unobservable pair, all but a part of the way.
+        v = away.direction
+        if abs(away.z.imag) < 1e-9:
+            v = v.real / np.linalg.norm(v.real)
+            part = 1 - 10.0 ** rng.uniform(-6, 0) / max(away.distance, 1e-300) * 1e-1
+            part = min(max(part, 0), 1 - 2e-8 * away.norm / away.distance)
+            a = a - part * np.outer((a - away.z.real * np.eye(n)) @ v, v)
+            c = c - part * np.outer(c @ v, v)
+        if gm.linear.distance(a, c).relative > 1e-8:
+            called += gm.linear.unobservable(a, c).nullity
+    assert called == 0
+
+
+def test_integer_matrices_with_a_shift_are_observable():
+    """H - 12 I with random integer H: 6 to 17 % were called unobservable."""
+    rng = np.random.default_rng(22)
+    for n in (14, 20, 24):
+        for _ in range(10):
+            a = rng.integers(-9, 10, (n, n)).astype(float) - 12 * np.eye(n)
+            c = rng.integers(-9, 10, (1, n)).astype(float)
+            assert gm.linear.unobservable(a, c).nullity == 0
+            assert gm.linear.batch_levels(a, c).rank == n
+
+
+def test_levels_are_withheld_where_they_cannot_be_told():
+    a, c = SYSTEMS["ladder 40"]
+    found = gm.linear.levels(a, c)
+    assert (found.rank, found.ranks, found.states) == (40, None, None)
+    assert "magnify rounding" in found.reason
+    with pytest.raises(gm.InputError, match="levels cannot be told"):
+        found.level_of(np.eye(40)[0])
+    batch = gm.linear.batch_levels(np.stack([a, np.eye(40, k=1)]), [c, np.eye(40)[:1]])
+    assert batch.reliable.tolist() == [False, True]
+    assert batch.rank.tolist() == [40, 40]
+    assert batch.ranks[0, 0] == -1
+    integrators = gm.linear.levels(*SYSTEMS["integrators 20"])
+    assert list(integrators.states.values()) == list(range(20))
+
+
+def test_piecewise_and_problem_take_the_rank_of_the_pencil():
+    a, c = pairs(30)
+    found = gm.linear.piecewise([a, a], c, [0.1, 0.1])
+    assert found.total_ranks == (15, 15)
+    assert found.null_space.shape == (30, 15)
+    small, row = pairs(6)
+    answer = gm.analyze(gm.linear.problem(-small, row, window=5.0, dt=0.1))
+    assert answer.nullity == 3
+
+
+@pytest.mark.parametrize("name", ["ladder 40", "integrators 20"])
+def test_certificate(name):
+    a, c = SYSTEMS[name]
+    found = gm.linear.distance(a, c, certify=True, slack=0.1)
+    assert found.complete
+    assert 0.9 * found.distance <= found.at_least <= found.distance * (1 + 1e-12)
+    # A grid finer than the proof needs finds nothing lower.
+    rng = np.random.default_rng(3)
+    pencil = _core.LinearPencil(a, c)
+    values = [pencil.sigma(*z) for z in rng.uniform([-5, -3], [45, 3], (300, 2))]
+    assert min(values) >= found.at_least
+
+
+def test_a_proof_that_was_cut_short_says_so():
+    found = gm.linear.distance(*SYSTEMS["ladder 40"], certify=True, most=50)
+    assert not found.complete
+    assert "proved so far" in str(found)
+
+
+def test_scalings():
+    rng = np.random.default_rng(4)
+    a, c = rng.normal(size=(5, 5)), rng.normal(size=(1, 5))
+    d = 2.0 ** rng.integers(-20, 20, 5)
+    one = gm.linear.distance(a, c, scaling="balanced")
+    other = gm.linear.distance(a * d / d[:, None] * 8.0, c * d, scaling="balanced")
+    assert abs(one.distance / other.distance - 1) < 1e-9
+    prior = gm.linear.distance(a, c, scaling="prior", prior=np.ones(5))
+    scaled = gm.linear.distance(a * d / d[:, None], c * d, scaling="prior", prior=1 / d)
+    assert abs(prior.distance / scaled.distance - 1) < 1e-9
+
+
+def test_objects_of_scipy_and_control():
+    control = pytest.importorskip("control")
+    a, c = np.diag([0.5, 0.5]), [[1.0, 1.0]]
+    b, d = [[0.0], [1.0]], [[0.0]]
+    for system in (scipy.signal.StateSpace(a, b, c, d), control.StateSpace(a, b, c, d)):
+        assert not gm.linear.unobservable(system).detectable
+        assert gm.linear.distance(system).distance < 1e-15
+    sampled = control.StateSpace(a, b, c, d, 0.1)
+    assert gm.linear.unobservable(sampled).detectable
+
+
+BAD = [
+    (lambda: gm.linear.distance(np.eye(2), [[1, 0]], scaling="best"), "scaling = 'best'"),
+    (lambda: gm.linear.distance(np.eye(2), [[1, 0]], scaling="prior"), "prior is missing for x0"),
+    (lambda: gm.linear.distance(np.eye(2), [[1, 0]], certify=True, slack=0.0), "slack = 0"),
+    (lambda: gm.linear.distance(np.eye(2), [[1, 0]], certify=True, most=0), "most = 0"),
+    (lambda: gm.linear.distance(np.eye(2), [[1, np.inf]]), r"C\[0, 1\] = inf"),
+    (lambda: gm.linear.distance(1e200 * np.eye(2), [[1, 0]]), "norm of A and C"),
+    (lambda: gm.linear.unobservable(np.zeros((2, 3)), [[1, 0]]), "A has shape"),
+    (lambda: gm.linear.unobservable(np.eye(2), [[1, 0]], rtol=2.0), "rtol = 2"),
+    (lambda: gm.linear.unobservable(np.eye(2), [[1, 0]], time="often"), "time = 'often'"),
+    (lambda: gm.linear.unobservable(np.eye(2), [[1, 0]]).left_by([[1, 2, 3]]), "outputs has shape"),
+    (lambda: gm.linear.unobservable(np.eye(2), [[1, 0]]).left_by({"a": {"z": 1}}), "named 'z'"),
+]
+
+
+@pytest.mark.parametrize(("call", "message"), BAD)
+def test_bad_input_is_named(call, message):
+    with pytest.raises(gm.InputError, match=message):
+        call()
