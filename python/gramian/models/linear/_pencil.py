@@ -293,7 +293,8 @@ def distance(
     scaling : {"none", "balanced", "prior"}
         "none": A and C as they are; the distance has their mixture of units.
         "balanced": states, outputs and time in the units, powers of two, in which the
-        entries come as near to one as they can (Curtis & Reid 1972); no unit changes it.
+        entries come as near to one as they can (Curtis & Reid 1972): other units change it
+        no more than the rounding to powers of two does.
         "prior": states in their prior deviations, outputs in those of their noise, time
         in that of the fastest mode.
     certify : bool
