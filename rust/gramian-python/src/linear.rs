@@ -432,7 +432,7 @@ impl LinearPencil {
         let found = py
             .detach(|| {
                 self.inner.certify_until(slack, most, &mut |_| {
-                    raised = Python::attach(|py| py.check_signals());
+                    raised = Python::attach(Python::check_signals);
                     raised.is_err()
                 })
             })
