@@ -422,6 +422,7 @@ impl LinearPencil {
     }
 
     /// The distance, a lower bound proved, and whether that is as near as was asked.
+    #[allow(clippy::redundant_closure_for_method_calls, clippy::redundant_closure)] // Of any lifetime.
     fn certify<'py>(
         &self,
         py: Python<'py>,
@@ -432,7 +433,7 @@ impl LinearPencil {
         let found = py
             .detach(|| {
                 self.inner.certify_until(slack, most, &mut |_| {
-                    raised = Python::attach(Python::check_signals);
+                    raised = Python::attach(|here| Python::check_signals(here));
                     raised.is_err()
                 })
             })
