@@ -108,7 +108,7 @@ pub mod solve;
 pub mod spine;
 
 pub use bounds::posterior;
-pub use models::{bearings, dipole, linear, maneuver, registration};
+pub use models::{bearings, dipole, linear, maneuver, registration, tracks};
 pub use numbers::{chi_square, scalar};
 #[cfg(feature = "alloc")]
 pub use spine::observability;

@@ -5,3 +5,4 @@ pub mod dipole;
 pub mod linear;
 pub mod maneuver;
 pub mod registration;
+pub mod tracks;

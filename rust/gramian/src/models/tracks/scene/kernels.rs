@@ -1,0 +1,200 @@
+//! The two passes over the samples of a sensor, on vectors: where the target is at each,
+//! and what the sensor reads of it.
+
+use crate::batch::lanes::{Block, Lanes};
+use crate::models::tracks::motion::{Change, Instant, Motion, emitted};
+use crate::models::tracks::sensors::{Sensor, Sight};
+use crate::numbers::lane::Lane;
+
+/// States of a motion at most.
+pub const MOST: usize = 32;
+
+/// The clock of a sensor: its stamps are `offset` late.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Clock {
+    /// s.
+    pub offset: f64,
+    /// Whether the carrier's path has the true time, not the same stamps.
+    pub true_path: bool,
+    /// Whether the offset is a state.
+    pub state: bool,
+}
+
+impl Clock {
+    /// By how much the carrier's path is read earlier.
+    fn shift(self) -> f64 {
+        if self.true_path { self.offset } else { 0.0 }
+    }
+}
+
+/// Blocks that [`Moves`] writes for each block of samples.
+pub const fn moves_size(dimension: usize, columns: usize) -> usize {
+    2 * dimension * (columns + 1)
+}
+
+/// Where the target is at each sample: for each block of samples place, velocity, and
+/// then the changes of both by each state of the motion and by the clock offset.
+pub struct Moves<'a, M, const D: usize> {
+    pub motion: &'a M,
+    pub x: &'a [f64],
+    pub clock: Clock,
+    /// Speed of the wave, where its delay counts.
+    pub delay: Option<f64>,
+    pub times: &'a [Block],
+    pub carrier: &'a [Block],
+    pub out: &'a mut [Block],
+}
+
+/// Place less `shift` seconds of motion, and velocity, of a carrier.
+#[inline(always)]
+fn carried<S: pulp::Simd, const D: usize>(
+    simd: S,
+    carrier: &[Block],
+    part: usize,
+    shift: f64,
+) -> ([Lanes<S>; D], [Lanes<S>; D], [Lanes<S>; D]) {
+    let zero = Lanes::splat(simd, 0.0);
+    let (mut place, mut velocity, mut axis) = ([zero; D], [zero; D], [zero; D]);
+    let shift = Lanes::splat(simd, shift);
+    for k in 0..D {
+        velocity[k] = Lanes::load(simd, &carrier[D + k], part);
+        let at = Lanes::load(simd, &carrier[k], part);
+        place[k] = Lane::negate_mul_add(shift, velocity[k], at);
+        axis[k] = Lanes::load(simd, &carrier[2 * D + k], part);
+    }
+    (place, velocity, axis)
+}
+
+impl<M: Motion<D>, const D: usize> pulp::WithSimd for Moves<'_, M, D> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, simd: S) {
+        let zero = Lanes::splat(simd, 0.0);
+        let states = self.motion.states();
+        let mut x = [zero; MOST];
+        for (lane, &value) in x.iter_mut().zip(self.x).take(states) {
+            *lane = Lanes::splat(simd, value);
+        }
+        let mut changes = [Change::zero(zero); MOST];
+        let columns = states + usize::from(self.clock.state);
+        let size = moves_size(D, columns);
+        let offset = Lanes::splat(simd, self.clock.offset);
+        let shift = self.clock.shift();
+        let blocks = self.times.iter().zip(self.carrier.chunks_exact(3 * D));
+        for ((times, carrier), out) in blocks.zip(self.out.chunks_exact_mut(size)) {
+            for part in 0..Lanes::<S>::PARTS {
+                let u = Lanes::load(simd, times, part) - offset;
+                let (place, velocity, _) = carried::<S, D>(simd, carrier, part, shift);
+                let mut own = [zero; D];
+                if self.clock.true_path {
+                    own = velocity;
+                }
+                let mut pace = Lanes::splat(simd, 1.0);
+                let now: Instant<Lanes<S>, D> = if let Some(speed) = self.delay {
+                    let out = emitted(self.motion, &x, u, &place, &own, speed, &mut changes);
+                    pace = out.pace;
+                    out.instant
+                } else {
+                    self.motion.at(&x, u, &mut changes)
+                };
+                if self.clock.state {
+                    for k in 0..D {
+                        changes[states].place[k] =
+                            Lane::negate_mul_add(pace, now.velocity[k], own[k]);
+                        changes[states].velocity[k] = -(pace * now.acceleration[k]);
+                    }
+                }
+                for k in 0..D {
+                    now.place[k].store(&mut out[k], part);
+                    now.velocity[k].store(&mut out[D + k], part);
+                }
+                for (column, out) in changes
+                    .iter()
+                    .zip(out[2 * D..].chunks_exact_mut(2 * D))
+                {
+                    for k in 0..D {
+                        column.place[k].store(&mut out[k], part);
+                        column.velocity[k].store(&mut out[D + k], part);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// What a sensor reads at each sample: for each block of samples the value, its
+/// derivatives by each column of [`Moves`], and by the sensor's two parameters.
+pub struct Sees<'a, K, const D: usize> {
+    pub sensor: &'a K,
+    pub parameters: [f64; 2],
+    /// Columns of the moves.
+    pub columns: usize,
+    pub clock: Clock,
+    pub moves: &'a [Block],
+    pub carrier: &'a [Block],
+    /// Where the reading of another carrier is taken off.
+    pub second: Option<&'a [Block]>,
+    pub out: &'a mut [Block],
+}
+
+impl<K: Sensor<D>, const D: usize> pulp::WithSimd for Sees<'_, K, D> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, simd: S) {
+        let zero = Lanes::splat(simd, 0.0);
+        let parameters = [
+            Lanes::splat(simd, self.parameters[0]),
+            Lanes::splat(simd, self.parameters[1]),
+        ];
+        let size = moves_size(D, self.columns);
+        let shift = self.clock.shift();
+        let moves = self.moves.chunks_exact(size);
+        let outs = self.out.chunks_exact_mut(self.columns + 3);
+        for (block, (moves, out)) in moves.zip(outs).enumerate() {
+            for part in 0..Lanes::<S>::PARTS {
+                let (mut place, mut target) = ([zero; D], [zero; D]);
+                for k in 0..D {
+                    place[k] = Lanes::load(simd, &moves[k], part);
+                    target[k] = Lanes::load(simd, &moves[D + k], part);
+                }
+                let carrier = &self.carrier[block * 3 * D..][..3 * D];
+                let sight = |carrier: &[Block]| {
+                    let (at, velocity, axis) = carried::<S, D>(simd, carrier, part, shift);
+                    let mut offset = place;
+                    for k in 0..D {
+                        offset[k] = offset[k] - at[k];
+                    }
+                    Sight {
+                        offset,
+                        target,
+                        carrier: velocity,
+                        axis,
+                    }
+                };
+                let mut reading = self.sensor.read(&sight(carrier), &parameters);
+                if let Some(second) = self.second {
+                    let second = &second[block * 3 * D..][..3 * D];
+                    let other = self.sensor.read(&sight(second), &parameters);
+                    reading = reading.less(&other);
+                }
+                reading.value.store(&mut out[0], part);
+                for (column, out) in moves[2 * D..]
+                    .chunks_exact(2 * D)
+                    .zip(&mut out[1..=self.columns])
+                {
+                    let (mut place, mut velocity) = ([zero; D], [zero; D]);
+                    for k in 0..D {
+                        place[k] = Lanes::load(simd, &column[k], part);
+                        velocity[k] = Lanes::load(simd, &column[D + k], part);
+                    }
+                    reading.along(&place, &velocity).store(out, part);
+                }
+                for k in 0..2 {
+                    reading.by_parameter[k].store(&mut out[self.columns + 1 + k], part);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,1063 @@
+//! A scene: one target, sensors on carriers, and what is unknown about the sensors.
+
+mod kernels;
+mod noise;
+
+use alloc::vec;
+use alloc::vec::Vec;
+
+use self::kernels::{Clock, MOST, Moves, Sees, moves_size};
+pub use self::noise::Noise;
+use self::noise::Whitener;
+use super::Error;
+use super::carrier::Carried;
+use super::motion::{CoordinatedTurn, Legs, Motion, Polynomial, SteadyLegs, Turns};
+use super::sensors::{
+    Bearing, ConeAngle, Course, Elevation, Frequency, Place, Range, RangeRate, Sensor,
+    SignalStrength, Speed,
+};
+use crate::batch::Stream;
+use crate::batch::lanes::{Block, LANES};
+use crate::batch::simd::Path;
+use crate::scalar::{check_finite, wrapped};
+use crate::solve::Model;
+
+/// When a motion in legs turns, s after the reference time.
+#[derive(Clone, Debug, PartialEq)]
+pub enum TurnTimes {
+    /// Known.
+    Known(Vec<f64>),
+    /// So many, each a state.
+    Unknown(usize),
+}
+
+impl TurnTimes {
+    fn turns(&self) -> Turns<'_> {
+        match self {
+            Self::Known(times) => Turns::Known(times),
+            Self::Unknown(count) => Turns::Unknown(*count),
+        }
+    }
+}
+
+/// The motion of the target; see [`motion`](super::motion) for the states of each.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Moving {
+    /// [`Polynomial`].
+    Polynomial {
+        /// 0 at rest, 1 at constant velocity ..
+        order: usize,
+    },
+    /// [`Legs`].
+    Legs(TurnTimes),
+    /// [`SteadyLegs`].
+    SteadyLegs(TurnTimes),
+    /// [`CoordinatedTurn`].
+    CoordinatedTurn,
+}
+
+/// Calls the generic `$call` with the static motion of `$moving`.
+macro_rules! with_motion {
+    ($moving:expr, $motion:ident => $call:expr) => {
+        match $moving {
+            Moving::Polynomial { order: 1 } => {
+                let $motion = &Polynomial::CONSTANT_VELOCITY;
+                $call
+            }
+            Moving::Polynomial { order } => {
+                let $motion = &Polynomial { order: *order };
+                $call
+            }
+            Moving::Legs(times) => {
+                let $motion = &Legs {
+                    turns: times.turns(),
+                };
+                $call
+            }
+            Moving::SteadyLegs(times) => {
+                let $motion = &SteadyLegs {
+                    turns: times.turns(),
+                };
+                $call
+            }
+            Moving::CoordinatedTurn => {
+                let $motion = &CoordinatedTurn;
+                $call
+            }
+        }
+    };
+}
+
+impl Moving {
+    /// How many states it has in `dimension` dimensions.
+    pub fn states(&self, dimension: usize) -> usize {
+        with_motion!(self, motion => if dimension == 2 {
+            Motion::<2>::states(motion)
+        } else {
+            Motion::<3>::states(motion)
+        })
+    }
+
+    /// Places and velocities at `times` after the reference time, `2 dimension` numbers
+    /// each.
+    pub fn track(&self, dimension: usize, x: &[f64], times: &[f64]) -> Vec<f64> {
+        fn run<M: Motion<D>, const D: usize>(motion: &M, x: &[f64], times: &[f64]) -> Vec<f64> {
+            let mut changes = vec![super::motion::Change::<f64, D>::zero(0.0); x.len()];
+            let mut out = Vec::with_capacity(2 * D * times.len());
+            for &u in times {
+                let now = motion.at(x, u, &mut changes);
+                out.extend_from_slice(&now.place);
+                out.extend_from_slice(&now.velocity);
+            }
+            out
+        }
+        with_motion!(self, motion => if dimension == 2 {
+            run::<_, 2>(motion, x, times)
+        } else {
+            run::<_, 3>(motion, x, times)
+        })
+    }
+}
+
+/// A kind of sensor; see [`sensors`](super::sensors).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Kind {
+    /// Horizontal angle clockwise from north.
+    Bearing,
+    /// Angle above the horizontal.
+    Elevation,
+    /// Distance.
+    Range,
+    /// Its rate.
+    RangeRate,
+    /// Received frequency of a tonal, at this speed of the wave.
+    Frequency(f64),
+    /// Arrival at one carrier less arrival at another, at this speed of the wave.
+    TimeDifference(f64),
+    /// Frequency at one carrier less that at another.
+    FrequencyDifference(f64),
+    /// Angle from the axis of an array.
+    ConeAngle,
+    /// Power by distance.
+    SignalStrength,
+    /// All components of the target's place.
+    Position,
+    /// The target's speed.
+    Speed,
+    /// The target's course.
+    Course,
+}
+
+impl Kind {
+    /// The name in messages.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Bearing => "bearing",
+            Self::Elevation => "elevation",
+            Self::Range => "range",
+            Self::RangeRate => "range_rate",
+            Self::Frequency(_) => "frequency",
+            Self::TimeDifference(_) => "time_difference",
+            Self::FrequencyDifference(_) => "frequency_difference",
+            Self::ConeAngle => "cone_angle",
+            Self::SignalStrength => "signal_strength",
+            Self::Position => "position",
+            Self::Speed => "speed",
+            Self::Course => "course",
+        }
+    }
+
+    /// Numbers a sample.
+    pub fn width(self, dimension: usize) -> usize {
+        if self == Self::Position { dimension } else { 1 }
+    }
+
+    /// Whether the noise is that of an angle.
+    pub fn is_angle(self) -> bool {
+        matches!(
+            self,
+            Self::Bearing | Self::Elevation | Self::ConeAngle | Self::Course
+        )
+    }
+
+    /// Whether whole turns do not matter.
+    fn wraps(self) -> bool {
+        matches!(self, Self::Bearing | Self::Course)
+    }
+
+    /// Whether two carriers compare what they receive.
+    fn is_difference(self) -> bool {
+        matches!(
+            self,
+            Self::TimeDifference(_) | Self::FrequencyDifference(_)
+        )
+    }
+
+    /// Whether it needs no carrier.
+    fn is_own(self) -> bool {
+        matches!(self, Self::Position | Self::Speed | Self::Course)
+    }
+
+    fn reason(self) -> &'static str {
+        match self {
+            Self::Bearing => "the target is at, above or below the carrier: no bearing exists",
+            Self::Elevation => "the target is at, above or below the carrier: no derivative exists",
+            Self::ConeAngle => "a cone angle of 0 or pi has no derivative: the target is on the axis",
+            Self::Speed | Self::Course => "the target is at rest: no derivative exists",
+            _ => "the target is at the carrier: no derivative exists",
+        }
+    }
+}
+
+/// A number that is known, or a state behind those of the motion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Parameter {
+    /// This number.
+    Fixed(f64),
+    /// The nuisance state of this number, from 0 on.
+    State(usize),
+}
+
+/// A sensor with the times of its samples.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Channel {
+    /// What it measures.
+    pub kind: Kind,
+    /// Times of the samples, s.
+    pub times: Vec<f64>,
+    /// Its carrier at these times.
+    pub carrier: Option<Carried>,
+    /// The other carrier of a difference.
+    pub second: Option<Carried>,
+    /// Tonal, or power and exponent.
+    pub parameters: [Parameter; 2],
+    /// What is added to the reading, each with a factor: the clocks of a time difference
+    /// have 1 and -1.
+    pub bias: Vec<(f64, Parameter)>,
+    /// The reading is multiplied by 1 + scale.
+    pub scale: Parameter,
+    /// Stamp less true time, s.
+    pub clock: Parameter,
+    /// Whether the carrier's path has the true time, not the same stamps.
+    pub true_path: bool,
+    /// Speed of the wave, where the target is seen where it was.
+    pub delay: Option<f64>,
+    /// Noise.
+    pub noise: Noise,
+    /// Probability of each sample, or of all: for expected information.
+    pub detection: Vec<f64>,
+}
+
+impl Channel {
+    /// A sensor of independent noise without anything unknown.
+    pub fn new(kind: Kind, times: Vec<f64>, carrier: Option<Carried>, sigma: f64) -> Self {
+        Self {
+            kind,
+            times,
+            carrier,
+            second: None,
+            parameters: [Parameter::Fixed(0.0), Parameter::Fixed(2.0)],
+            bias: Vec::new(),
+            scale: Parameter::Fixed(0.0),
+            clock: Parameter::Fixed(0.0),
+            true_path: false,
+            delay: None,
+            noise: Noise::Sigma(vec![sigma]),
+            detection: vec![1.0],
+        }
+    }
+}
+
+/// An error of one sensor.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error("sensors[{sensor}]: {error}")]
+pub struct InSensor {
+    /// Which sensor.
+    pub sensor: usize,
+    /// What is wrong.
+    pub error: Error,
+}
+
+/// One sensor, ready for the kernels.
+#[derive(Clone, Debug)]
+struct Group {
+    channel: Channel,
+    first: usize,
+    count: usize,
+    width: usize,
+    times: Vec<Block>,
+    carrier: Vec<Block>,
+    second: Option<Vec<Block>>,
+    whitener: Whitener,
+}
+
+/// One target, sensors on carriers, and what is unknown about the sensors.
+///
+/// The states are those of the motion, then the nuisance states. Measurements are in the
+/// order of the sensors, sample by sample.
+///
+/// ```
+/// use gramian::tracks::carrier::Carrier;
+/// use gramian::tracks::scene::{Channel, Kind, Moving, Scene};
+/// // Bearings and one range of a ship at constant velocity, from a fixed place.
+/// let coast = Carrier::fixed(&[0.0, 0.0], None)?;
+/// let times = [0.0, 60.0, 120.0, 180.0];
+/// let bearings = Channel::new(Kind::Bearing, times.to_vec(), Some(coast.at(&times)?), 0.01);
+/// let range = Channel::new(Kind::Range, vec![60.0], Some(coast.at(&[60.0])?), 10.0);
+/// let scene = Scene::new(2, Moving::Polynomial { order: 1 }, 0.0, 0, vec![bearings, range]).unwrap();
+/// let rows = scene.rows(&[2000.0, 5000.0, 3.0, -1.0]).unwrap();
+/// assert_eq!(rows.len(), 5 * 4);
+/// # Ok::<(), gramian::tracks::Error>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct Scene {
+    dimension: usize,
+    motion: Moving,
+    motion_states: usize,
+    nuisances: usize,
+    reference: f64,
+    groups: Vec<Group>,
+    measurements: usize,
+    path: Path,
+}
+
+impl Scene {
+    /// A scene in 2 or 3 `dimensions`, with times counted from `reference` (s) and so
+    /// many nuisance states.
+    ///
+    /// # Errors
+    /// [`InSensor`] with what does not fit.
+    pub fn new(
+        dimension: usize,
+        motion: Moving,
+        reference: f64,
+        nuisances: usize,
+        channels: Vec<Channel>,
+    ) -> Result<Self, InSensor> {
+        let none = |error: Error| InSensor {
+            sensor: usize::MAX,
+            error,
+        };
+        let motion_states = motion.states(dimension);
+        if motion_states + 1 > MOST {
+            return Err(none(Error::TooManyStates {
+                given: motion_states,
+                most: MOST - 1,
+            }));
+        }
+        check_finite("reference time", &[reference]).map_err(|error| none(error.into()))?;
+        let mut groups = Vec::with_capacity(channels.len());
+        let mut first = 0;
+        for (sensor, channel) in channels.into_iter().enumerate() {
+            let group = Group::new(channel, dimension, reference, first)
+                .map_err(|error| InSensor { sensor, error })?;
+            first += group.count * group.width;
+            groups.push(group);
+        }
+        Ok(Self {
+            dimension,
+            motion,
+            motion_states,
+            nuisances,
+            reference,
+            groups,
+            measurements: first,
+            path: Path::Best,
+        })
+    }
+
+    /// The same on another vector path.
+    #[must_use]
+    pub fn on(mut self, path: Path) -> Self {
+        self.path = path;
+        self
+    }
+
+    /// Number of dimensions.
+    pub fn dimension(&self) -> usize {
+        self.dimension
+    }
+
+    /// The motion.
+    pub fn motion(&self) -> &Moving {
+        &self.motion
+    }
+
+    /// Time from which the motion counts, s.
+    pub fn reference(&self) -> f64 {
+        self.reference
+    }
+
+    /// States of the motion.
+    pub fn motion_states(&self) -> usize {
+        self.motion_states
+    }
+
+    /// All states.
+    pub fn states(&self) -> usize {
+        self.motion_states + self.nuisances
+    }
+
+    /// All numbers that are measured.
+    pub fn measurements(&self) -> usize {
+        self.measurements
+    }
+
+    /// The sensors, with the place of the first of their numbers.
+    pub fn channels(&self) -> impl Iterator<Item = (&Channel, usize)> {
+        self.groups.iter().map(|group| (&group.channel, group.first))
+    }
+
+    fn value(&self, x: &[f64], parameter: Parameter) -> f64 {
+        match parameter {
+            Parameter::Fixed(value) => value,
+            Parameter::State(index) => x[self.motion_states + index],
+        }
+    }
+
+    /// What the sensors read at a state, not whitened, and the derivatives row by row.
+    fn predict(&self, x: &[f64], values: &mut [f64], mut rows: Option<&mut [f64]>) -> Result<(), InSensor> {
+        let n = self.states();
+        if let Some(rows) = &mut rows {
+            rows.fill(0.0);
+        }
+        let mut moves = Vec::new();
+        let mut reads = Vec::new();
+        for (sensor, group) in self.groups.iter().enumerate() {
+            let channel = &group.channel;
+            let clock = Clock {
+                offset: self.value(x, channel.clock),
+                true_path: channel.true_path,
+                state: matches!(channel.clock, Parameter::State(_)),
+            };
+            let columns = self.motion_states + usize::from(clock.state);
+            let blocks = group.times.len();
+            let size = blocks * moves_size(self.dimension, columns);
+            if moves.len() < size {
+                moves.resize(size, [0.0; LANES]);
+            }
+            if self.dimension == 2 {
+                self.moves::<2>(group, x, clock, &mut moves[..size]);
+            } else {
+                self.moves::<3>(group, x, clock, &mut moves[..size]);
+            }
+            let size_reads = blocks * (columns + 3);
+            if reads.len() < size_reads {
+                reads.resize(size_reads, [0.0; LANES]);
+            }
+            let parameters = channel.parameters.map(|p| self.value(x, p));
+            for axis in 0..group.width {
+                let task = Task {
+                    path: self.path,
+                    group,
+                    parameters,
+                    columns,
+                    clock,
+                    moves: &moves[..size],
+                };
+                if self.dimension == 2 {
+                    task.sees::<2>(axis, &mut reads[..size_reads]);
+                } else {
+                    task.sees::<3>(axis, &mut reads[..size_reads]);
+                }
+                self.collect(group, x, axis, columns, &reads[..size_reads], values, rows.as_deref_mut(), n)
+                    .map_err(|error| InSensor { sensor, error })?;
+            }
+        }
+        Ok(())
+    }
+
+    fn moves<const D: usize>(&self, group: &Group, x: &[f64], clock: Clock, out: &mut [Block]) {
+        with_motion!(&self.motion, motion => self.path.run(Moves::<_, D> {
+            motion,
+            x: &x[..self.motion_states],
+            clock,
+            delay: group.channel.delay,
+            times: &group.times,
+            carrier: &group.carrier,
+            out,
+        }));
+    }
+
+    /// From blocks of readings to values and rows.
+    #[allow(clippy::too_many_arguments)]
+    fn collect(
+        &self,
+        group: &Group,
+        x: &[f64],
+        axis: usize,
+        columns: usize,
+        reads: &[Block],
+        values: &mut [f64],
+        mut rows: Option<&mut [f64]>,
+        n: usize,
+    ) -> Result<(), Error> {
+        let channel = &group.channel;
+        let gain = 1.0 + self.value(x, channel.scale);
+        let bias = channel
+            .bias
+            .iter()
+            .fold(0.0, |sum, &(factor, p)| sum + factor * self.value(x, p));
+        let size = columns + 3;
+        let nuisance = |parameter| match parameter {
+            Parameter::State(index) => Some(self.motion_states + index),
+            Parameter::Fixed(_) => None,
+        };
+        let (scale, clock) = (nuisance(channel.scale), nuisance(channel.clock));
+        let parameters = channel.parameters.map(nuisance);
+        let cone = channel.kind == Kind::ConeAngle;
+        for i in 0..group.count {
+            let (block, lane) = (i / LANES, i % LANES);
+            let reads = &reads[block * size..][..size];
+            let value = reads[0][lane];
+            let at = group.first + i * group.width + axis;
+            let mut sum = value;
+            if let Some(rows) = &mut rows {
+                let row = &mut rows[at * n..][..n];
+                for (entry, column) in row.iter_mut().zip(&reads[1..=self.motion_states]) {
+                    *entry = gain * column[lane];
+                    sum += *entry;
+                }
+                if let Some(clock) = clock {
+                    row[clock] += gain * reads[columns][lane];
+                }
+                for (k, parameter) in parameters.iter().enumerate() {
+                    if let Some(index) = parameter {
+                        row[*index] += gain * reads[columns + 1 + k][lane];
+                    }
+                }
+                for &(factor, parameter) in &channel.bias {
+                    if let Some(index) = nuisance(parameter) {
+                        row[index] += factor;
+                    }
+                }
+                if let Some(scale) = scale {
+                    row[scale] += value;
+                }
+            }
+            // The derivatives of a sample on the carrier are not finite, nor is their sum.
+            let on_axis = cone && !(value > 1e-8 && value < core::f64::consts::PI - 1e-8);
+            if !sum.is_finite() || on_axis {
+                return Err(Error::NoReading {
+                    index: i,
+                    reason: channel.kind.reason(),
+                });
+            }
+            values[at] = value * gain + bias;
+        }
+        Ok(())
+    }
+
+    /// Differences of measurements, whitened in place: angles wrapped, absent ones zero.
+    fn whiten(&self, values: &mut [f64], mut rows: Option<&mut [f64]>, present: Option<&[bool]>) {
+        let n = self.states();
+        for group in &self.groups {
+            let range = group.first..group.first + group.count * group.width;
+            let values = &mut values[range.clone()];
+            if group.channel.kind.wraps() {
+                for value in values.iter_mut() {
+                    if value.abs() > core::f64::consts::PI {
+                        *value = wrapped(*value);
+                    }
+                }
+            }
+            let rows = match &mut rows {
+                Some(rows) => &mut rows[range.start * n..range.end * n],
+                None => &mut [],
+            };
+            group
+                .whitener
+                .apply(group.width, values, rows, n, present.map(|p| &p[range]));
+        }
+    }
+
+    /// The whitened rows (measurements, states) at a state, each by the square root of
+    /// its detection probability.
+    ///
+    /// # Errors
+    /// [`InSensor`] where a sensor reads nothing.
+    pub fn rows(&self, x: &[f64]) -> Result<Vec<f64>, InSensor> {
+        let mut rows = vec![0.0; self.measurements * self.states()];
+        self.rows_into(x, &mut vec![0.0; self.measurements], &mut rows)?;
+        Ok(rows)
+    }
+
+    /// [`rows`](Scene::rows) into memory of the caller; `values` is scratch space for all
+    /// measurements.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn rows_into(&self, x: &[f64], values: &mut [f64], rows: &mut [f64]) -> Result<(), InSensor> {
+        self.check_state(x)?;
+        self.predict(x, values, Some(&mut *rows))?;
+        self.whiten(values, Some(&mut *rows), None);
+        let n = self.states();
+        for group in &self.groups {
+            let detection = &group.channel.detection;
+            if detection.iter().all(|&p| p == 1.0) {
+                continue;
+            }
+            for i in 0..group.count * group.width {
+                let p = detection[if detection.len() == 1 { 0 } else { i / group.width }];
+                for entry in &mut rows[(group.first + i) * n..][..n] {
+                    *entry *= p.sqrt();
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// What the sensors read at a state without noise.
+    ///
+    /// # Errors
+    /// As [`rows`](Scene::rows).
+    pub fn values(&self, x: &[f64]) -> Result<Vec<f64>, InSensor> {
+        self.check_state(x)?;
+        let mut values = vec![0.0; self.measurements];
+        self.predict(x, &mut values, None)?;
+        Ok(values)
+    }
+
+    fn check_state(&self, x: &[f64]) -> Result<(), InSensor> {
+        let none = |error: crate::scalar::NumberError| InSensor {
+            sensor: usize::MAX,
+            error: error.into(),
+        };
+        crate::scalar::check_length("state", x.len(), self.states()).map_err(none)?;
+        check_finite("state", x).map_err(none)
+    }
+
+    /// Measurements with noise of the trial's own stream; NaN where a sample is not
+    /// detected. `exact` is what [`values`](Scene::values) gives.
+    pub fn simulate(&self, exact: &[f64], seed: u64, trial: u64, out: &mut [f64]) {
+        let mut stream = Stream::new(seed, trial);
+        for group in &self.groups {
+            let range = group.first..group.first + group.count * group.width;
+            let noise = &mut out[range.clone()];
+            noise.fill_with(|| stream.normal());
+            group.whitener.color(group.width, noise);
+            for (value, exact) in noise.iter_mut().zip(&exact[range]) {
+                *value += exact;
+                if group.channel.kind.wraps() {
+                    *value = wrapped(*value);
+                }
+            }
+            let detection = &group.channel.detection;
+            if detection.iter().any(|&p| p < 1.0) {
+                for (i, sample) in noise.chunks_exact_mut(group.width).enumerate() {
+                    let p = detection[if detection.len() == 1 { 0 } else { i }];
+                    if stream.uniform() >= p {
+                        sample.fill(f64::NAN);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// What the passes over one sensor have in common.
+struct Task<'a> {
+    path: Path,
+    group: &'a Group,
+    parameters: [f64; 2],
+    columns: usize,
+    clock: Clock,
+    moves: &'a [Block],
+}
+
+impl Task<'_> {
+    fn run<K: Sensor<D>, const D: usize>(&self, sensor: &K, out: &mut [Block]) {
+        self.path.run(Sees::<K, D> {
+            sensor,
+            parameters: self.parameters,
+            columns: self.columns,
+            clock: self.clock,
+            moves: self.moves,
+            carrier: &self.group.carrier,
+            second: self.group.second.as_deref(),
+            out,
+        });
+    }
+
+    fn sees<const D: usize>(&self, axis: usize, out: &mut [Block]) {
+        match self.group.channel.kind {
+            Kind::Bearing => self.run::<_, D>(&Bearing, out),
+            Kind::Elevation => self.run::<_, D>(&Elevation, out),
+            Kind::Range => self.run::<_, D>(&Range { factor: 1.0 }, out),
+            Kind::TimeDifference(speed) => {
+                let factor = 1.0 / speed;
+                self.run::<_, D>(&Range { factor }, out);
+            }
+            Kind::RangeRate => self.run::<_, D>(&RangeRate, out),
+            Kind::Frequency(speed) | Kind::FrequencyDifference(speed) => {
+                self.run::<_, D>(&Frequency { speed }, out);
+            }
+            Kind::ConeAngle => self.run::<_, D>(&ConeAngle, out),
+            Kind::SignalStrength => self.run::<_, D>(&SignalStrength, out),
+            Kind::Position => self.run::<_, D>(&Place { axis }, out),
+            Kind::Speed => self.run::<_, D>(&Speed, out),
+            Kind::Course => self.run::<_, D>(&Course, out),
+        }
+    }
+}
+
+/// Values (samples, width) as blocks of samples: the last sample again behind the last.
+fn blocks(values: &[f64], width: usize, count: usize) -> impl Iterator<Item = Block> {
+    (0..count.div_ceil(LANES)).flat_map(move |block| {
+        (0..width).map(move |k| {
+            core::array::from_fn(|lane| {
+                let i = (block * LANES + lane).min(count - 1);
+                values[i * width + k]
+            })
+        })
+    })
+}
+
+fn packed(carried: &Carried, dimension: usize, count: usize) -> Vec<Block> {
+    let d = dimension;
+    let all: Vec<f64> = (0..count)
+        .flat_map(|i| {
+            [&carried.place, &carried.velocity, &carried.axis]
+                .into_iter()
+                .flat_map(move |values| values[i * d..(i + 1) * d].iter().copied())
+        })
+        .collect();
+    blocks(&all, 3 * d, count).collect()
+}
+
+impl Group {
+    fn new(channel: Channel, dimension: usize, reference: f64, first: usize) -> Result<Self, Error> {
+        let kind = channel.kind;
+        let count = channel.times.len();
+        let width = kind.width(dimension);
+        check_finite("times", &channel.times)?;
+        if kind == Kind::Elevation && dimension != 3 {
+            return Err(Error::Dimension {
+                kind: kind.name(),
+                given: dimension,
+            });
+        }
+        if let Kind::Frequency(speed) | Kind::TimeDifference(speed) | Kind::FrequencyDifference(speed) =
+            kind
+            && !(speed > 0.0 && speed.is_finite())
+        {
+            return Err(Error::WaveSpeed { given: speed });
+        }
+        if let Some(speed) = channel.delay
+            && !(speed > 0.0 && speed.is_finite())
+        {
+            return Err(Error::WaveSpeed { given: speed });
+        }
+        if channel.carrier.is_none() && !kind.is_own() {
+            return Err(Error::NoCarrier {
+                kind: kind.name(),
+                wanted: "a carrier",
+            });
+        }
+        if channel.second.is_some() != kind.is_difference() {
+            return Err(Error::NoCarrier {
+                kind: kind.name(),
+                wanted: if kind.is_difference() { "two carriers" } else { "one carrier" },
+            });
+        }
+        for carried in [&channel.carrier, &channel.second].into_iter().flatten() {
+            if carried.place.len() != count * dimension {
+                return Err(Error::CarrierDimension {
+                    given: carried.place.len().checked_div(count).unwrap_or(0),
+                    wanted: dimension,
+                });
+            }
+            let (axes, _) = (&carried.axis, ());
+            if kind == Kind::ConeAngle
+                && let Some(index) = axes.chunks_exact(dimension).position(|a| a.iter().all(|&x| x == 0.0))
+            {
+                return Err(Error::NoHeading { index });
+            }
+        }
+        if channel.detection.len() != 1 {
+            crate::scalar::check_length("detection", channel.detection.len(), count)?;
+        }
+        for (index, &given) in channel.detection.iter().enumerate() {
+            if !(given > 0.0 && given <= 1.0) {
+                return Err(Error::Detection { index, given });
+            }
+        }
+        let whitener = channel
+            .noise
+            .whitener(&channel.times, width, kind.is_angle())?;
+        let times: Vec<f64> = channel.times.iter().map(|t| t - reference).collect();
+        let nothing = vec![[0.0; LANES]; 3 * dimension * count.div_ceil(LANES)];
+        Ok(Self {
+            first,
+            count,
+            width,
+            times: blocks(&times, 1, count).collect(),
+            carrier: match &channel.carrier {
+                Some(carried) => packed(carried, dimension, count),
+                None => nothing,
+            },
+            second: channel
+                .second
+                .as_ref()
+                .map(|carried| packed(carried, dimension, count)),
+            whitener,
+            channel,
+        })
+    }
+}
+
+/// A scene with what was measured: a model for [`solve`](crate::solve).
+///
+/// A measurement that is NaN is missing.
+#[derive(Clone, Debug)]
+pub struct Measured<'a> {
+    scene: &'a Scene,
+    measurements: &'a [f64],
+    present: Option<Vec<bool>>,
+    count: usize,
+    /// For each state its value where it is known.
+    known: Vec<Option<f64>>,
+}
+
+impl<'a> Measured<'a> {
+    /// `known` holds for each state its value where it is known exactly; it may be empty.
+    ///
+    /// # Errors
+    /// [`InSensor`] for arrays that do not fit.
+    pub fn new(
+        scene: &'a Scene,
+        measurements: &'a [f64],
+        known: &[Option<f64>],
+    ) -> Result<Self, InSensor> {
+        let none = |error: crate::scalar::NumberError| InSensor {
+            sensor: usize::MAX,
+            error: error.into(),
+        };
+        crate::scalar::check_length("measurements", measurements.len(), scene.measurements)
+            .map_err(none)?;
+        let mut known = known.to_vec();
+        if known.is_empty() {
+            known.resize(scene.states(), None);
+        }
+        crate::scalar::check_length("known", known.len(), scene.states()).map_err(none)?;
+        let mut count = measurements.len();
+        let mut present = None;
+        if measurements.iter().any(|z| z.is_nan()) {
+            let mut is: Vec<bool> = measurements.iter().map(|z| !z.is_nan()).collect();
+            for group in &scene.groups {
+                if let Whitener::Factor { size, .. } = &group.whitener {
+                    // A block of correlated numbers counts whole or not at all.
+                    for block in is[group.first..][..group.count * group.width].chunks_mut(*size) {
+                        if !block.iter().all(|&p| p) {
+                            block.fill(false);
+                        }
+                    }
+                }
+            }
+            count = is.iter().filter(|&&p| p).count();
+            present = Some(is);
+        }
+        Ok(Self {
+            scene,
+            measurements,
+            present,
+            count,
+            known,
+        })
+    }
+
+    /// All states, from those that are free.
+    pub fn full(&self, free: &[f64]) -> Vec<f64> {
+        let mut free = free.iter();
+        self.known
+            .iter()
+            .map(|known| known.unwrap_or_else(|| free.next().copied().unwrap_or(0.0)))
+            .collect()
+    }
+
+    fn compact(&self, values: &[f64], out: &mut [f64], width: impl Fn(usize) -> bool, n: usize) {
+        let mut out = out.iter_mut();
+        for (i, row) in values.chunks_exact(n).enumerate() {
+            if self.present.as_ref().is_none_or(|p| p[i]) {
+                for (k, value) in row.iter().enumerate() {
+                    if width(k)
+                        && let Some(out) = out.next()
+                    {
+                        *out = *value;
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl Model for Measured<'_> {
+    type Error = InSensor;
+
+    fn states(&self) -> usize {
+        self.known.iter().filter(|known| known.is_none()).count()
+    }
+
+    fn measurements(&self) -> usize {
+        self.count
+    }
+
+    fn linearize(
+        &self,
+        x: &[f64],
+        residuals: &mut [f64],
+        rows: Option<&mut [f64]>,
+    ) -> Result<(), InSensor> {
+        let scene = self.scene;
+        let n = scene.states();
+        let whole = self.present.is_none();
+        let free = self.known.iter().all(Option::is_none);
+        let full;
+        let x = if free {
+            x
+        } else {
+            full = self.full(x);
+            &full
+        };
+        if whole && free {
+            // Straight into the memory of the caller.
+            let mut rows = rows;
+            scene.predict(x, residuals, rows.as_deref_mut())?;
+            for (value, z) in residuals.iter_mut().zip(self.measurements) {
+                *value = z - *value;
+            }
+            scene.whiten(residuals, rows, None);
+            return Ok(());
+        }
+        let mut values = vec![0.0; scene.measurements];
+        let mut wide = vec![0.0; if rows.is_some() { n * scene.measurements } else { 0 }];
+        let with_rows = rows.is_some();
+        scene.predict(x, &mut values, with_rows.then_some(&mut wide[..]))?;
+        for (value, z) in values.iter_mut().zip(self.measurements) {
+            *value = if z.is_nan() { 0.0 } else { z - *value };
+        }
+        scene.whiten(
+            &mut values,
+            with_rows.then_some(&mut wide[..]),
+            self.present.as_deref(),
+        );
+        self.compact(&values, residuals, |_| true, 1);
+        if let Some(rows) = rows {
+            self.compact(&wide, rows, |k| self.known[k].is_none(), n);
+        }
+        Ok(())
+    }
+
+    fn difference(&self, a: &[f64], b: &[f64], out: &mut [f64]) -> Result<(), InSensor> {
+        let scene = self.scene;
+        let mut values = [vec![0.0; scene.measurements], vec![0.0; scene.measurements]];
+        for (x, values) in [a, b].into_iter().zip(&mut values) {
+            scene.predict(&self.full(x), values, None)?;
+        }
+        let [from, mut to] = values;
+        for (to, from) in to.iter_mut().zip(&from) {
+            *to -= from;
+        }
+        scene.whiten(&mut to, None, self.present.as_deref());
+        self.compact(&to, out, |_| true, 1);
+        Ok(())
+    }
+
+    fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
+        let full = self.full(x);
+        if let Some(mirrored) = self.scene.mirrored(&full) {
+            let free: Vec<f64> = mirrored
+                .iter()
+                .zip(&self.known)
+                .filter(|(_, known)| known.is_none())
+                .map(|(x, _)| *x)
+                .collect();
+            found(&free);
+        }
+    }
+}
+
+impl Scene {
+    /// The mirror image of a state across the line of all carriers, where all sensors
+    /// read the same there: ranges, frequencies and cone angles from one straight path.
+    pub fn mirrored(&self, x: &[f64]) -> Option<Vec<f64>> {
+        if self.dimension != 2 {
+            return None;
+        }
+        // Any two different places span the line; headings must lie along it.
+        let mut places = Vec::new();
+        let mut axes = Vec::new();
+        for group in &self.groups {
+            let channel = &group.channel;
+            if matches!(
+                channel.kind,
+                Kind::Bearing | Kind::Elevation | Kind::Position | Kind::Course
+            ) {
+                return None;
+            }
+            for carried in [&channel.carrier, &channel.second].into_iter().flatten() {
+                places.extend(carried.place.chunks_exact(2));
+                if channel.kind == Kind::ConeAngle {
+                    axes.extend(carried.axis.chunks_exact(2));
+                }
+            }
+        }
+        let origin = *places.first()?;
+        let mut far = (0.0, [0.0; 2]);
+        for place in &places {
+            let offset = [place[0] - origin[0], place[1] - origin[1]];
+            let length = offset[0].hypot(offset[1]);
+            if length > far.0 {
+                far = (length, offset.map(|x| x / length));
+            }
+        }
+        if far.0 == 0.0 {
+            // One place: any line through it mirrors, but for an axis.
+            let axis = axes.first()?;
+            far.1 = [axis[0], axis[1]];
+        }
+        let [ue, un] = far.1;
+        let large = origin[0].abs().max(origin[1].abs()).max(far.0);
+        let off = |place: &[f64]| ((place[0] - origin[0]) * un - (place[1] - origin[1]) * ue).abs();
+        if places.iter().any(|place| off(place) > 1e-9 * large)
+            || axes.iter().any(|a| (a[0] * un - a[1] * ue).abs() > 1e-9)
+        {
+            return None;
+        }
+        let mirror = |v: [f64; 2]| {
+            let along = v[0] * ue + v[1] * un;
+            [2.0 * along * ue - v[0], 2.0 * along * un - v[1]]
+        };
+        let mut out = x.to_vec();
+        let place = mirror([x[0] - origin[0], x[1] - origin[1]]);
+        (out[0], out[1]) = (place[0] + origin[0], place[1] + origin[1]);
+        let line = ue.atan2(un);
+        match &self.motion {
+            Moving::Polynomial { order } => {
+                for k in 1..=*order {
+                    let v = mirror([x[2 * k], x[2 * k + 1]]);
+                    out[2 * k..2 * k + 2].copy_from_slice(&v);
+                }
+            }
+            Moving::Legs(times) => {
+                for k in 1..times.turns().count() + 2 {
+                    let v = mirror([x[2 * k], x[2 * k + 1]]);
+                    out[2 * k..2 * k + 2].copy_from_slice(&v);
+                }
+            }
+            Moving::SteadyLegs(times) => {
+                for k in 0..=times.turns().count() {
+                    out[3 + k] = wrapped(2.0 * line - x[3 + k]);
+                }
+            }
+            Moving::CoordinatedTurn => {
+                out[3] = wrapped(2.0 * line - x[3]);
+                out[4] = -x[4];
+            }
+        }
+        Some(out)
+    }
+}
+
+#[cfg(test)]
+mod tests;
