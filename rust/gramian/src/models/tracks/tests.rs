@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
-use core::ops::{Add, Div, Mul, Sub};
+use core::ops::{Add, Div, Mul, Neg, Sub};
 
 use super::motion::{
     Change, CoordinatedTurn, Instant, Legs, Motion, Polynomial, SteadyLegs, Turns, emitted,
@@ -43,7 +43,38 @@ impl Div for Dual {
     }
 }
 
+impl Neg for Dual {
+    type Output = Self;
+    fn neg(self) -> Self {
+        Self(-self.0, -self.1)
+    }
+}
+
 impl Lane for Dual {
+    fn times(self, factor: f64) -> Self {
+        Self(self.0 * factor, self.1 * factor)
+    }
+    fn abs(self) -> Self {
+        if self.0 < 0.0 { -self } else { self }
+    }
+    fn min(self, other: Self) -> Self {
+        if other.0 < self.0 { other } else { self }
+    }
+    fn max(self, other: Self) -> Self {
+        if other.0 > self.0 { other } else { self }
+    }
+    fn hypot(self, other: Self) -> Self {
+        (self * self + other * other).sqrt()
+    }
+    fn round(self) -> Self {
+        Self(self.0.round(), 0.0)
+    }
+    fn remainder(self, divisor: Self) -> Self {
+        Self(self.0 % divisor.0, self.1)
+    }
+    fn any_greater(self, other: Self) -> bool {
+        self.0 > other.0
+    }
     fn splat(self, value: f64) -> Self {
         Self(value, 0.0)
     }
