@@ -18,6 +18,7 @@ mod run;
 #[cfg(feature = "large")]
 mod sparse;
 mod spine;
+mod tracks;
 
 use pyo3::prelude::*;
 
@@ -36,5 +37,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     monte_carlo::register(module)?;
     posterior::register(module)?;
     registration::register(module)?;
+    tracks::register(module)?;
     maneuver_plan::register(module)
 }

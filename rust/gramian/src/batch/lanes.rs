@@ -197,6 +197,10 @@ impl<S: Simd> Lane for Lanes<S> {
         self.with(simd::atan2(self.simd, self.value, x.value))
     }
     #[inline(always)]
+    fn ln(self) -> Self {
+        self.with(simd::ln(self.simd, self.value))
+    }
+    #[inline(always)]
     fn round(self) -> Self {
         // Adding 1.5 * 2^52 leaves no digits behind the point.
         let shifter = Self::splat(self.simd, 6_755_399_441_055_744.0);

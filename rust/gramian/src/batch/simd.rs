@@ -274,6 +274,18 @@ pub fn remainder<S: pulp::Simd>(simd: S, x: S::f64s, divisor: S::f64s) -> S::f64
     simd.partial_load_f64s(&left[..lanes])
 }
 
+/// The natural logarithm of each lane, as the standard library gives it.
+#[inline(never)]
+pub fn ln<S: pulp::Simd>(simd: S, value: S::f64s) -> S::f64s {
+    let mut values = [1.0_f64; 8];
+    let lanes = S::F64_LANES.min(8);
+    simd.partial_store_f64s(&mut values[..lanes], value);
+    for value in &mut values[..lanes] {
+        *value = value.ln();
+    }
+    simd.partial_load_f64s(&values[..lanes])
+}
+
 /// The angle of (x, y) against the x axis in (-pi, pi], lane by lane, within 2
 /// units in the last place; 0 for (0, 0) whatever the signs.
 #[inline(always)]

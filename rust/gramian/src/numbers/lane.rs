@@ -62,6 +62,9 @@ pub trait Lane:
     /// sign here, and the angle of (0, 0) is 0.
     #[must_use]
     fn atan2(self, x: Self) -> Self;
+    /// The natural logarithm of a number above zero.
+    #[must_use]
+    fn ln(self) -> Self;
     /// The nearest whole number; which of two is not said. Below 2^51 in size.
     #[must_use]
     fn round(self) -> Self;
@@ -134,6 +137,10 @@ impl<T: Real> Lane for T {
     fn atan2(self, x: Self) -> Self {
         // Adding zero takes the sign from a zero.
         nalgebra::RealField::atan2(self + T::zero(), x + T::zero())
+    }
+    #[inline(always)]
+    fn ln(self) -> Self {
+        nalgebra::ComplexField::ln(self)
     }
     #[inline(always)]
     fn round(self) -> Self {

@@ -100,7 +100,9 @@ pub enum Error {
         total: usize,
     },
     /// A covariance matrix that is not symmetric.
-    #[error("covariance[{row}, {column}] = {given}, but [{column}, {row}] = {other}: must be equal")]
+    #[error(
+        "covariance[{row}, {column}] = {given}, but [{column}, {row}] = {other}: must be equal"
+    )]
     NotSymmetric {
         /// Row of the entry.
         row: usize,

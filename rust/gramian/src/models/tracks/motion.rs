@@ -426,7 +426,7 @@ pub struct Emission<L, const D: usize> {
 
 /// The instant at which the target emitted what a receiver gets at `u`; the derivatives
 /// in `changes` are those of what is received. `speed` is that of the wave, above that
-/// of the target.
+/// of the target; `None` where the wave takes no time.
 ///
 /// # Source
 /// c (t - t') = |p(t') - receiver|, by Newton's method; its derivatives by the implicit
@@ -438,19 +438,31 @@ pub fn emitted<L: Lane, M: Motion<D>, const D: usize>(
     u: L,
     receiver: &[L; D],
     receiver_velocity: &[L; D],
-    speed: f64,
+    speed: Option<f64>,
     changes: &mut [Change<L, D>],
 ) -> Emission<L, D> {
     let zero = u.splat(0.0);
-    let c = u.splat(speed);
-    let mut time = u;
-    let mut now = motion.at(x, u, changes);
+    let c = u.splat(speed.unwrap_or(1.0));
     // Below half the speed of the wave the error is squared four times: rounding.
-    for _ in 0..4 {
-        let (range, _, opening) = line(&now, receiver);
-        let residual = (time - u) * c + range;
-        time = time - residual / (c + opening);
+    let steps = if speed.is_some() { 5 } else { 1 };
+    let mut time = u;
+    let mut now = Instant {
+        place: [zero; D],
+        velocity: [zero; D],
+        acceleration: [zero; D],
+    };
+    for step in 0..steps {
+        if step > 0 {
+            let (range, _, opening) = line(&now, receiver);
+            time = time - ((time - u) * c + range) / (c + opening);
+        }
         now = motion.at(x, time, changes);
+    }
+    if speed.is_none() {
+        return Emission {
+            instant: now,
+            pace: u.splat(1.0),
+        };
     }
     let (_, unit, opening) = line(&now, receiver);
     let rate = c + opening;

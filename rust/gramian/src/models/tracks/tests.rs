@@ -144,15 +144,8 @@ fn check_motion<const D: usize>(motion: &impl Motion<D>, x: &[f64], u: f64, dela
     let n = motion.states();
     assert_eq!(n, x.len());
     let mut changes = [Change::<f64, D>::zero(0.0); MOST];
-    let mut pace = 1.0;
-    let now: Instant<f64, D> = match delay {
-        None => motion.at(x, u, &mut changes),
-        Some(speed) => {
-            let out = emitted(motion, x, u, &receiver, &carried, speed, &mut changes);
-            pace = out.pace;
-            out.instant
-        }
-    };
+    let out = emitted(motion, x, u, &receiver, &carried, delay, &mut changes);
+    let (now, pace): (Instant<f64, D>, f64) = (out.instant, out.pace);
     let dual = |k: usize| {
         // Index n: the time; the receiver moves with it.
         let mut states = [Dual(0.0, 0.0); MOST];
@@ -165,15 +158,15 @@ fn check_motion<const D: usize>(motion: &impl Motion<D>, x: &[f64], u: f64, dela
         });
         let still = [Dual(0.0, 0.0); D];
         let mut unused = [Change::<Dual, D>::zero(time); MOST];
-        match delay {
-            None => motion.at(&states, time, &mut unused),
-            Some(c) => emitted(motion, &states, time, &place, &still, c, &mut unused).instant,
-        }
+        emitted(motion, &states, time, &place, &still, delay, &mut unused).instant
     };
     for k in 0..n {
         let wanted = dual(k);
         for axis in 0..D {
-            let scale = changes[k].place.iter().fold(1e-6_f64, |a, b| a.max(b.abs()));
+            let scale = changes[k]
+                .place
+                .iter()
+                .fold(1e-6_f64, |a, b| a.max(b.abs()));
             near(changes[k].place[axis], wanted.place[axis].1, scale, "place");
             let scale = changes[k]
                 .velocity

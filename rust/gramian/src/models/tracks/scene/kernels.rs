@@ -2,12 +2,12 @@
 //! and what the sensor reads of it.
 
 use crate::batch::lanes::{Block, Lanes};
-use crate::models::tracks::motion::{Change, Instant, Motion, emitted};
-use crate::models::tracks::sensors::{Sensor, Sight};
+use crate::models::tracks::motion::{Change, Motion, emitted};
+use crate::models::tracks::sensors::{Reading, Sensor, Sight};
 use crate::numbers::lane::Lane;
 
 /// States of a motion at most.
-pub const MOST: usize = 32;
+pub const MOST: usize = 24;
 
 /// The clock of a sensor: its stamps are `offset` late.
 #[derive(Clone, Copy, Debug, Default)]
@@ -90,14 +90,9 @@ impl<M: Motion<D>, const D: usize> pulp::WithSimd for Moves<'_, M, D> {
                 if self.clock.true_path {
                     own = velocity;
                 }
-                let mut pace = Lanes::splat(simd, 1.0);
-                let now: Instant<Lanes<S>, D> = if let Some(speed) = self.delay {
-                    let out = emitted(self.motion, &x, u, &place, &own, speed, &mut changes);
-                    pace = out.pace;
-                    out.instant
-                } else {
-                    self.motion.at(&x, u, &mut changes)
-                };
+                let speed = self.delay;
+                let out_of = emitted(self.motion, &x, u, &place, &own, speed, &mut changes);
+                let (now, pace) = (out_of.instant, out_of.pace);
                 if self.clock.state {
                     for k in 0..D {
                         changes[states].place[k] =
@@ -109,10 +104,7 @@ impl<M: Motion<D>, const D: usize> pulp::WithSimd for Moves<'_, M, D> {
                     now.place[k].store(&mut out[k], part);
                     now.velocity[k].store(&mut out[D + k], part);
                 }
-                for (column, out) in changes
-                    .iter()
-                    .zip(out[2 * D..].chunks_exact_mut(2 * D))
-                {
+                for (column, out) in changes.iter().zip(out[2 * D..].chunks_exact_mut(2 * D)) {
                     for k in 0..D {
                         column.place[k].store(&mut out[k], part);
                         column.velocity[k].store(&mut out[D + k], part);
@@ -159,26 +151,27 @@ impl<K: Sensor<D>, const D: usize> pulp::WithSimd for Sees<'_, K, D> {
                     place[k] = Lanes::load(simd, &moves[k], part);
                     target[k] = Lanes::load(simd, &moves[D + k], part);
                 }
-                let carrier = &self.carrier[block * 3 * D..][..3 * D];
-                let sight = |carrier: &[Block]| {
+                let mut found: Option<Reading<Lanes<S>, D>> = None;
+                for carrier in [self.second, Some(self.carrier)].into_iter().flatten() {
+                    let carrier = &carrier[block * 3 * D..][..3 * D];
                     let (at, velocity, axis) = carried::<S, D>(simd, carrier, part, shift);
                     let mut offset = place;
                     for k in 0..D {
                         offset[k] = offset[k] - at[k];
                     }
-                    Sight {
+                    let sight = Sight {
                         offset,
                         target,
                         carrier: velocity,
                         axis,
-                    }
-                };
-                let mut reading = self.sensor.read(&sight(carrier), &parameters);
-                if let Some(second) = self.second {
-                    let second = &second[block * 3 * D..][..3 * D];
-                    let other = self.sensor.read(&sight(second), &parameters);
-                    reading = reading.less(&other);
+                    };
+                    let reading = self.sensor.read(&sight, &parameters);
+                    found = Some(match found {
+                        Some(other) => reading.less(&other),
+                        None => reading,
+                    });
                 }
+                let Some(reading) = found else { return };
                 reading.value.store(&mut out[0], part);
                 for (column, out) in moves[2 * D..]
                     .chunks_exact(2 * D)

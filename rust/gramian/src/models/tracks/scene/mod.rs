@@ -1,5 +1,6 @@
 //! A scene: one target, sensors on carriers, and what is unknown about the sensors.
 
+pub mod estimate;
 mod kernels;
 mod noise;
 
@@ -60,10 +61,6 @@ pub enum Moving {
 macro_rules! with_motion {
     ($moving:expr, $motion:ident => $call:expr) => {
         match $moving {
-            Moving::Polynomial { order: 1 } => {
-                let $motion = &Polynomial::CONSTANT_VELOCITY;
-                $call
-            }
             Moving::Polynomial { order } => {
                 let $motion = &Polynomial { order: *order };
                 $call
@@ -87,6 +84,8 @@ macro_rules! with_motion {
         }
     };
 }
+
+mod starts;
 
 impl Moving {
     /// How many states it has in `dimension` dimensions.
@@ -187,10 +186,7 @@ impl Kind {
 
     /// Whether two carriers compare what they receive.
     fn is_difference(self) -> bool {
-        matches!(
-            self,
-            Self::TimeDifference(_) | Self::FrequencyDifference(_)
-        )
+        matches!(self, Self::TimeDifference(_) | Self::FrequencyDifference(_))
     }
 
     /// Whether it needs no carrier.
@@ -202,7 +198,9 @@ impl Kind {
         match self {
             Self::Bearing => "the target is at, above or below the carrier: no bearing exists",
             Self::Elevation => "the target is at, above or below the carrier: no derivative exists",
-            Self::ConeAngle => "a cone angle of 0 or pi has no derivative: the target is on the axis",
+            Self::ConeAngle => {
+                "a cone angle of 0 or pi has no derivative: the target is on the axis"
+            }
             Self::Speed | Self::Course => "the target is at rest: no derivative exists",
             _ => "the target is at the carrier: no derivative exists",
         }
@@ -405,7 +403,9 @@ impl Scene {
 
     /// The sensors, with the place of the first of their numbers.
     pub fn channels(&self) -> impl Iterator<Item = (&Channel, usize)> {
-        self.groups.iter().map(|group| (&group.channel, group.first))
+        self.groups
+            .iter()
+            .map(|group| (&group.channel, group.first))
     }
 
     fn value(&self, x: &[f64], parameter: Parameter) -> f64 {
@@ -416,7 +416,12 @@ impl Scene {
     }
 
     /// What the sensors read at a state, not whitened, and the derivatives row by row.
-    fn predict(&self, x: &[f64], values: &mut [f64], mut rows: Option<&mut [f64]>) -> Result<(), InSensor> {
+    fn predict(
+        &self,
+        x: &[f64],
+        values: &mut [f64],
+        mut rows: Option<&mut [f64]>,
+    ) -> Result<(), InSensor> {
         let n = self.states();
         if let Some(rows) = &mut rows {
             rows.fill(0.0);
@@ -460,8 +465,17 @@ impl Scene {
                 } else {
                     task.sees::<3>(axis, &mut reads[..size_reads]);
                 }
-                self.collect(group, x, axis, columns, &reads[..size_reads], values, rows.as_deref_mut(), n)
-                    .map_err(|error| InSensor { sensor, error })?;
+                self.collect(
+                    group,
+                    x,
+                    axis,
+                    columns,
+                    &reads[..size_reads],
+                    values,
+                    rows.as_deref_mut(),
+                    n,
+                )
+                .map_err(|error| InSensor { sensor, error })?;
             }
         }
         Ok(())
@@ -587,7 +601,12 @@ impl Scene {
     ///
     /// # Errors
     /// As there.
-    pub fn rows_into(&self, x: &[f64], values: &mut [f64], rows: &mut [f64]) -> Result<(), InSensor> {
+    pub fn rows_into(
+        &self,
+        x: &[f64],
+        values: &mut [f64],
+        rows: &mut [f64],
+    ) -> Result<(), InSensor> {
         self.check_state(x)?;
         self.predict(x, values, Some(&mut *rows))?;
         self.whiten(values, Some(&mut *rows), None);
@@ -598,7 +617,11 @@ impl Scene {
                 continue;
             }
             for i in 0..group.count * group.width {
-                let p = detection[if detection.len() == 1 { 0 } else { i / group.width }];
+                let p = detection[if detection.len() == 1 {
+                    0
+                } else {
+                    i / group.width
+                }];
                 for entry in &mut rows[(group.first + i) * n..][..n] {
                     *entry *= p.sqrt();
                 }
@@ -726,7 +749,12 @@ fn packed(carried: &Carried, dimension: usize, count: usize) -> Vec<Block> {
 }
 
 impl Group {
-    fn new(channel: Channel, dimension: usize, reference: f64, first: usize) -> Result<Self, Error> {
+    fn new(
+        channel: Channel,
+        dimension: usize,
+        reference: f64,
+        first: usize,
+    ) -> Result<Self, Error> {
         let kind = channel.kind;
         let count = channel.times.len();
         let width = kind.width(dimension);
@@ -737,8 +765,9 @@ impl Group {
                 given: dimension,
             });
         }
-        if let Kind::Frequency(speed) | Kind::TimeDifference(speed) | Kind::FrequencyDifference(speed) =
-            kind
+        if let Kind::Frequency(speed)
+        | Kind::TimeDifference(speed)
+        | Kind::FrequencyDifference(speed) = kind
             && !(speed > 0.0 && speed.is_finite())
         {
             return Err(Error::WaveSpeed { given: speed });
@@ -757,7 +786,11 @@ impl Group {
         if channel.second.is_some() != kind.is_difference() {
             return Err(Error::NoCarrier {
                 kind: kind.name(),
-                wanted: if kind.is_difference() { "two carriers" } else { "one carrier" },
+                wanted: if kind.is_difference() {
+                    "two carriers"
+                } else {
+                    "one carrier"
+                },
             });
         }
         for carried in [&channel.carrier, &channel.second].into_iter().flatten() {
@@ -769,7 +802,9 @@ impl Group {
             }
             let (axes, _) = (&carried.axis, ());
             if kind == Kind::ConeAngle
-                && let Some(index) = axes.chunks_exact(dimension).position(|a| a.iter().all(|&x| x == 0.0))
+                && let Some(index) = axes
+                    .chunks_exact(dimension)
+                    .position(|a| a.iter().all(|&x| x == 0.0))
             {
                 return Err(Error::NoHeading { index });
             }
@@ -930,7 +965,14 @@ impl Model for Measured<'_> {
             return Ok(());
         }
         let mut values = vec![0.0; scene.measurements];
-        let mut wide = vec![0.0; if rows.is_some() { n * scene.measurements } else { 0 }];
+        let mut wide = vec![
+            0.0;
+            if rows.is_some() {
+                n * scene.measurements
+            } else {
+                0
+            }
+        ];
         let with_rows = rows.is_some();
         scene.predict(x, &mut values, with_rows.then_some(&mut wide[..]))?;
         for (value, z) in values.iter_mut().zip(self.measurements) {

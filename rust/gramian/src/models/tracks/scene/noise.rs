@@ -130,7 +130,9 @@ fn cholesky(matrix: &[f64], n: usize) -> Result<Vec<f64>, Error> {
     let mut l = vec![0.0; n * n];
     for i in 0..n {
         for j in 0..=i {
-            let sum = (0..j).fold(matrix[i * n + j], |sum, k| sum - l[i * n + k] * l[j * n + k]);
+            let sum = (0..j).fold(matrix[i * n + j], |sum, k| {
+                sum - l[i * n + k] * l[j * n + k]
+            });
             if i == j {
                 let rounding = 1e-14 * n as f64 * matrix[i * n + i].abs();
                 if !(sum > rounding && sum.is_finite()) {
@@ -259,7 +261,8 @@ impl Whitener {
             Self::Factor { size, factor } => {
                 for block in values.chunks_exact_mut(*size) {
                     for i in (0..*size).rev() {
-                        block[i] = (0..=i).fold(0.0, |sum, j| sum + factor[i * size + j] * block[j]);
+                        block[i] =
+                            (0..=i).fold(0.0, |sum, j| sum + factor[i * size + j] * block[j]);
                     }
                 }
             }

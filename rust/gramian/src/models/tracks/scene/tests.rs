@@ -46,7 +46,9 @@ fn everything(dimension: usize, motion: Moving, true_path: bool, delay: Option<f
         if kind == Kind::Elevation && dimension == 2 {
             continue;
         }
-        let times: Vec<f64> = (0..5 + k).map(|i| 20.0 + 15.0 * i as f64 + k as f64).collect();
+        let times: Vec<f64> = (0..5 + k)
+            .map(|i| 20.0 + 15.0 * i as f64 + k as f64)
+            .collect();
         let carried = carrier.at(&times).unwrap();
         let mut channel = Channel::new(kind, times.clone(), Some(carried), 0.01 * (k + 1) as f64);
         if kind.is_difference() {
@@ -132,7 +134,12 @@ fn motions() -> Vec<Moving> {
 fn rows_are_derivatives_of_values() {
     for dimension in [2, 3] {
         for motion in motions() {
-            for (true_path, delay) in [(false, None), (true, None), (true, Some(1500.0)), (false, Some(340.0))] {
+            for (true_path, delay) in [
+                (false, None),
+                (true, None),
+                (true, Some(1500.0)),
+                (false, Some(340.0)),
+            ] {
                 // At rest speed and course have no derivative.
                 if motion == (Moving::Polynomial { order: 0 }) {
                     continue;
@@ -145,7 +152,12 @@ fn rows_are_derivatives_of_values() {
                 let mut values = vec![0.0; scene.measurements()];
                 scene.predict(&x, &mut values, Some(&mut rows)).unwrap();
                 for k in 0..n {
-                    let h = 1e-3 * if k < dimension { 100.0 } else { x[k].abs().max(1e-2) };
+                    let h = 1e-3
+                        * if k < dimension {
+                            100.0
+                        } else {
+                            x[k].abs().max(1e-2)
+                        };
                     let at = |step: f64| {
                         let mut moved = x.clone();
                         moved[k] += step;
@@ -153,7 +165,8 @@ fn rows_are_derivatives_of_values() {
                     };
                     // Fourth order differences.
                     let (a, b, c, d) = (at(-2.0 * h), at(-h), at(h), at(2.0 * h));
-                    let top = (0..values.len()).fold(0.0_f64, |top, i| top.max(rows[i * n + k].abs()));
+                    let top =
+                        (0..values.len()).fold(0.0_f64, |top, i| top.max(rows[i * n + k].abs()));
                     for i in 0..values.len() {
                         let wanted = (a[i] - 8.0 * b[i] + 8.0 * c[i] - d[i]) / (12.0 * h);
                         let rounding = 1e-12 * values[i].abs().max(1e-3) / h;
@@ -179,7 +192,10 @@ fn every_path_agrees() {
     for path in Path::available() {
         let rows = scene.clone().on(path).rows(&x).unwrap();
         for (a, b) in rows.iter().zip(&plain) {
-            assert!((a - b).abs() <= 1e-11 * (1.0 + b.abs()), "{path:?}: {a} {b}");
+            assert!(
+                (a - b).abs() <= 1e-11 * (1.0 + b.abs()),
+                "{path:?}: {a} {b}"
+            );
         }
     }
 }
@@ -188,7 +204,10 @@ fn every_path_agrees() {
 #[test]
 fn correlated_noise() {
     let times: Vec<f64> = vec![0.0, 10.0, 25.0, 27.0];
-    let coast = Carrier::fixed(&[0.0, 0.0], None).unwrap().at(&times).unwrap();
+    let coast = Carrier::fixed(&[0.0, 0.0], None)
+        .unwrap()
+        .at(&times)
+        .unwrap();
     let (sigma, time) = (0.02, 30.0);
     let m = times.len();
     let mut matrix = vec![0.0; m * m];
@@ -203,7 +222,12 @@ fn correlated_noise() {
         let mut channel = Channel::new(
             Kind::Bearing,
             pick.clone(),
-            Some(Carrier::fixed(&[0.0, 0.0], None).unwrap().at(&pick).unwrap()),
+            Some(
+                Carrier::fixed(&[0.0, 0.0], None)
+                    .unwrap()
+                    .at(&pick)
+                    .unwrap(),
+            ),
             1.0,
         );
         channel.noise = noise;
@@ -221,8 +245,17 @@ fn correlated_noise() {
         out
     };
     let all = [0, 1, 2, 3];
-    let markov = Noise::Correlated { sigma: vec![sigma], time };
-    let full = scene(Noise::Covariance { size: m, matrix: matrix.clone() }, &all);
+    let markov = Noise::Correlated {
+        sigma: vec![sigma],
+        time,
+    };
+    let full = scene(
+        Noise::Covariance {
+            size: m,
+            matrix: matrix.clone(),
+        },
+        &all,
+    );
     let a = gram(&full.rows(&x).unwrap());
     let b = gram(&scene(markov.clone(), &all).rows(&x).unwrap());
     for (a, b) in a.iter().zip(&b) {
@@ -279,7 +312,10 @@ fn mirror_images_give_the_same_data() {
         let mirror = scene.mirrored(x).unwrap();
         let (a, b) = (scene.values(x).unwrap(), scene.values(&mirror).unwrap());
         for (a, b) in a.iter().zip(&b) {
-            assert!((a - b).abs() < 1e-9 * (1.0 + a.abs()), "{motion:?}: {a} {b}");
+            assert!(
+                (a - b).abs() < 1e-9 * (1.0 + a.abs()),
+                "{motion:?}: {a} {b}"
+            );
         }
     }
     let bent = everything(2, Moving::Polynomial { order: 1 }, false, None);
@@ -289,7 +325,10 @@ fn mirror_images_give_the_same_data() {
 #[test]
 fn bad_input_is_named() {
     let times = vec![0.0, 1.0, 2.0];
-    let coast = Carrier::fixed(&[0.0, 0.0], None).unwrap().at(&times).unwrap();
+    let coast = Carrier::fixed(&[0.0, 0.0], None)
+        .unwrap()
+        .at(&times)
+        .unwrap();
     let cv = Moving::Polynomial { order: 1 };
     let make = |channel: Channel| {
         Scene::new(2, cv.clone(), 0.0, 0, vec![channel])
@@ -302,12 +341,21 @@ fn bad_input_is_named() {
     assert!(matches!(make(bad), Error::Dimension { .. }));
     let mut bad = base.clone();
     bad.noise = Noise::Sigma(vec![0.01, -0.1, 0.01]);
-    assert_eq!(make(bad), Error::Sigma { index: 1, given: -0.1 });
+    assert_eq!(
+        make(bad),
+        Error::Sigma {
+            index: 1,
+            given: -0.1
+        }
+    );
     let mut bad = base.clone();
     bad.noise = Noise::Sigma(vec![4.0]);
     assert!(matches!(make(bad), Error::SigmaAngle { .. }));
     let mut bad = base.clone();
-    bad.noise = Noise::Covariance { size: 3, matrix: vec![1.0; 9] };
+    bad.noise = Noise::Covariance {
+        size: 3,
+        matrix: vec![1.0; 9],
+    };
     assert_eq!(make(bad), Error::NotPositive { row: 1 });
     let mut bad = base.clone();
     bad.kind = Kind::ConeAngle;
@@ -321,7 +369,10 @@ fn bad_input_is_named() {
     let scene = Scene::new(2, cv.clone(), 0.0, 0, vec![base.clone()]).unwrap();
     let error = scene.rows(&[-1.0, 0.0, 1.0, 0.0]).unwrap_err().error;
     assert!(matches!(error, Error::NoReading { index: 1, .. }));
-    let ahead = Carrier::fixed(&[0.0, 0.0], Some(0.0)).unwrap().at(&times).unwrap();
+    let ahead = Carrier::fixed(&[0.0, 0.0], Some(0.0))
+        .unwrap()
+        .at(&times)
+        .unwrap();
     let array = Channel::new(Kind::ConeAngle, times, Some(ahead), 0.01);
     let scene = Scene::new(2, cv, 0.0, 0, vec![array]).unwrap();
     let error = scene.rows(&[0.0, 500.0, 0.0, 1.0]).unwrap_err().error;
