@@ -9,7 +9,9 @@
 use alloc::vec;
 use alloc::vec::Vec;
 
-use super::{Group, Kind, Moving, Parameter, Scene, TurnTimes};
+use super::{
+    CoordinatedTurn, Group, Kind, Legs, Moving, Parameter, Polynomial, Scene, SteadyLegs, TurnTimes,
+};
 use crate::scalar::wrapped;
 use crate::square_root::triangularize;
 use crate::tracks::motion::{Change, Motion};
@@ -36,7 +38,7 @@ impl Scene {
         let equations = self.equations(measurements, &nuisance);
         let sight = self.first_sight(measurements, &nuisance);
         let mut motions: Vec<Vec<f64>> = Vec::new();
-        let mut linear = |moving: &Moving, out: &mut Vec<(Moving, Vec<f64>)>| {
+        let linear = |moving: &Moving, out: &mut Vec<(Moving, Vec<f64>)>| {
             let states = moving.states(self.dimension);
             // A prior of the motion's own states counts too, where they are the same.
             let prior = (*moving == self.motion).then_some((mean, sigma));
