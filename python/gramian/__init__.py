@@ -46,6 +46,7 @@ if _typing.TYPE_CHECKING:
     from gramian.models import linear as linear
     from gramian.models import maneuver as maneuver
     from gramian.models import registration as registration
+    from gramian.models import tracks as tracks
 
 __all__ = [
     "ConvergenceError",

@@ -453,3 +453,56 @@ class LinearAnalysis:
     def residuals(self, combination: ArrayLike) -> list[float]: ...
     def null_space(self) -> _Array: ...
     def combinations(self) -> list[_Array]: ...
+
+# tracks
+@final
+class TrackCarrier:
+    def __new__(
+        cls,
+        path: ArrayLike,
+        times: ArrayLike | None,
+        velocity: ArrayLike | None,
+        heading: ArrayLike | float | None,
+    ) -> TrackCarrier: ...
+    def at(self, times: ArrayLike) -> tuple[_Array, _Array]: ...
+
+@final
+class TrackScene:
+    def __new__(
+        cls,
+        dimension: int,
+        motion: str,
+        order: int,
+        turns: Sequence[float] | None,
+        unknown_turns: int,
+        reference: float,
+        nuisances: int,
+        channels: Sequence[dict[str, object]],
+        labels: Sequence[str],
+    ) -> TrackScene: ...
+    @property
+    def states(self) -> int: ...
+    @property
+    def measurements(self) -> int: ...
+    def rows(self, states: ArrayLike) -> _Array: ...
+    def values(self, states: ArrayLike) -> _Array: ...
+    def simulate(self, state: ArrayLike, seed: int, first: int, trials: int) -> _Array: ...
+    def track(self, state: ArrayLike, times: ArrayLike) -> _Array: ...
+    def linearize(self, measurements: ArrayLike, state: ArrayLike) -> tuple[_Array, _Array]: ...
+    def mirrored(self, state: ArrayLike) -> _Array | None: ...
+    def starts(
+        self, measurements: ArrayLike, known: ArrayLike, mean: ArrayLike, sigma: ArrayLike
+    ) -> _Array: ...
+    def estimate(
+        self,
+        measurements: ArrayLike,
+        known: ArrayLike,
+        mean: ArrayLike,
+        sigma: ArrayLike,
+        starts: ArrayLike | None,
+        max_iterations: int,
+        loss: str,
+        constant: float,
+        polish: int,
+        rtol: float | None,
+    ) -> dict[str, _Array]: ...

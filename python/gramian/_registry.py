@@ -43,6 +43,7 @@ REGISTRY = {
     "linear": Entry("LinearScenario"),
     "registration": Entry("RegistrationScenario", "Registration"),
     "maneuver": Entry("ManeuverScenario"),
+    "tracks": Entry("TracksScenario", "Tracks"),
 }
 
 

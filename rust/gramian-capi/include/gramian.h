@@ -53,6 +53,16 @@ typedef enum GramianSide {
   GRAMIAN_SIDE_LEFT,
 } GramianSide;
 
+// What a tracker is told.
+typedef enum GramianSensor {
+  // A bearing clockwise from north, rad.
+  GRAMIAN_SENSOR_BEARING = 0,
+  // A range, m.
+  GRAMIAN_SENSOR_RANGE,
+  // The rate of the range, m/s.
+  GRAMIAN_SENSOR_RANGE_RATE,
+} GramianSensor;
+
 // A bearings monitor. Its content is private: make it with
 // `gramian_monitor_init` before any other use. It may be copied.
 typedef struct GramianMonitor {
@@ -84,6 +94,28 @@ typedef struct GramianAnswer {
 typedef struct GramianDipoleSums {
   uint64_t content[24];
 } GramianDipoleSums;
+
+// The estimate of a target at constant velocity while measurements arrive. Its content
+// is private: make it with `gramian_tracker_init` before any other use. It may be copied.
+typedef struct GramianTracker {
+  uint64_t content[16];
+} GramianTracker;
+
+// What the measurements of a tracker so far say.
+typedef struct GramianTrack {
+  // x0, y0, vx, vy at time 0: m, m/s.
+  float state[4];
+  // Their standard deviations.
+  float std[4];
+  // Sum of the squared innovations, chi-square with `count` degrees of freedom.
+  float chi2;
+  // Probability of one as large where the target keeps its velocity.
+  float p_value;
+  // How many measurements there are.
+  uint32_t count;
+  // 1 where the innovations have drifted: the target has turned.
+  uint32_t alarm;
+} GramianTrack;
 
 #ifdef __cplusplus
 extern "C" {
@@ -166,6 +198,44 @@ enum GramianStatus gramian_dipole_sums_push(struct GramianDipoleSums *sums,
 // `sums` is null or was made by `gramian_dipole_sums_init`; `matrix` is null or
 // points to 81 floats.
 enum GramianStatus gramian_dipole_sums_matrix(const struct GramianDipoleSums *sums, float *matrix);
+
+// Makes a tracker of a target that is known to these deviations at time 0: x0, y0, vx,
+// vy (m, m/s).
+//
+// # Safety
+// `tracker` is null or points to memory for a tracker; the others are null or point to
+// four floats.
+enum GramianStatus gramian_tracker_init(struct GramianTracker *tracker,
+                                        const float *state,
+                                        const float *sigma);
+
+// Takes in a measurement at `time` (s) of a sensor at `place`, which moves at
+// `velocity` (m, m/s: east, north).
+//
+// # Safety
+// `tracker` is null or was made by `gramian_tracker_init`; `place` and `velocity` are
+// null or point to two floats.
+enum GramianStatus gramian_tracker_push(struct GramianTracker *tracker,
+                                        enum GramianSensor sensor,
+                                        float time,
+                                        float reading,
+                                        float sigma,
+                                        const float *place,
+                                        const float *velocity);
+
+// Multiplies what is known by `keep`, in (0, 1], and takes the alarm back.
+//
+// # Safety
+// `tracker` is null or was made by `gramian_tracker_init`.
+enum GramianStatus gramian_tracker_forget(struct GramianTracker *tracker, float keep);
+
+// Says what the measurements so far determine.
+//
+// # Safety
+// `tracker` is null or was made by `gramian_tracker_init`; `track` is null or points to
+// memory for one.
+enum GramianStatus gramian_tracker_answer(const struct GramianTracker *tracker,
+                                          struct GramianTrack *track);
 
 #ifdef __cplusplus
 }  // extern "C"

@@ -1,4 +1,5 @@
-//! The C interface: a bearings monitor, the heading laws, and the dipole, in `float`.
+//! The C interface: a bearings monitor, a tracker, the heading laws, and the dipole, in
+//! `float`.
 //!
 //! The header is `include/gramian.h`. A static library without an operating system:
 //!
@@ -19,6 +20,10 @@ use gramian::bearings::{self, Monitor};
 use gramian::dipole::{self, Accumulator};
 use gramian::maneuver::{self, Law, Side};
 use gramian::scalar::NumberError;
+use gramian::tracks::motion::Polynomial;
+use gramian::tracks::sensors::{Bearing, Range, RangeRate};
+use gramian::tracks::stream::{Sample, Tracker};
+use gramian::tracks;
 
 #[cfg(not(feature = "std"))]
 #[panic_handler]
@@ -90,12 +95,51 @@ pub struct GramianDipoleSums {
     content: [u64; 24],
 }
 
+/// What a tracker is told.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GramianSensor {
+    /// A bearing clockwise from north, rad.
+    Bearing = 0,
+    /// A range, m.
+    Range,
+    /// The rate of the range, m/s.
+    RangeRate,
+}
+
+/// The estimate of a target at constant velocity while measurements arrive. Its content
+/// is private: make it with `gramian_tracker_init` before any other use. It may be copied.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct GramianTracker {
+    content: [u64; 16],
+}
+
+/// What the measurements of a tracker so far say.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GramianTrack {
+    /// x0, y0, vx, vy at time 0: m, m/s.
+    pub state: [f32; 4],
+    /// Their standard deviations.
+    pub std: [f32; 4],
+    /// Sum of the squared innovations, chi-square with `count` degrees of freedom.
+    pub chi2: f32,
+    /// Probability of one as large where the target keeps its velocity.
+    pub p_value: f32,
+    /// How many measurements there are.
+    pub count: u32,
+    /// 1 where the innovations have drifted: the target has turned.
+    pub alarm: u32,
+}
+
 const fn fits<T, C>() -> bool {
     size_of::<T>() <= size_of::<C>() && align_of::<T>() <= align_of::<C>()
 }
 
 const _: () = assert!(fits::<Monitor<f32>, GramianMonitor>());
 const _: () = assert!(fits::<Accumulator<f32>, GramianDipoleSums>());
+const _: () = assert!(fits::<Tracker<f32, 4>, GramianTracker>());
 
 /// What the bearings so far say. Infinity in a bound: there is none.
 #[repr(C)]
@@ -325,6 +369,129 @@ pub unsafe extern "C" fn gramian_dipole_sums_matrix(
     }
 }
 
+/// Makes a tracker of a target that is known to these deviations at time 0: x0, y0, vx,
+/// vy (m, m/s).
+///
+/// # Safety
+/// `tracker` is null or points to memory for a tracker; the others are null or point to
+/// four floats.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn gramian_tracker_init(
+    tracker: *mut GramianTracker,
+    state: *const f32,
+    sigma: *const f32,
+) -> GramianStatus {
+    // SAFETY: as the caller promises.
+    let (state, sigma) = unsafe {
+        (
+            state.cast::<[f32; 4]>().as_ref(),
+            sigma.cast::<[f32; 4]>().as_ref(),
+        )
+    };
+    let (Some(state), Some(sigma)) = (state, sigma) else {
+        return GramianStatus::Null;
+    };
+    match Tracker::new(state, sigma) {
+        // SAFETY: as the caller promises; the size and alignment were asserted.
+        Ok(value) => unsafe { store(tracker.cast(), value) },
+        Err(error) => of_tracks(error),
+    }
+}
+
+/// Takes in a measurement at `time` (s) of a sensor at `place`, which moves at
+/// `velocity` (m, m/s: east, north).
+///
+/// # Safety
+/// `tracker` is null or was made by `gramian_tracker_init`; `place` and `velocity` are
+/// null or point to two floats.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn gramian_tracker_push(
+    tracker: *mut GramianTracker,
+    sensor: GramianSensor,
+    time: f32,
+    reading: f32,
+    sigma: f32,
+    place: *const f32,
+    velocity: *const f32,
+) -> GramianStatus {
+    // SAFETY: as the caller promises.
+    let tracker = unsafe { tracker.cast::<Tracker<f32, 4>>().as_mut() };
+    // SAFETY: as the caller promises.
+    let (place, velocity) = unsafe {
+        (
+            place.cast::<[f32; 2]>().as_ref(),
+            velocity.cast::<[f32; 2]>().as_ref(),
+        )
+    };
+    let (Some(tracker), Some(place), Some(velocity)) = (tracker, place, velocity) else {
+        return GramianStatus::Null;
+    };
+    let sample = Sample {
+        time,
+        reading,
+        sigma,
+        place: *place,
+        velocity: *velocity,
+        axis: [0.0; 2],
+    };
+    let (motion, none) = (Polynomial::CONSTANT_VELOCITY, [0.0; 2]);
+    let done = match sensor {
+        GramianSensor::Bearing => tracker.push(&motion, &Bearing, &none, &sample),
+        GramianSensor::Range => tracker.push(&motion, &Range { factor: 1.0 }, &none, &sample),
+        GramianSensor::RangeRate => tracker.push(&motion, &RangeRate, &none, &sample),
+    };
+    match done {
+        Ok(_) => GramianStatus::Ok,
+        Err(error) => of_tracks(error),
+    }
+}
+
+/// Multiplies what is known by `keep`, in (0, 1], and takes the alarm back.
+///
+/// # Safety
+/// `tracker` is null or was made by `gramian_tracker_init`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn gramian_tracker_forget(
+    tracker: *mut GramianTracker,
+    keep: f32,
+) -> GramianStatus {
+    // SAFETY: as the caller promises.
+    match unsafe { tracker.cast::<Tracker<f32, 4>>().as_mut() } {
+        Some(tracker) => match tracker.forget(keep) {
+            Ok(()) => GramianStatus::Ok,
+            Err(error) => of_tracks(error),
+        },
+        None => GramianStatus::Null,
+    }
+}
+
+/// Says what the measurements so far determine.
+///
+/// # Safety
+/// `tracker` is null or was made by `gramian_tracker_init`; `track` is null or points to
+/// memory for one.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn gramian_tracker_answer(
+    tracker: *const GramianTracker,
+    track: *mut GramianTrack,
+) -> GramianStatus {
+    // SAFETY: as the caller promises.
+    let Some(tracker) = (unsafe { tracker.cast::<Tracker<f32, 4>>().as_ref() }) else {
+        return GramianStatus::Null;
+    };
+    let found = tracker.answer();
+    let value = GramianTrack {
+        state: found.state,
+        std: found.std,
+        chi2: found.chi2,
+        p_value: found.p_value,
+        count: found.count,
+        alarm: u32::from(found.alarm),
+    };
+    // SAFETY: as the caller promises.
+    unsafe { store(track, value) }
+}
+
 /// Three floats, or nothing where the pointer is null.
 unsafe fn vector<'a>(place: *const f32) -> Option<&'a [f32; 3]> {
     // SAFETY: as the caller promises.
@@ -357,6 +524,15 @@ fn of_dipole(error: dipole::Error) -> GramianStatus {
         dipole::Error::OnSensor { .. } => GramianStatus::Range,
         dipole::Error::Sigma { .. } => GramianStatus::Sigma,
         dipole::Error::Number(error) => of_number(error),
+    }
+}
+
+fn of_tracks(error: tracks::Error) -> GramianStatus {
+    match error {
+        tracks::Error::NoReading { .. } => GramianStatus::Range,
+        tracks::Error::Number(NumberError::OutOfRange { .. }) => GramianStatus::Sigma,
+        tracks::Error::Number(error) => of_number(error),
+        _ => GramianStatus::NotFinite,
     }
 }
 

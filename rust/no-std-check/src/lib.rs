@@ -21,6 +21,9 @@ use gramian::rows::RowSink;
 use gramian::scalar::{Real, wrap_angle};
 use gramian::spectrum::Spectrum;
 use gramian::square_root::SquareRootInformation;
+use gramian::tracks::motion::{CoordinatedTurn, Legs, Polynomial, SteadyLegs, Turns};
+use gramian::tracks::sensors::{Bearing, ConeAngle, Frequency, Range, RangeRate, SignalStrength};
+use gramian::tracks::stream::{Sample, Tracker};
 
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
@@ -72,9 +75,48 @@ fn sum_of_all<T: Real>(x: T) -> T {
     dipole(x, &sum);
     maneuver(x, &sum);
     registration(x, &sum);
+    tracks(x, &sum);
     let found = linear::levels(&[[x, T::one()], [T::zero(), x]], &[[x, x]]);
     sum.one(found.map(|found| T::of(found.ranks[1] as f64)));
     sum.0.get()
+}
+
+fn tracks<T: Real>(x: T, sum: &Sum<T>) {
+    let sample = Sample {
+        time: x,
+        reading: x,
+        sigma: T::one(),
+        place: [x, T::one()],
+        velocity: [x, x],
+        axis: [T::one(), T::zero()],
+    };
+    let none = [x, T::one()];
+    let Ok(mut tracker) = Tracker::new(&[x; 4], &[T::one(); 4]) else {
+        return;
+    };
+    let line = Polynomial::CONSTANT_VELOCITY;
+    sum.done(tracker.push(&line, &Bearing, &none, &sample).map(|_| ()));
+    sum.done(tracker.push(&line, &Range { factor: 1.0 }, &none, &sample).map(|_| ()));
+    sum.done(tracker.push(&line, &RangeRate, &none, &sample).map(|_| ()));
+    sum.done(tracker.push(&line, &Frequency { speed: 1500.0 }, &none, &sample).map(|_| ()));
+    sum.add(&tracker.answer().std);
+    let Ok(mut tracker) = Tracker::new(&[x; 5], &[T::one(); 5]) else {
+        return;
+    };
+    sum.done(tracker.push(&CoordinatedTurn, &ConeAngle, &none, &sample).map(|_| ()));
+    sum.add(&tracker.answer().state);
+    let Ok(mut tracker) = Tracker::new(&[x; 7], &[T::one(); 7]) else {
+        return;
+    };
+    let legs = Legs { turns: Turns::Unknown(1) };
+    sum.done(tracker.push(&legs, &SignalStrength, &none, &sample).map(|_| ()));
+    sum.add(&tracker.answer().state);
+    let Ok(mut tracker) = Tracker::new(&[x; 5], &[T::one(); 5]) else {
+        return;
+    };
+    let steady = SteadyLegs { turns: Turns::Known(&[1.0]) };
+    sum.done(tracker.push(&steady, &Bearing, &none, &sample).map(|_| ()));
+    sum.add(&tracker.answer().state);
 }
 
 fn spine<T: Real>(x: T, sum: &Sum<T>) {

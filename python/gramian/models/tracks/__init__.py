@@ -6,11 +6,12 @@ tonals and powers are states beside those of the motion. A `Scene` puts them tog
 
 from __future__ import annotations
 
-from gramian.models.tracks._estimate import TrackEstimate, estimate
+from gramian.models.tracks._estimate import estimate
 from gramian.models.tracks._legs import LegChoice, choose_legs, leg_penalty
 from gramian.models.tracks._motion import Carrier, Motion
 from gramian.models.tracks._scene import Scene, problem, rows, simulate
 from gramian.models.tracks._sensors import Sensor
+from gramian.models.tracks._solve import TrackEstimate
 
 __all__ = [
     "Carrier",

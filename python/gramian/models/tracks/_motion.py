@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import finite, whole
+from gramian._arrays import finite, number, whole
 from gramian.exceptions import InputError
 
 __all__ = ["Carrier", "Motion"]
@@ -199,7 +200,6 @@ class Carrier:
     velocity: ArrayLike | None = None
     heading: ArrayLike | float | None = None
     name: str = "carrier"
-    _inner: Any = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         path = finite(self.path, "path")
@@ -216,14 +216,21 @@ class Carrier:
                 )
         object.__setattr__(self, "path", path)
         object.__setattr__(self, "times", times)
+        # Checks everything else.
+        _ = self._inner
+
+    @cached_property
+    def _inner(self) -> _core.TrackCarrier:
         heading = self.heading
-        if heading is not None and times is None:
-            heading = float(heading)  # type: ignore[arg-type]
+        if heading is not None and self.times is None:
+            heading = number(heading, "heading")
         try:
-            inner = _core.TrackCarrier(path, times, self.velocity, heading)
+            return _core.TrackCarrier(self.path, self.times, self.velocity, heading)
         except InputError as error:
             raise InputError(f"{self.name}: {error}") from None
-        object.__setattr__(self, "_inner", inner)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {key: value for key, value in self.__dict__.items() if key != "_inner"}
 
     @property
     def dimension(self) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -61,7 +62,6 @@ class Scene:
     reference: float | None = None
     names: tuple[str, ...] = field(init=False)
     units: tuple[str, ...] = field(init=False)
-    _inner: Any = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         sensors = tuple([self.sensors] if isinstance(self.sensors, Sensor) else self.sensors)
@@ -73,38 +73,45 @@ class Scene:
         first = min(float(sensor.times.min()) for sensor in sensors)
         reference = first if self.reference is None else float(self.reference)
         names, units = list(self.motion.names), list(self.motion.units)
-        index: dict[str, int] = {}
         for sensor in sensors:
             for name, unit in sensor.quantities():
                 if name in self.motion.names:
                     raise InputError(
                         f"{sensor.name}: {name!r} is a state of the motion: choose another name"
                     )
-                if name not in index:
-                    index[name] = len(index)
+                if name not in names:
                     names.append(name)
                     units.append(unit)
         self._check_legs(sensors)
-        turns = self.motion.turns
-        inner = _core.TrackScene(
-            self.motion.dimension,
-            self.motion.kind,
-            self.motion.order,
-            None if turns is None else [t - reference for t in turns],
-            self.motion.unknown_turns,
-            reference,
-            len(index),
-            [sensor.inner(index) for sensor in sensors],
-            [f"sensors[{i}] ({sensor.name})" for i, sensor in enumerate(sensors)],
-        )
         for key, value in (
             ("sensors", sensors),
             ("reference", reference),
             ("names", tuple(names)),
             ("units", tuple(units)),
-            ("_inner", inner),
         ):
             object.__setattr__(self, key, value)
+        # Checks everything else.
+        _ = self._inner
+
+    @cached_property
+    def _inner(self) -> _core.TrackScene:
+        motion, reference = self.motion, self.origin
+        own = self.names[len(motion.names) :]
+        index = {name: k for k, name in enumerate(own)}
+        return _core.TrackScene(
+            motion.dimension,
+            motion.kind,
+            motion.order,
+            None if motion.turns is None else [t - reference for t in motion.turns],
+            motion.unknown_turns,
+            reference,
+            len(index),
+            [sensor.inner(index) for sensor in self.sensors],
+            [f"sensors[{i}] ({sensor.name})" for i, sensor in enumerate(self.sensors)],
+        )
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {key: value for key, value in self.__dict__.items() if key != "_inner"}
 
     def _check_legs(self, sensors: tuple[Sensor, ...]) -> None:
         turns = self.motion.turns
@@ -117,6 +124,11 @@ class Scene:
                 raise InputError(
                     f"leg {k + 1}, from {ends[k]:g} to {ends[k + 1]:g} s, has no measurement"
                 )
+
+    @property
+    def origin(self) -> float:
+        """Time from which the states of the motion count, s."""
+        return float(self.reference or 0.0)
 
     @property
     def n(self) -> int:
@@ -132,7 +144,7 @@ class Scene:
     def slices(self) -> tuple[slice, ...]:
         """Where the numbers of each sensor are."""
         ends = np.cumsum([0, *(s.count * s.width(self.motion.dimension) for s in self.sensors)])
-        return tuple(slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
+        return tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
 
     def with_motion(self, motion: Motion) -> Scene:
         """Return the same sensors on a target that moves otherwise."""
@@ -170,9 +182,7 @@ class Scene:
             If there is no such state.
         """
         if name not in self.names:
-            raise InputError(
-                f"no state is named {name!r}: the states are {', '.join(self.names)}"
-            )
+            raise InputError(f"no state is named {name!r}: the states are {', '.join(self.names)}")
         return self.names.index(name)
 
     def values(self, state: ArrayLike | Mapping[str, float]) -> Array:

@@ -201,9 +201,7 @@ class Sensor:
         **noise: Any,
     ) -> Sensor:
         """Return a sensor of power by distance, dB: power - 10 exponent log10(range / 1 m)."""
-        return _made(
-            "signal_strength", times, noise, carrier=carrier, parameters=(power, exponent)
-        )
+        return _made("signal_strength", times, noise, carrier=carrier, parameters=(power, exponent))
 
     @classmethod
     def position(cls, times: ArrayLike, **noise: Any) -> Sensor:
@@ -355,20 +353,14 @@ def _made(
     sigma, covariance = noise.get("sigma"), noise.get("covariance")
     if (sigma is None) == (covariance is None):
         raise InputError(f"{name}: give sigma, or covariance")
-    mask = noise.get("mask")
     detection = np.atleast_1d(finite(noise.get("detection", 1.0), f"{name}: detection"))
-    if sigma is not None:
-        sigma = finite(sigma, f"{name}: sigma")
-        sigma = sigma.reshape(1) if sigma.ndim == 0 else sigma
+    sigma = None if sigma is None else np.atleast_1d(finite(sigma, f"{name}: sigma"))
+    covariance = None if covariance is None else finite(covariance, f"{name}: covariance")
+    mask = _mask(noise.get("mask"), stamps, name)
     if mask is not None:
-        mask = np.asarray(mask)
-        if mask.dtype != bool or mask.shape != stamps.shape:
-            raise InputError(f"{name}: mask has shape {mask.shape}: must be bool {stamps.shape}")
-        if not mask.any():
-            raise InputError(f"{name}: mask leaves no sample")
         if covariance is not None and len(covariance) == stamps.size:
-            covariance = finite(covariance, f"{name}: covariance")[np.ix_(mask, mask)]
-        if sigma is not None and sigma.shape[0] == stamps.size and stamps.size > 1:
+            covariance = covariance[np.ix_(mask, mask)]
+        if sigma is not None and len(sigma) == stamps.size > 1:
             sigma = sigma[mask]
         if detection.size == stamps.size:
             detection = detection[mask]
@@ -384,9 +376,7 @@ def _made(
         carrier=carrier,
         second=second,
         sigma=sigma,
-        covariance=None
-        if covariance is None
-        else finite(covariance, f"{name}: covariance"),
+        covariance=None if covariance is None else finite(covariance, f"{name}: covariance"),
         correlation_time=noise.get("correlation_time"),
         bias=() if bias is None else ((1.0, bias),),
         scale=noise.get("scale"),
@@ -399,3 +389,14 @@ def _made(
         parameters=parameters,
         name=name,
     )
+
+
+def _mask(given: Any, stamps: Array, name: str) -> NDArray[np.bool_] | None:
+    if given is None:
+        return None
+    mask = np.asarray(given)
+    if mask.dtype != bool or mask.shape != stamps.shape:
+        raise InputError(f"{name}: mask has shape {mask.shape}: must be bool {stamps.shape}")
+    if not mask.any():
+        raise InputError(f"{name}: mask leaves no sample")
+    return mask

@@ -18,6 +18,7 @@ pub mod motion;
 #[cfg(feature = "std")]
 pub mod scene;
 pub mod sensors;
+pub mod stream;
 
 use crate::scalar::NumberError;
 

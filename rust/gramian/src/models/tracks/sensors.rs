@@ -116,6 +116,9 @@ impl<L: Lane, const D: usize> Reading<L, D> {
 
 /// A kind of sensor in `D` dimensions.
 pub trait Sensor<const D: usize> {
+    /// Whether whole turns of the value do not matter.
+    const WRAPS: bool = false;
+
     /// The value and its derivatives; not finite where there is no derivative.
     fn read<L: Lane>(&self, sight: &Sight<L, D>, parameters: &[L; 2]) -> Reading<L, D>;
 }
@@ -125,6 +128,8 @@ pub trait Sensor<const D: usize> {
 pub struct Bearing;
 
 impl<const D: usize> Sensor<D> for Bearing {
+    const WRAPS: bool = true;
+
     #[inline(always)]
     fn read<L: Lane>(&self, sight: &Sight<L, D>, _: &[L; 2]) -> Reading<L, D> {
         let [east, north] = [sight.offset[0], sight.offset[1]];
@@ -330,6 +335,8 @@ impl<const D: usize> Sensor<D> for Speed {
 pub struct Course;
 
 impl<const D: usize> Sensor<D> for Course {
+    const WRAPS: bool = true;
+
     #[inline(always)]
     fn read<L: Lane>(&self, sight: &Sight<L, D>, _: &[L; 2]) -> Reading<L, D> {
         let [east, north] = [sight.target[0], sight.target[1]];

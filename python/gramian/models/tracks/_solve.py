@@ -1,0 +1,323 @@
+"""The most likely state of a scene, trial by trial."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gramian._arrays import finite, whole
+from gramian._registry import draw
+from gramian.exceptions import InputError
+from gramian.models.tracks._scene import Scene
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["Loss", "TrackEstimate", "solve"]
+
+Array = NDArray[np.float64]
+
+#: Statuses, worst first.
+STATUSES = ("unobservable", "misfit", "not_converged", "ambiguous", "weak", "determined")
+
+#: Constants of the robust losses with 95 % efficiency on normal noise.
+CONSTANTS = {"squares": 0.0, "huber": 1.345, "tukey": 4.685}
+
+Loss = Literal["squares", "huber", "tukey"]
+
+
+@dataclass(frozen=True, eq=False)
+class TrackEstimate:
+    """The answer of `estimate`: one estimate, or one for each trial of a batch.
+
+    Attributes
+    ----------
+    scene : Scene
+    measurements : ndarray, shape (..., m)
+    state : ndarray, shape (..., n)
+        The most likely state; where the status is "unobservable" one of many.
+    covariance : ndarray, shape (..., n, n)
+        The local Gaussian approximation; `inf` where none exists, 0 for known states.
+    code : ndarray of int, shape (...)
+        The place of the status in `STATUSES`.
+    chi2 : ndarray, shape (...)
+        Sum of the squared whitened residuals of the measurements.
+    cost : ndarray, shape (...)
+        Twice the loss that was minimised, priors included.
+    dof : ndarray of int, shape (...)
+        Measurements that are there, and priors, less states.
+    p_value : ndarray, shape (...)
+        Probability of a larger `cost` if the model is true; NaN without degrees of
+        freedom, or with a robust loss.
+    other : ndarray, shape (..., n)
+        The next best solution that was found; NaN where there is none.
+    other_cost : ndarray, shape (...)
+        Its cost; infinite where there is none.
+    null_direction : ndarray, shape (..., n)
+        Where the status is "unobservable", one change that no measurement sees.
+    iterations : ndarray of int, shape (...)
+    legs : LegChoice or None
+        How the number of legs was chosen, where it was.
+    """
+
+    scene: Scene
+    measurements: Array
+    state: Array
+    covariance: Array
+    code: NDArray[np.int8]
+    chi2: Array
+    cost: Array
+    dof: NDArray[np.int64]
+    p_value: Array
+    other: Array
+    other_cost: Array
+    null_direction: Array
+    iterations: NDArray[np.int32]
+    legs: Any = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the states."""
+        return self.scene.names
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the states."""
+        return self.scene.units
+
+    @property
+    def status(self) -> str | NDArray[np.str_]:
+        """The status in words, worst first in `STATUSES`; an array for a batch."""
+        words = np.array(STATUSES)[self.code]
+        return str(words) if self.code.ndim == 0 else words
+
+    @property
+    def std(self) -> Array:
+        """Standard deviation of each state, shape (..., n); `inf` where none exists."""
+        std: Array = np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1))
+        return std
+
+    @property
+    def reason(self) -> str:
+        """What decided the status of a single estimate."""
+        status = self.status
+        if not isinstance(status, str):
+            raise InputError("reason is of one estimate: this is a batch")
+        if status == "unobservable":
+            from gramian._text import describe_combination
+
+            direction = self.null_direction.copy()
+            direction[np.abs(direction) < 1e-9 * np.abs(direction).max(initial=0.0)] = 0
+            return f"no measurement sees {describe_combination(direction, self.names)}"
+        if status == "misfit":
+            return (
+                f"chi2 = {float(self.cost):.4g} for {int(self.dof)} degrees of freedom "
+                f"(p = {float(self.p_value):.2g}): the model does not fit"
+            )
+        if status == "ambiguous":
+            rise = float(self.other_cost - self.cost)
+            return f"another solution fits as well: chi2 is larger by {rise:.2g}"
+        if status == "weak":
+            return "the position is known no better than a quarter of the distance"
+        if status == "not_converged":
+            return "the steps did not come to rest"
+        return "one solution fits"
+
+    @property
+    def residuals(self) -> Array:
+        """Whitened residuals of a single estimate, those of missing samples left out."""
+        if self.state.ndim != 1:
+            raise InputError("residuals are of one estimate: this is a batch")
+        residuals: Array = self.scene._inner.linearize(self.measurements, self.state)[0]
+        return residuals
+
+    @property
+    def outliers(self) -> NDArray[np.int64]:
+        """Measurements whose whitened residual exceeds 4, by their place."""
+        present = np.flatnonzero(~np.isnan(self.measurements))
+        return present[np.abs(self.residuals) > 4]
+
+    def value(self, name: str) -> Array:
+        """Return one state, shape (...)."""
+        value: Array = self.state[..., self.scene.index(name)]
+        return value
+
+    def track(self, times: ArrayLike) -> Array:
+        """Return positions (k, D) of a single estimate at these times."""
+        return self.scene.track(self.state, times)
+
+    def figure(self) -> Figure:
+        """Return a map of a single estimate: carriers, track, error ellipses."""
+        return draw(self, "chart")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the answer as plain lists, numbers and strings, fit for JSON."""
+        from gramian._text import plain
+
+        def flat(values: Array) -> Any:
+            return plain(values) if values.ndim else plain(float(values))
+
+        status = self.status
+        return {
+            "status": status if isinstance(status, str) else status.tolist(),
+            "names": list(self.names),
+            "units": list(self.units),
+            "state": flat(self.state),
+            "std": flat(self.std),
+            "covariance": flat(self.covariance),
+            "chi2": flat(self.chi2),
+            "dof": self.dof.tolist(),
+            "p_value": flat(self.p_value),
+            "iterations": self.iterations.tolist(),
+            "null_direction": flat(self.null_direction),
+        }
+
+    def summary(self) -> str:
+        """Return the estimate, or for a batch what became of its trials, as text."""
+        if self.code.ndim:
+            counts = np.bincount(self.code.ravel(), minlength=len(STATUSES))
+            parts = [f"{n} {word}" for n, word in zip(counts, STATUSES, strict=True) if n]
+            return f"{self.code.size} trials: {', '.join(parts)}"
+        lines = [f"{str(self.status).upper()}: {self.reason}"]
+        width = max(len(name) for name in self.names)
+        for name, unit, value, std in zip(
+            self.names, self.units, self.state, self.std, strict=True
+        ):
+            known = f"{value:.6g} +- {std:.3g} {unit}" if std else f"{value:.6g} {unit} (known)"
+            lines.append(f"  {name:<{width}}  {'not determined' if np.isinf(std) else known}")
+        lines.append(f"  chi2 {float(self.chi2):.4g} with {int(self.dof)} degrees of freedom")
+        if self.legs is not None:
+            lines.append(self.legs.summary())
+        return "\n".join(lines)
+
+    def __str__(self) -> str:
+        return self.summary()
+
+
+def solve(
+    scene: Scene,
+    measurements: ArrayLike | Sequence[ArrayLike],
+    *,
+    prior: Mapping[str, tuple[float, float]] | None = None,
+    known: Mapping[str, float] | None = None,
+    loss: Loss = "squares",
+    constant: float | None = None,
+    start: ArrayLike | Mapping[str, float] | None = None,
+    alpha: float = 0.001,
+    weak_ratio: float = 0.25,
+    max_iterations: int = 60,
+    polish: int = 4,
+    rtol: float | None = None,
+) -> TrackEstimate:
+    """Return the most likely state of a scene: `estimate` for a motion as it is."""
+    z = scene.pack(measurements)
+    n = scene.n
+    mean, sigma = priors_of(scene, prior)
+    fixed = np.full(n, np.nan)
+    for name, value in (known or {}).items():
+        index = scene.index(name)
+        if np.isfinite(sigma[index]):
+            raise InputError(f"{name} is in known and in prior: must be in one of them")
+        fixed[index] = float(finite(value, f"known[{name!r}]"))
+    free = int(np.isnan(fixed).sum())
+    if not free:
+        raise InputError("known names every state: at least one must be left")
+    information = int(np.isfinite(sigma).sum())
+    present = np.count_nonzero(~np.isnan(z), axis=-1)
+    if (present + information < free).any():
+        raise InputError(
+            f"{free} states from {int(present.min())} measurements and {information} priors: "
+            "must be at least as many as the states"
+        )
+    if loss not in CONSTANTS:
+        raise InputError(f"loss = {loss!r}: must be one of {', '.join(CONSTANTS)}")
+    tuned = CONSTANTS[loss] if constant is None else float(constant)
+    if loss != "squares" and not tuned > 0:
+        raise InputError(f"constant = {constant}: must be > 0")
+    begin = None if start is None else np.atleast_2d(scene.state(start))
+    found = scene._inner.estimate(
+        z,
+        fixed,
+        mean,
+        sigma,
+        begin,
+        whole(max_iterations, "max_iterations", 1, 2**31),
+        loss,
+        tuned,
+        whole(polish, "polish", 1, 1000),
+        rtol,
+    )
+    return judged(scene, z, found, free, information, loss, alpha, weak_ratio)
+
+
+def priors_of(scene: Scene, prior: Mapping[str, tuple[float, float]] | None) -> tuple[Array, Array]:
+    """Return means and deviations (n,) of a prior, infinite where there is none."""
+    mean, sigma = np.zeros(scene.n), np.full(scene.n, np.inf)
+    for name, given in (prior or {}).items():
+        index = scene.index(name)
+        try:
+            value, deviation = (float(x) for x in given)
+        except (TypeError, ValueError):
+            raise InputError(f"prior[{name!r}] = {given!r}: must be (mean, sigma)") from None
+        if not (np.isfinite(value) and 0 < deviation < np.inf):
+            raise InputError(
+                f"prior[{name!r}] = ({value}, {deviation}): "
+                "the mean must be finite, sigma > 0 and finite"
+            )
+        mean[index], sigma[index] = value, deviation
+    return mean, sigma
+
+
+def judged(
+    scene: Scene,
+    z: Array,
+    found: Mapping[str, Array],
+    free: int,
+    information: int,
+    loss: str,
+    alpha: float,
+    weak_ratio: float,
+) -> TrackEstimate:
+    """Return an estimate with its status from what the extension found."""
+    from scipy.special import chdtrc
+
+    dof = (found["present"] + information - free).astype(int)
+    cost = found["cost"]
+    with np.errstate(invalid="ignore"):
+        p_value = np.where(dof > 0, chdtrc(np.maximum(dof, 1), cost), np.nan)
+    if loss != "squares":
+        p_value = np.full(np.shape(cost), np.nan)
+    code = np.full(np.shape(cost), STATUSES.index("determined"), dtype=np.int8)
+
+    def mark(where: NDArray[Any], status: str) -> None:
+        code[np.asarray(where, dtype=bool)] = STATUSES.index(status)
+
+    d = scene.motion.dimension
+    variance = np.diagonal(found["covariance"], axis1=-2, axis2=-1)[..., :d].sum(axis=-1)
+    places = [s.carrier.at(s.times[:1])[0][0] for s in scene.sensors if s.carrier is not None]
+    if places:
+        away = np.linalg.norm(found["state"][..., None, :d] - np.array(places), axis=-1)
+        mark(np.sqrt(variance) > weak_ratio * away.min(axis=-1), "weak")
+    mark(found["other_cost"] - cost < 6.0, "ambiguous")
+    mark(found["converged"] < 1, "not_converged")
+    mark(p_value < alpha, "misfit")
+    mark(found["rank"] < free, "unobservable")
+    return TrackEstimate(
+        scene=scene,
+        measurements=z,
+        state=found["state"],
+        covariance=found["covariance"],
+        code=np.asarray(code),
+        chi2=found["chi2"],
+        cost=cost,
+        dof=np.asarray(dof),
+        p_value=np.asarray(p_value),
+        other=found["other"],
+        other_cost=found["other_cost"],
+        null_direction=found["null_direction"],
+        iterations=found["iterations"].astype(np.int32),
+    )

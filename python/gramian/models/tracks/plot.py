@@ -1,0 +1,108 @@
+"""Pictures of tracks."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gramian.plot import COLORS, Figure, ellipse, figure
+
+if TYPE_CHECKING:
+    from gramian.models.tracks._legs import LegChoice
+    from gramian.models.tracks._scene import Scene
+    from gramian.models.tracks._solve import TrackEstimate
+
+__all__ = ["chart", "legs"]
+
+Array = NDArray[np.float64]
+
+_KM = 1e-3
+
+
+def chart(estimate: TrackEstimate) -> Figure:
+    """Draw a map: carriers, the estimated track, 95 % ellipses of its ends."""
+    scene = estimate.scene
+    fig = figure(6.4, 5.4)
+    axes = fig.subplots()
+    stamps = _times(scene)
+    for path, name in _carriers(scene):
+        axes.plot(*(path[:, :2] * _KM).T, ".-", color=COLORS["observer"], label=name, markersize=4)
+    times = np.linspace(stamps[0], stamps[-1], 200)
+    track = estimate.track(times)[:, :2] * _KM
+    axes.plot(*track.T, color=COLORS["target"], linewidth=2, label="target")
+    axes.plot(*track[0], "o", color=COLORS["target"])
+    axes.annotate(
+        "",
+        track[-1],
+        track[-8],
+        arrowprops={"arrowstyle": "-|>", "color": COLORS["target"], "mutation_scale": 18},
+    )
+    if np.isfinite(estimate.covariance).all():
+        for k, time in enumerate((stamps[0], stamps[-1])):
+            outline = (
+                ellipse(_at(estimate, time) * _KM**2, 0.95) + estimate.track([time])[0, :2] * _KM
+            )
+            label = "95 % ellipse, first and last" if k == 0 else None
+            axes.plot(*outline.T, color=COLORS["bad"], linewidth=1.2, label=label)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("east, km")
+    axes.set_ylabel("north, km")
+    axes.grid(alpha=0.3)
+    fig.legend(loc="outside upper center", ncols=3, fontsize="small", frameon=False)
+    return fig
+
+
+def legs(choice: LegChoice) -> Figure:
+    """Draw whitened residuals with one leg and with the number that was chosen."""
+    fig = figure(6.4, 4.6)
+    pair = (choice.estimates[0], choice.estimates[int(choice.count) - 1])
+    for axes, estimate, color in zip(
+        fig.subplots(2, 1, sharex=True), pair, (COLORS["bad"], COLORS["good"]), strict=True
+    ):
+        stamps = np.concatenate(
+            [
+                np.repeat(s.times, s.width(estimate.scene.motion.dimension))
+                for s in estimate.scene.sensors
+            ]
+        )
+        present = ~np.isnan(estimate.measurements)
+        axes.plot(stamps[present], estimate.residuals, ".", color=color)
+        axes.axhspan(-2, 2, color=COLORS["muted"], alpha=0.3, zorder=0)
+        count = estimate.scene.motion.count
+        for j in range(1, count):
+            axes.axvline(float(estimate.value(f"turn_{j}")) + estimate.scene.origin, color="0.5")
+        word = "leg" if count == 1 else "legs"
+        axes.set_title(f"{count} {word}: chi2 {float(estimate.cost):.4g}", fontsize="small")
+        axes.set_ylabel("residual / sigma")
+    axes.set_xlabel("time, s")
+    return fig
+
+
+def _times(scene: Scene) -> Array:
+    return np.unique(np.concatenate([sensor.times for sensor in scene.sensors]))
+
+
+def _carriers(scene: Scene) -> list[tuple[Array, str]]:
+    found = {}
+    for sensor in scene.sensors:
+        for carrier in (sensor.carrier, sensor.second):
+            if carrier is not None:
+                found[id(carrier)] = (np.atleast_2d(np.asarray(carrier.path)), carrier.name)
+    return list(found.values())
+
+
+def _at(estimate: TrackEstimate, time: float) -> Array:
+    """Covariance of the horizontal position at a time, by differences of the track."""
+    n = estimate.state.size
+    slope = np.zeros((2, n))
+    for k in range(n):
+        step = 1e-4 * max(abs(float(estimate.state[k])), float(estimate.std[k]), 1e-6)
+        moved = np.array([estimate.state, estimate.state])
+        moved[0, k] -= step
+        moved[1, k] += step
+        ends = [estimate.scene.track(x, [time])[0, :2] for x in moved]
+        slope[:, k] = (ends[1] - ends[0]) / (2 * step)
+    covariance: Array = slope @ estimate.covariance @ slope.T
+    return covariance
