@@ -20,10 +20,10 @@ use gramian::bearings::{self, Monitor};
 use gramian::dipole::{self, Accumulator};
 use gramian::maneuver::{self, Law, Side};
 use gramian::scalar::NumberError;
+use gramian::tracks;
 use gramian::tracks::motion::Polynomial;
 use gramian::tracks::sensors::{Bearing, Range, RangeRate};
 use gramian::tracks::stream::{Sample, Tracker};
-use gramian::tracks;
 
 #[cfg(not(feature = "std"))]
 #[panic_handler]

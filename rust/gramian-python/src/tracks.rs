@@ -1,12 +1,12 @@
 //! Tracks: carriers, scenes, and what follows from them.
 
 use gramian::batch::{Items, Threads};
+use gramian::solve::Model;
 use gramian::tracks::carrier::Carrier;
 use gramian::tracks::scene::estimate::{self as kernel, Layout, Loss, Options, Task};
 use gramian::tracks::scene::{
     Channel, InSensor, Kind, Measured, Moving, Noise, Parameter, Scene, TurnTimes,
 };
-use gramian::solve::Model;
 use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyInt};
@@ -93,7 +93,11 @@ fn kind_of(name: &str, speed: f64) -> PyResult<Kind> {
         "position" => Kind::Position,
         "speed" => Kind::Speed,
         "course" => Kind::Course,
-        _ => return Err(InputError::new_err(format!("{name:?} is no kind of sensor"))),
+        _ => {
+            return Err(InputError::new_err(format!(
+                "{name:?} is no kind of sensor"
+            )));
+        }
     })
 }
 
@@ -205,7 +209,11 @@ impl TrackScene {
                 "dimension = {dimension}: must be 2 or 3"
             )));
         }
-        let times = || turns.clone().map_or(TurnTimes::Unknown(unknown_turns), TurnTimes::Known);
+        let times = || {
+            turns
+                .clone()
+                .map_or(TurnTimes::Unknown(unknown_turns), TurnTimes::Known)
+        };
         let moving = match motion {
             "polynomial" => Moving::Polynomial { order },
             "legs" => Moving::Legs(times()),
@@ -347,11 +355,10 @@ impl TrackScene {
             .map(|t| t - self.scene.reference())
             .collect();
         let d = self.scene.dimension();
-        let flat = self.scene.motion().track(
-            d,
-            &state.slice()?[..self.scene.motion_states()],
-            &since,
-        );
+        let flat =
+            self.scene
+                .motion()
+                .track(d, &state.slice()?[..self.scene.motion_states()], &since);
         let out = PyArray2::zeros(py, [since.len(), 2 * d], false);
         out.readwrite().as_slice_mut()?.copy_from_slice(&flat);
         Ok(out)

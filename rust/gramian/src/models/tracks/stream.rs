@@ -349,7 +349,11 @@ mod tests {
         };
         let fixed = Polynomial::FIXED;
         assert!(tracker.push(&fixed, &Bearing, &[0.0; 2], &sample).is_err());
-        let on = Sample { reading: 0.0, place: [0.0; 2], ..sample };
+        let on = Sample {
+            reading: 0.0,
+            place: [0.0; 2],
+            ..sample
+        };
         assert!(tracker.push(&fixed, &Bearing, &[0.0; 2], &on).is_err());
         assert_eq!(tracker, before);
         assert!(Tracker::new(&[0.0], &[0.0]).is_err());

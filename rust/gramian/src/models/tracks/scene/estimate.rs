@@ -258,9 +258,10 @@ impl<'a, M: Model> Solver<'a, M> {
                     break;
                 }
                 damping = (damping * 10.0).max(1e-4);
-                if damping > 1e8 {
-                    // No step of any length gains more than rounding.
-                    solution.converged = decrease < 1e-6 * (1.0 + cost);
+                // Where a turn's time meets a sample the cost has a kink: at rest where a
+                // step that small would gain nothing.
+                if decrease < 1e-5 * (1.0 + damping) {
+                    solution.converged = true;
                     break 'outer;
                 }
             }
@@ -502,7 +503,12 @@ pub fn estimate(
     let size = Layout { states: n }.size();
     let work = cost(task.scene, task.options.polish);
     threads.over(out, size, work, |trial, out| {
-        one(task, measurements.get(trial), starts.map(|s| s.get(trial)), out)
+        one(
+            task,
+            measurements.get(trial),
+            starts.map(|s| s.get(trial)),
+            out,
+        )
     })
 }
 
@@ -579,12 +585,26 @@ fn one(
         null.fill(0.0);
         other.fill(f64::NAN);
         let present = measured.measurements() as f64;
-        tail.copy_from_slice(&[f64::INFINITY, f64::INFINITY, f64::INFINITY, present, 0.0, 0.0, 0.0]);
+        tail.copy_from_slice(&[
+            f64::INFINITY,
+            f64::INFINITY,
+            f64::INFINITY,
+            present,
+            0.0,
+            0.0,
+            0.0,
+        ]);
         return Ok(());
     };
     let spread = solver.spread(&best.x);
     let chi2: f64 = solver.residuals.iter().map(|r| r * r).sum();
-    state.copy_from_slice(&measured.full(&best.x));
+    let whole = |x: &[f64]| {
+        let mut x = measured.full(x);
+        scene.normalize(&mut x);
+        x
+    };
+    let here = whole(&best.x);
+    state.copy_from_slice(&here);
     covariance.fill(0.0);
     null.fill(0.0);
     for (i, &a) in free.iter().enumerate() {
@@ -597,15 +617,16 @@ fn one(
     let mut next = None;
     if spread.rank == free.len() {
         next = found.iter().skip(1).find(|s| {
+            let there = whole(&s.x);
             s.converged
-                && (0..free.len()).any(|i| {
+                && free.iter().enumerate().any(|(i, &k)| {
                     let std = spread.covariance[i * free.len() + i].sqrt();
-                    (s.x[i] - best.x[i]).abs() > 1.0 * std
+                    (there[k] - here[k]).abs() > std
                 })
         });
     }
     match next {
-        Some(next) => other.copy_from_slice(&measured.full(&next.x)),
+        Some(next) => other.copy_from_slice(&whole(&next.x)),
         None => other.fill(f64::NAN),
     }
     tail.copy_from_slice(&[

@@ -520,44 +520,52 @@ impl Scene {
         let (scale, clock) = (nuisance(channel.scale), nuisance(channel.clock));
         let parameters = channel.parameters.map(nuisance);
         let cone = channel.kind == Kind::ConeAngle;
-        for i in 0..group.count {
-            let (block, lane) = (i / LANES, i % LANES);
-            let reads = &reads[block * size..][..size];
-            let value = reads[0][lane];
-            let at = group.first + i * group.width + axis;
-            let mut sum = value;
-            if let Some(rows) = &mut rows {
-                let row = &mut rows[at * n..][..n];
-                for (entry, column) in row.iter_mut().zip(&reads[1..=self.motion_states]) {
-                    *entry = gain * column[lane];
-                    sum += *entry;
-                }
-                if let Some(clock) = clock {
-                    row[clock] += gain * reads[columns][lane];
-                }
-                for (k, parameter) in parameters.iter().enumerate() {
-                    if let Some(index) = parameter {
-                        row[*index] += gain * reads[columns + 1 + k][lane];
-                    }
-                }
-                for &(factor, parameter) in &channel.bias {
-                    if let Some(index) = nuisance(parameter) {
-                        row[index] += factor;
-                    }
-                }
-                if let Some(scale) = scale {
-                    row[scale] += value;
+        let mut entries: Vec<(usize, usize, f64)> = Vec::new();
+        if rows.is_some() {
+            // From a column of the readings to a state, with a factor.
+            entries.extend((0..self.motion_states).map(|k| (1 + k, k, gain)));
+            entries.extend(clock.map(|state| (columns, state, gain)));
+            for (k, parameter) in parameters.iter().enumerate() {
+                entries.extend(parameter.map(|state| (columns + 1 + k, state, gain)));
+            }
+            entries.extend(scale.map(|state| (0, state, 1.0)));
+        }
+        let step = group.width * n;
+        for (block, reads) in reads.chunks_exact(size).enumerate() {
+            let from = block * LANES;
+            let count = LANES.min(group.count - from);
+            // What is not finite stays so in a sum.
+            let mut sums = reads[0];
+            for column in &reads[1..=self.motion_states] {
+                for (sum, value) in sums.iter_mut().zip(column) {
+                    *sum += value;
                 }
             }
-            // The derivatives of a sample on the carrier are not finite, nor is their sum.
-            let on_axis = cone && !(value > 1e-8 && value < core::f64::consts::PI - 1e-8);
-            if !sum.is_finite() || on_axis {
-                return Err(Error::NoReading {
-                    index: i,
-                    reason: channel.kind.reason(),
-                });
+            for (lane, (sum, &value)) in sums.iter().zip(&reads[0]).enumerate().take(count) {
+                let on_axis = cone && !(value > 1e-8 && value < core::f64::consts::PI - 1e-8);
+                if !sum.is_finite() || on_axis {
+                    return Err(Error::NoReading {
+                        index: from + lane,
+                        reason: channel.kind.reason(),
+                    });
+                }
+                values[group.first + (from + lane) * group.width + axis] = value * gain + bias;
             }
-            values[at] = value * gain + bias;
+            let Some(rows) = &mut rows else { continue };
+            let first = (group.first + from * group.width + axis) * n;
+            let rows = &mut rows[first..];
+            for &(column, state, factor) in &entries {
+                for (lane, &value) in reads[column].iter().enumerate().take(count) {
+                    rows[lane * step + state] += factor * value;
+                }
+            }
+            for &(factor, parameter) in &channel.bias {
+                if let Some(state) = nuisance(parameter) {
+                    for lane in 0..count {
+                        rows[lane * step + state] += factor;
+                    }
+                }
+            }
         }
         Ok(())
     }
@@ -1020,6 +1028,25 @@ impl Model for Measured<'_> {
 }
 
 impl Scene {
+    /// One name for one motion: speeds not below zero, courses in (-pi, pi].
+    pub(crate) fn normalize(&self, x: &mut [f64]) {
+        let d = self.dimension;
+        let courses = match &self.motion {
+            Moving::SteadyLegs(times) => d + 1..d + 2 + times.turns().count(),
+            Moving::CoordinatedTurn => d + 1..d + 2,
+            _ => return,
+        };
+        if x[d] < 0.0 {
+            x[d] = -x[d];
+            for course in &mut x[courses.clone()] {
+                *course += core::f64::consts::PI;
+            }
+        }
+        for course in &mut x[courses] {
+            *course = wrapped(*course);
+        }
+    }
+
     /// The mirror image of a state across the line of all carriers, where all sensors
     /// read the same there: ranges, frequencies and cone angles from one straight path.
     pub fn mirrored(&self, x: &[f64]) -> Option<Vec<f64>> {

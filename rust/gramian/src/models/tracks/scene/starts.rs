@@ -311,10 +311,23 @@ impl Scene {
     }
 
     /// The reading of another kind at the same time from the same place.
-    fn beside(&self, kind: Kind, time: f64, place: &[f64], z: &[f64], nuisance: &[f64]) -> Option<(f64, f64)> {
-        for group in self.groups.iter().filter(|group| group.channel.kind == kind) {
+    fn beside(
+        &self,
+        kind: Kind,
+        time: f64,
+        place: &[f64],
+        z: &[f64],
+        nuisance: &[f64],
+    ) -> Option<(f64, f64)> {
+        for group in self
+            .groups
+            .iter()
+            .filter(|group| group.channel.kind == kind)
+        {
             let channel = &group.channel;
-            let Some(carried) = &channel.carrier else { continue };
+            let Some(carried) = &channel.carrier else {
+                continue;
+            };
             let i = channel.times.partition_point(|&t| t < time - 1e-9);
             if channel.times.get(i).is_none_or(|t| (t - time).abs() > 1e-9) {
                 continue;
@@ -418,7 +431,9 @@ impl Scene {
         let scale = self.scale();
         let ranges: Vec<f64> = match measured {
             Some(range) => vec![range],
-            None => [0.3, 1.0, 2.0, 4.0, 8.0, 16.0, 40.0].map(|r| r * scale).to_vec(),
+            None => [0.3, 1.0, 2.0, 4.0, 8.0, 16.0, 40.0]
+                .map(|r| r * scale)
+                .to_vec(),
         };
         let weight = equation.weights[0].hypot(equation.weights[1]);
         Some((equation, ranges.iter().map(|r| r * weight).collect()))
@@ -427,7 +442,9 @@ impl Scene {
     /// The first range that is measured.
     fn any_range(&self, z: &[f64], nuisance: &[f64]) -> Option<f64> {
         let group = self.groups.iter().find(|g| g.channel.kind == Kind::Range)?;
-        let reading = (0..group.count).map(|i| z[group.first + i]).find(|z| !z.is_nan())?;
+        let reading = (0..group.count)
+            .map(|i| z[group.first + i])
+            .find(|z| !z.is_nan())?;
         Some(self.unbiased(group, reading, nuisance).abs())
     }
 
@@ -437,7 +454,10 @@ impl Scene {
         let mut low = [f64::INFINITY; 3];
         let mut high = [f64::NEG_INFINITY; 3];
         for group in &self.groups {
-            for carried in [&group.channel.carrier, &group.channel.second].into_iter().flatten() {
+            for carried in [&group.channel.carrier, &group.channel.second]
+                .into_iter()
+                .flatten()
+            {
                 for place in carried.place.chunks_exact(d) {
                     for k in 0..2 {
                         low[k] = low[k].min(place[k]);
@@ -447,7 +467,11 @@ impl Scene {
             }
         }
         let size = (high[0] - low[0]).hypot(high[1] - low[1]);
-        if size.is_finite() && size > 0.0 { size } else { 1000.0 }
+        if size.is_finite() && size > 0.0 {
+            size
+        } else {
+            1000.0
+        }
     }
 
     /// Points on circles about the first carrier.
@@ -462,12 +486,15 @@ impl Scene {
         let nuisance = vec![0.0; self.nuisances];
         let ranges = match self.any_range(z, &nuisance) {
             Some(range) => vec![range],
-            None => [0.2, 0.6, 1.5, 4.0, 12.0].map(|r| r * self.scale()).to_vec(),
+            None => [0.2, 0.6, 1.5, 4.0, 12.0]
+                .map(|r| r * self.scale())
+                .to_vec(),
         };
         let mut out = Vec::new();
         for range in ranges {
             for k in 0..12 {
-                let (sine, cosine) = (core::f64::consts::TAU * (f64::from(k) + 0.25) / 12.0).sin_cos();
+                let (sine, cosine) =
+                    (core::f64::consts::TAU * (f64::from(k) + 0.25) / 12.0).sin_cos();
                 let mut place = centre.clone();
                 place[0] += range * sine;
                 place[1] += range * cosine;
@@ -552,7 +579,11 @@ fn sigma_of(group: &Group, sample: usize) -> f64 {
     use super::Noise;
     match &group.channel.noise {
         Noise::Sigma(sigma) | Noise::Correlated { sigma, .. } => {
-            sigma[if sigma.len() == 1 { 0 } else { sample * group.width }]
+            sigma[if sigma.len() == 1 {
+                0
+            } else {
+                sample * group.width
+            }]
         }
         Noise::Covariance { size, matrix } => {
             let i = (sample * group.width) % size;
