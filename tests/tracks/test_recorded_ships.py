@@ -93,27 +93,29 @@ def test_legs_are_unobservable_from_a_straight_path(ships):
 
 
 def test_one_range_determines_everything(ships):
+    """The rank is full, and the recorded track is inside the likelihood region."""
     times, bearings, ranges, observer, target = ships
     ship = Carrier(observer, times)
+    turns = [360.0, 660.0, 840.0, 960.0, 1080.0, 1200.0, 1350.0]
+    # Whole degrees were cut off towards zero: the middle is half a degree on.
+    middle = bearings + np.sign(bearings) * np.radians(0.5)
     sensors = [
         Sensor.bearing(ship, times, sigma=np.radians(1.0)),
         Sensor.range(ship, times[:1], sigma=100.0),
     ]
-    scene = Scene(Motion.legs(count=4), sensors)
-    found = estimate(scene, [bearings, ranges[:1]], polish=24)
-    assert found.status in ("determined", "weak", "ambiguous"), str(found)
-    assert np.isfinite(found.std).all()
-    # The recorded track is inside the region: each place within its own deviations.
-    n = scene.n
-    for i in range(0, times.size, 5):
-        slope = np.zeros((2, n))
-        for k in range(n):
-            step = max(1e-3 * float(found.std[k]), 1e-9)
-            ends = [found.state.copy(), found.state.copy()]
-            ends[0][k] -= step
-            ends[1][k] += step
-            places = [scene.track(x, times[i : i + 1])[0] for x in ends]
-            slope[:, k] = (places[1] - places[0]) / (2 * step)
-        covariance = slope @ found.covariance @ slope.T + np.eye(2)
-        off = target[i] - found.track(times[i : i + 1])[0]
-        assert off @ np.linalg.solve(covariance, off) < 18.4, i
+    scene = Scene(Motion.legs(turns), sensors)
+    z = scene.pack([middle, ranges[:1]])
+    # The recorded track on these legs: linear in the states.
+    design = np.stack([scene.track(unit, times).ravel() for unit in np.eye(scene.n)], axis=1)
+    recorded = np.linalg.lstsq(design, target.ravel(), rcond=None)[0]
+    assert np.abs(design @ recorded - target.ravel()).max() < 200.0
+    answer = gm.analyze(gm.tracks.problem(scene, recorded))
+    assert answer.nullity == 0
+    assert np.isfinite(answer.crlb_std).all()
+    alone = Scene(scene.motion, sensors[:1])
+    without = gm.analyze(gm.tracks.problem(alone, recorded))
+    assert without.singular_values[-1] < 0.03 * answer.singular_values[-1]
+    found = estimate(scene, z, start=recorded, max_iterations=300)
+    there = scene._inner.linearize(z, recorded)[0]
+    # 95 % of chi-square with 18 degrees of freedom.
+    assert (there**2).sum() - found.cost < 28.87

@@ -65,6 +65,7 @@
 //! | [`posterior`] | the posterior bound, predict and update apart |
 //! | [`dipole`] | field, Jacobians, running information of a magnetic dipole's pass |
 //! | [`registration`] | biases of sensors that see the same targets, the running degree |
+//! | [`tracks`] | any motion, any sensors, unknown biases; a streaming [`Tracker`](tracks::stream::Tracker) |
 //! | [`linear`] | at which derivative a state of a linear system is seen |
 //! | [`chi_square`], [`scalar`] | how likely a sum of squares is; the number types |
 //! | [`observability`] (`alloc`) | the whole answer for a size known at run time |

@@ -6,11 +6,11 @@
 //!
 //! | sensor | value |
 //! |---|---|
-//! | [`Bearing`] | atan2(d_east, d_north) |
-//! | [`Elevation`] | atan2(d_up, rho) |
+//! | [`Bearing`] | `atan2(d_east, d_north)` |
+//! | [`Elevation`] | `atan2(d_up, rho)` |
 //! | [`Range`] | r, times a factor: 1 / c for the time of flight |
 //! | [`RangeRate`] | d . w / r |
-//! | [`Frequency`] | f0 (c + v_c . n) / (c + v_t . n), n = d / r |
+//! | [`Frequency`] | `f0 (c + v_c . n) / (c + v_t . n)`, n = d / r |
 //! | [`ConeAngle`] | angle between d and the carrier's axis, in (0, pi) |
 //! | [`SignalStrength`] | P - 10 eta log10 r |
 //! | [`Place`], [`Speed`], [`Course`] | of the target itself |

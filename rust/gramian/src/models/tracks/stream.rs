@@ -5,7 +5,7 @@ use super::Error;
 use super::motion::{Change, Motion};
 use super::sensors::{Sensor, Sight};
 use crate::numbers::angle::wrapped;
-use crate::scalar::{NumberError, Real, check_finite, check_positive, hypot};
+use crate::scalar::{NumberError, Real, all_finite, check_finite, check_positive, hypot};
 
 /// One measurement, and the carrier when it was taken.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -162,7 +162,7 @@ impl<T: Real, const N: usize> Tracker<T, N> {
             off = wrapped(off);
         }
         off /= sample.sigma;
-        if !row.iter().all(|x| x.is_finite()) || !off.is_finite() {
+        if !all_finite(&row) || !off.is_finite() {
             return Err(Error::NoReading {
                 index: self.count as usize,
                 reason: "the sensor reads nothing at the estimate, or has no derivative there",

@@ -575,6 +575,20 @@ fn one(
         }
     }
     found.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    write(scene, &measured, &mut solver, &free, &found, out);
+    Ok(())
+}
+
+/// The best solution, what the rows say there, and the next best, as [`Layout`] has them.
+fn write(
+    scene: &Scene,
+    measured: &Measured<'_>,
+    solver: &mut Solver<'_, Measured<'_>>,
+    free: &[usize],
+    found: &[Solution],
+    out: &mut [f64],
+) {
+    let n = scene.states();
     let (state, rest) = out.split_at_mut(n);
     let (covariance, rest) = rest.split_at_mut(n * n);
     let (null, rest) = rest.split_at_mut(n);
@@ -594,7 +608,7 @@ fn one(
             0.0,
             0.0,
         ]);
-        return Ok(());
+        return;
     };
     let spread = solver.spread(&best.x);
     let chi2: f64 = solver.residuals.iter().map(|r| r * r).sum();
@@ -638,5 +652,4 @@ fn one(
         f64::from(best.iterations),
         f64::from(u8::from(best.converged)),
     ]);
-    Ok(())
 }

@@ -45,6 +45,9 @@ pub struct Moves<'a, M, const D: usize> {
     pub out: &'a mut [Block],
 }
 
+/// Place, velocity and axis of a carrier.
+type Carried<S, const D: usize> = ([Lanes<S>; D], [Lanes<S>; D], [Lanes<S>; D]);
+
 /// Place less `shift` seconds of motion, and velocity, of a carrier.
 #[inline(always)]
 fn carried<S: pulp::Simd, const D: usize>(
@@ -52,7 +55,7 @@ fn carried<S: pulp::Simd, const D: usize>(
     carrier: &[Block],
     part: usize,
     shift: f64,
-) -> ([Lanes<S>; D], [Lanes<S>; D], [Lanes<S>; D]) {
+) -> Carried<S, D> {
     let zero = Lanes::splat(simd, 0.0);
     let (mut place, mut velocity, mut axis) = ([zero; D], [zero; D], [zero; D]);
     let shift = Lanes::splat(simd, shift);

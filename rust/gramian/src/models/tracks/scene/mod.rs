@@ -808,7 +808,7 @@ impl Group {
                     wanted: dimension,
                 });
             }
-            let (axes, _) = (&carried.axis, ());
+            let axes = &carried.axis;
             if kind == Kind::ConeAngle
                 && let Some(index) = axes
                     .chunks_exact(dimension)

@@ -38,7 +38,12 @@ pub enum Whitener {
 
 impl Noise {
     /// Checks, for `count` samples of `width` numbers at `times`; angles have sigma <= pi.
-    pub fn whitener(&self, times: &[f64], width: usize, angle: bool) -> Result<Whitener, Error> {
+    pub(super) fn whitener(
+        &self,
+        times: &[f64],
+        width: usize,
+        angle: bool,
+    ) -> Result<Whitener, Error> {
         let total = times.len() * width;
         match self {
             Self::Sigma(sigma) => {

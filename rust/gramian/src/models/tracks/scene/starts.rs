@@ -296,7 +296,7 @@ impl Scene {
         out
     }
 
-    fn unbiased(&self, group: &Group, z: f64, nuisance: &[f64]) -> f64 {
+    fn unbiased(group: &Group, z: f64, nuisance: &[f64]) -> f64 {
         let value = |parameter| match parameter {
             Parameter::Fixed(value) => value,
             Parameter::State(index) => nuisance[index],
@@ -338,7 +338,7 @@ impl Scene {
                 continue;
             }
             let sigma = sigma_of(group, i);
-            return Some((self.unbiased(group, reading, nuisance), sigma));
+            return Some((Self::unbiased(group, reading, nuisance), sigma));
         }
         None
     }
@@ -373,7 +373,7 @@ impl Scene {
                     continue;
                 };
                 let place = &carried.place[i * d..(i + 1) * d];
-                let (sine, cosine) = self.unbiased(group, reading, nuisance).sin_cos();
+                let (sine, cosine) = Self::unbiased(group, reading, nuisance).sin_cos();
                 let stamp = channel.times[i];
                 let range = self.beside(Kind::Range, stamp, place, z, nuisance);
                 let lift = self.beside(Kind::Elevation, stamp, place, z, nuisance);
@@ -416,7 +416,7 @@ impl Scene {
             if out.as_ref().is_some_and(|out| out.time <= time) {
                 continue;
             }
-            let (sine, cosine) = self.unbiased(group, z[group.first + i], nuisance).sin_cos();
+            let (sine, cosine) = Self::unbiased(group, z[group.first + i], nuisance).sin_cos();
             let place = &carried.place[i * d..(i + 1) * d];
             // Far heavier than any other: held.
             let weight = 1e3;
@@ -445,7 +445,7 @@ impl Scene {
         let reading = (0..group.count)
             .map(|i| z[group.first + i])
             .find(|z| !z.is_nan())?;
-        Some(self.unbiased(group, reading, nuisance).abs())
+        Some(Self::unbiased(group, reading, nuisance).abs())
     }
 
     /// The size of the paths of the carriers, or 1 km.
