@@ -15,6 +15,9 @@ use crate::convert::{Batch, Input};
 use crate::errors::{InputError, input_at};
 use crate::run;
 
+/// An array and a matrix beside it.
+type Pair<'py, A> = (Bound<'py, A>, Bound<'py, PyArray2<f64>>);
+
 /// Where a sensor is: see `gramian::tracks::carrier::Carrier`.
 #[pyclass(frozen, name = "TrackCarrier", module = "gramian._core")]
 struct TrackCarrier(Carrier);
@@ -32,7 +35,7 @@ impl TrackCarrier {
     ) -> PyResult<Self> {
         let Some(times) = times else {
             let path = Input::new(path, "path", 1)?;
-            let heading = heading.map(|h| h.extract::<f64>()).transpose()?;
+            let heading = heading.map(PyAnyMethods::extract::<f64>).transpose()?;
             let found = Carrier::fixed(path.slice()?, heading);
             return Ok(Self(found.map_err(|error| input_at("", error))?));
         };
@@ -55,7 +58,7 @@ impl TrackCarrier {
         &self,
         py: Python<'py>,
         times: &Bound<'py, PyAny>,
-    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>)> {
+    ) -> PyResult<Pair<'py, PyArray2<f64>>> {
         let times = Input::new(times, "times", 1)?;
         let found = self
             .0
@@ -192,7 +195,8 @@ fn labelled(labels: &[String], place: &str, error: InSensor) -> PyErr {
 impl TrackScene {
     #[new]
     #[pyo3(signature = (dimension, motion, order, turns, unknown_turns, reference, nuisances, channels, labels))]
-    #[allow(clippy::too_many_arguments)]
+    // pyo3 hands over values.
+    #[allow(clippy::too_many_arguments, clippy::needless_pass_by_value)]
     fn new(
         dimension: usize,
         motion: &str,
@@ -371,7 +375,7 @@ impl TrackScene {
         py: Python<'py>,
         measurements: &Bound<'py, PyAny>,
         state: &Bound<'py, PyAny>,
-    ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
+    ) -> PyResult<Pair<'py, PyArray1<f64>>> {
         let measurements = Input::unchecked(measurements, "measurements", 1)?;
         let state = Input::new(state, "state", 1)?;
         let measured = Measured::new(&self.scene, measurements.slice()?, &[])

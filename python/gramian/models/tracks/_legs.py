@@ -64,8 +64,7 @@ class LegChoice:
         for k, one in enumerate(self.estimates):
             gain = "" if k == 0 else f"{float(self.gain[k - 1]):.4g}"
             turns = ", ".join(
-                f"{float(one.value(f'turn_{j}')) + one.scene.origin:.4g} s"
-                for j in range(1, k + 1)
+                f"{float(one.value(f'turn_{j}')) + one.scene.origin:.4g} s" for j in range(1, k + 1)
             )
             mark = "*" if k + 1 == int(self.count) else " "
             lines.append(

@@ -201,7 +201,7 @@ class TracksScenario(Scenario):
             sensors = [one.sensor(carriers) for one in self.sensors]
             return Scene(self.motion.motion, sensors)
         except InputError as error:
-            raise self.mistake("sensors", str(error)) from error
+            raise self.error("sensors", str(error)) from error
 
     @property
     def state(self) -> dict[str, float]:
@@ -211,10 +211,10 @@ class TracksScenario(Scenario):
         full = dict.fromkeys(names[own:], 0.0) | self.target | self.known
         for name in full:
             if name not in names:
-                raise self.mistake(f"target.{name}", f"the states are {', '.join(names)}")
+                raise self.error(f"target.{name}", f"the states are {', '.join(names)}")
         missing = [name for name in names if name not in full]
         if missing:
-            raise self.mistake("target", f"has no {', '.join(missing)}")
+            raise self.error("target", f"has no {', '.join(missing)}")
         return full
 
     def _priors(self) -> dict[str, tuple[float, float]]:
@@ -223,7 +223,7 @@ class TracksScenario(Scenario):
         for name, value in self.prior.items():
             if isinstance(value, list):
                 if len(value) != 2:
-                    raise self.mistake(f"prior.{name}", "must be a sigma, or [mean, sigma]")
+                    raise self.error(f"prior.{name}", "must be a sigma, or [mean, sigma]")
                 found[name] = (value[0], value[1])
             else:
                 found[name] = (self.target.get(name, 0.0), value)
@@ -238,7 +238,7 @@ class TracksScenario(Scenario):
             if self.known:
                 asked = asked.fix(*self.known)
         except InputError as error:
-            raise self.mistake("target", str(error)) from error
+            raise self.error("target", str(error)) from error
         answer = analyze(asked)
         verdict = (
             f"no measurement changes when {answer.null_combinations[0]} is added"
@@ -260,7 +260,7 @@ class TracksScenario(Scenario):
     def localize(self) -> Report:
         """Estimate the state from the measurements of a file."""
         if self.measurements is None:
-            raise self.mistake("measurements", "localize needs the file of the measurements")
+            raise self.error("measurements", "localize needs the file of the measurements")
         z = self._read(self.measurements.file)
         auto = self.motion.count == "auto"
         try:
@@ -273,7 +273,7 @@ class TracksScenario(Scenario):
                 legs="auto" if auto else None,
             )
         except InputError as error:
-            raise self.mistake("measurements", str(error)) from error
+            raise self.error("measurements", str(error)) from error
         status = str(found.status)
         tones: dict[str, Tone] = {"determined": "good", "weak": "weak", "ambiguous": "weak"}
         rows = [
@@ -317,7 +317,7 @@ class TracksScenario(Scenario):
         from gramian.models.tracks.monte_carlo import Tracks
 
         if self.known:
-            raise self.mistake("known", "simulate estimates every state: give a [prior] instead")
+            raise self.error("known", "simulate estimates every state: give a [prior] instead")
         return Simulation(
             Tracks(self.scene, self.state, self._priors()),
             title=self.path.stem,
@@ -339,7 +339,7 @@ class TracksScenario(Scenario):
                 for line, row in enumerate(csv.DictReader(file), start=2):
                     sensor = row.get("sensor")
                     if sensor not in found:
-                        raise self.mistake(
+                        raise self.error(
                             "measurements.file",
                             f"{path}:{line}: sensor {sensor!r}: must be one of {', '.join(found)}",
                         )
@@ -348,18 +348,18 @@ class TracksScenario(Scenario):
                     try:
                         numbers = [float(value) for value in values if value not in (None, "")]
                     except ValueError:
-                        raise self.mistake(
+                        raise self.error(
                             "measurements.file", f"{path}:{line}: {values} are no numbers"
                         ) from None
                     found[str(sensor)].append(numbers or [np.nan])
         except OSError as error:
-            raise self.mistake("measurements.file", str(error)) from error
+            raise self.error("measurements.file", str(error)) from error
         out = []
         for sensor in scene.sensors:
             rows = found[sensor.name]
             wide = sensor.width(width)
             if any(len(row) not in (wide, 1) for row in rows):
-                raise self.mistake("measurements.file", f"{sensor.name}: needs {wide} values a row")
+                raise self.error("measurements.file", f"{sensor.name}: needs {wide} values a row")
             full = np.array([row if len(row) == wide else [np.nan] * wide for row in rows])
             out.append(full if wide > 1 else full.reshape(-1))
         return out
