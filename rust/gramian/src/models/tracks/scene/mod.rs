@@ -319,6 +319,11 @@ pub struct Scene {
     path: Path,
 }
 
+std::thread_local! {
+    static SCRATCH: core::cell::RefCell<(Vec<Block>, Vec<Block>)> =
+        const { core::cell::RefCell::new((Vec::new(), Vec::new())) };
+}
+
 impl Scene {
     /// A scene in 2 or 3 `dimensions`, with times counted from `reference` (s) and so
     /// many nuisance states.
@@ -422,12 +427,22 @@ impl Scene {
         values: &mut [f64],
         mut rows: Option<&mut [f64]>,
     ) -> Result<(), InSensor> {
-        let n = self.states();
         if let Some(rows) = &mut rows {
             rows.fill(0.0);
         }
-        let mut moves = Vec::new();
-        let mut reads = Vec::new();
+        // What the kernels write the whole of: made once a thread.
+        SCRATCH.with_borrow_mut(|(moves, reads)| self.predict_with(x, values, rows, moves, reads))
+    }
+
+    fn predict_with(
+        &self,
+        x: &[f64],
+        values: &mut [f64],
+        mut rows: Option<&mut [f64]>,
+        moves: &mut Vec<Block>,
+        reads: &mut Vec<Block>,
+    ) -> Result<(), InSensor> {
+        let n = self.states();
         for (sensor, group) in self.groups.iter().enumerate() {
             let channel = &group.channel;
             let clock = Clock {
