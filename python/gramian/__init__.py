@@ -8,7 +8,8 @@ shape (K, n). A model makes rows; `analyze` says what they determine.
 - `Problem` is rows with names and units; `from_function` makes one of your own h(x).
 - `crlb`, `crlb_std` and `gram` are the bounds and the information of plain rows;
   `bounds` has those of filters too.
-- The models are `bearings`, `dipole`, `inertial`, `linear`, `registration` and `maneuver`.
+- The models are `bearings`, `dipole`, `inertial`, `linear`, `registration`,
+  `maneuver` and `tracks`.
 - `io` reads files of tracks and measurements.
 - `monte_carlo` simulates and sets an estimator's errors beside the bound.
 - `set_threads` limits the threads of the kernels.

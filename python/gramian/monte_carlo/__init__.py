@@ -3,8 +3,8 @@
 - `run` simulates an experiment many times, estimates in every trial, and sets the errors
   beside the bound: a `MonteCarloResult`, with `Nees`, `Quantity` and `Failure`.
 - `sweep` does so over a range of scenarios: a `SweepResult`.
-- `Bearings`, `Dipole` and `Registration` are the experiments of the models, `Linear` that
-  of any `gramian.Problem`, `Measurements` that of a measurement function of your own.
+- `Bearings`, `Dipole`, `Registration` and `Tracks` are the experiments of the models,
+  `Linear` that of any `gramian.Problem`, `Measurements` that of a measurement function of your own.
 - `Experiment` is the class to derive your own from, with `Estimates` and `normals`.
 
 A run takes one core, many, or a cluster, and gives the same numbers to the last bit.
@@ -24,6 +24,7 @@ if _typing.TYPE_CHECKING:
     from gramian.models.bearings.monte_carlo import Bearings as Bearings
     from gramian.models.dipole.monte_carlo import Dipole as Dipole
     from gramian.models.registration.monte_carlo import Registration as Registration
+    from gramian.models.tracks.monte_carlo import Tracks as Tracks
 
 __all__ = [
     "Estimates",

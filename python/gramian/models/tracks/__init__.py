@@ -1,10 +1,13 @@
 """Tracks: any motion, any sensors, unknown biases.
 
-A target moves as a `Motion`; sensors on carriers see it; biases, scales, clock offsets,
-tonals and powers are states beside those of the motion. A `Scene` puts them together.
-"""
+A target moves as a `Motion`; each `Sensor` on a `Carrier` sees it; biases, scales, clock
+offsets, tonals and powers are states beside those of the motion. A `Scene` puts them
+together.
 
-from __future__ import annotations
+- `problem` and `rows` say what a scene determines; `simulate` draws measurements.
+- `estimate` gives the most likely state, a `TrackEstimate`.
+- `choose_legs` tells how many legs a track has, a `LegChoice`; `leg_penalty` calibrates it.
+"""
 
 from gramian.models.tracks._estimate import estimate
 from gramian.models.tracks._legs import LegChoice, choose_legs, leg_penalty

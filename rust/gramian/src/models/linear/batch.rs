@@ -575,7 +575,7 @@ mod tests {
                 let mut out = vec![0.0; 2 * n];
                 let (a, c) = (Items::shared(&a), Items::shared(&c));
                 linear_levels(a, c, n, None, Threads::One, path, &mut out);
-                let ranks: Vec<f64> = one.ranks().iter().map(|&r| r as f64).collect();
+                let ranks: Vec<f64> = one.ranks().unwrap().iter().map(|&r| r as f64).collect();
                 assert_eq!(out[..n], ranks[..], "{path:?} {n}");
                 assert_eq!(out[2 * n - 1], f64::INFINITY);
             }

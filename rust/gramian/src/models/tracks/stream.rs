@@ -279,7 +279,7 @@ mod tests {
         let mut stream = crate::batch::Stream::new(seed, 0);
         let mut tracker =
             Tracker::new(&[3000.0, 4000.0, 0.0, 0.0], &[1000.0, 1000.0, 10.0, 10.0]).unwrap();
-        let (mut place, mut velocity) = ([3200.0, 4300.0], [-4.0, 2.0]);
+        let (mut place, mut velocity) = ([3200.0_f64, 4300.0], [-4.0_f64, 2.0]);
         let mut alarm = None;
         for k in 0..200 {
             let time = 5.0 * f64::from(k);
