@@ -20,6 +20,7 @@ __all__ = [
     "require_finite",
     "rounding_of_columns",
     "whole",
+    "wrap_angles",
 ]
 
 Array = NDArray[np.float64]
@@ -178,3 +179,9 @@ def whole(value: Any, name: str, least: int = 0, most: int = 2**63 - 1) -> int:
         limit = f">= {least}" if count < least else f"<= {most}"
         raise InputError(f"{name} = {value!r}: must be {limit}")
     return count
+
+
+def wrap_angles(angles: Array) -> Array:
+    """Return the angles in (-pi, pi] that differ from these by whole turns."""
+    wrapped: Array = angles - 2 * np.pi * np.ceil(angles / (2 * np.pi) - 0.5)
+    return wrapped

@@ -399,6 +399,36 @@ def registration_estimate_trials(
     trials: int,
 ) -> _Array: ...
 
+# inertial
+EARTH_RATE: float
+
+def inertial_radii(latitude: float) -> tuple[float, float]: ...
+def inertial_gravity(latitude: float, height: float) -> float: ...
+def inertial_rotation(heading: float, pitch: float, roll: float) -> _Array: ...
+def inertial_combinations_at_rest(latitude: float, height: float, earth_rate: float) -> _Array: ...
+def inertial_error_model(
+    latitude: float,
+    height: float,
+    specific_force: ArrayLike | None,
+    velocity: ArrayLike,
+    attitude: ArrayLike,
+    angular_rate: ArrayLike,
+    lever_arm: ArrayLike,
+    lever_arm_states: bool,
+    earth_rate: float,
+    gravity_gradient: bool,
+) -> tuple[_Array, _Array, _Array]: ...
+def inertial_segments(
+    legs: Sequence[Sequence[float]],
+    start: Sequence[float],
+    step: float,
+    largest_turn: float,
+    lever_arm: ArrayLike,
+    lever_arm_states: bool,
+    earth_rate: float,
+    gravity_gradient: bool,
+) -> tuple[tuple[_Array, _Array, _Array], _Array, NDArray[np.uintp]]: ...
+
 # linear
 def observability_matrix(a: ArrayLike, c: ArrayLike, order: int | None) -> _Array: ...
 def linear_levels(a: ArrayLike, c: ArrayLike, rtol: float | None) -> _Array: ...

@@ -10,6 +10,7 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import NDArray
 
+from gramian._arrays import wrap_angles
 from gramian.exceptions import InputError
 from gramian.io._recording import Detections, Recording, Track
 
@@ -145,8 +146,8 @@ def _course(track: Track, where: str) -> None:
     clear = np.isfinite(said) & (_speeds(track) > 0.5)
     if clear.sum() < 5:
         return
-    off = np.abs((moved[clear] - said[clear] + np.pi) % (2 * np.pi) - np.pi)
-    swapped = np.abs((np.pi / 2 - moved[clear] - said[clear] + np.pi) % (2 * np.pi) - np.pi)
+    off = np.abs(wrap_angles(moved[clear] - said[clear]))
+    swapped = np.abs(wrap_angles(np.pi / 2 - moved[clear] - said[clear]))
     if np.median(off) > 0.5 and np.median(swapped) < 0.2:
         raise _ask(
             where,

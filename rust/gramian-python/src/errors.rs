@@ -17,7 +17,7 @@ pub fn refuse_overflow(batch: &Batch, size: usize, out: &[f64], result: &str) ->
     match out.iter().position(|x| !x.is_finite()) {
         None => Ok(()),
         Some(index) => Err(InputError::new_err(format!(
-            "{}{result}: out of the range of double precision; choose other units of time",
+            "{}{result} overflows float64: choose other units of time",
             batch.place(index / size)
         ))),
     }

@@ -8,6 +8,7 @@ mod bearings_motion;
 mod convert;
 mod dipole;
 mod errors;
+mod inertial;
 mod linear;
 mod maneuver;
 mod maneuver_plan;
@@ -32,6 +33,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     bearings_localize::register(module)?;
     bearings_motion::register(module)?;
     dipole::register(module)?;
+    inertial::register(module)?;
     linear::register(module)?;
     maneuver::register(module)?;
     monte_carlo::register(module)?;

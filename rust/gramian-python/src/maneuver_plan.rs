@@ -1,8 +1,8 @@
 //! The planner's objective and its paths, and the closed loop.
 
 use gramian::batch::{Items, Threads};
-use gramian::maneuver::batch::closed_loop::{self, Guide, Lost, PER_SAMPLE, Setting};
-use gramian::maneuver::batch::plan::{self, Candidate, Course, Wish};
+use gramian::maneuver::batch::closed_loop::{self, Guidance, LostBearing, PER_SAMPLE, Setting};
+use gramian::maneuver::batch::plan::{self, Candidate, Course, HeadingSource};
 use gramian::maneuver::plan::Criterion;
 use gramian::maneuver::steer::Limits;
 use gramian::maneuver::{Law, Side};
@@ -385,9 +385,9 @@ fn plan_steered<'py>(
         run::in_pieces(py, batch.len(), cost, |range, threads: Threads| {
             let part: Items<'_> = items.skip(range.start);
             let wish = match (kind, wish) {
-                (Some(law), _) => Wish::Law(law, side, point),
-                (None, "headings") => Wish::Headings(part),
-                _ => Wish::Arcs(part, point),
+                (Some(law), _) => HeadingSource::Law(law, side, point),
+                (None, "headings") => HeadingSource::Headings(part),
+                _ => HeadingSource::Arcs(part, point),
             };
             let write = &mut write[range.start * (steps + 1)..range.end * (steps + 1)];
             plan::steered(&course, wish, threads, write);
@@ -430,8 +430,8 @@ fn maneuver_closed_loop<'py>(
         range: first_range,
         opening,
         lost: match when_lost {
-            "predict" => Lost::Predict,
-            "hold" => Lost::Hold,
+            "predict" => LostBearing::Predict,
+            "hold" => LostBearing::Hold,
             other => {
                 return Err(InputError::new_err(format!(
                     "when_lost = {other:?}: must be \"predict\" or \"hold\""
@@ -465,8 +465,8 @@ fn maneuver_closed_loop<'py>(
         let cost = 50.0 * ((steps + 1) * (steps + 1)) as f64;
         run::in_pieces(py, batch.len(), cost, |range, threads| {
             let guide = match law {
-                Some(law) => Guide::Law(law, side),
-                None => Guide::Headings(wanted.skip(range.start)),
+                Some(law) => Guidance::Law(law, side),
+                None => Guidance::Headings(wanted.skip(range.start)),
             };
             closed_loop::closed_loop(
                 &setting,

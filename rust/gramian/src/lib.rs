@@ -1,5 +1,6 @@
 #![no_std]
 #![deny(missing_docs)]
+#![forbid(unsafe_code)]
 //! What a set of measurements can and cannot determine, how accurately, and
 //! what to do about it.
 //!
@@ -67,6 +68,7 @@
 //! | [`registration`] | biases of sensors that see the same targets, the running degree |
 //! | [`tracks`] | any motion, any sensors, unknown biases; a streaming [`Tracker`](tracks::stream::Tracker) |
 //! | [`linear`] | at which derivative a state of a linear system is seen |
+//! | [`inertial`] | the error model of a strapdown navigator: at rest, moving, along a flight |
 //! | [`chi_square`], [`scalar`] | how likely a sum of squares is; the number types |
 //! | [`observability`] (`alloc`) | the whole answer for a size known at run time |
 //! | [`batch`] (`std`), [`large`] | many trials by vectors and threads; large matrices |
@@ -109,7 +111,7 @@ pub mod solve;
 pub mod spine;
 
 pub use bounds::posterior;
-pub use models::{bearings, dipole, linear, maneuver, registration, tracks};
+pub use models::{bearings, dipole, inertial, linear, maneuver, registration, tracks};
 pub use numbers::{chi_square, scalar};
 #[cfg(feature = "alloc")]
 pub use spine::observability;

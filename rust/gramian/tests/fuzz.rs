@@ -22,6 +22,7 @@ use gramian::bearings::{self, Form, Monitor};
 use gramian::bound;
 use gramian::chi_square;
 use gramian::dipole::{self, Accumulator, Pass, Sensing};
+use gramian::inertial::{self, Leg, Motion, Segments, Start};
 use gramian::information::Information;
 use gramian::linear;
 use gramian::maneuver::plan::{self, Criterion, Legs, Target};
@@ -484,6 +485,66 @@ fn scalar<T: Number>(draw: &mut Draw<T>) {
             "{}: {wrapped}",
             draw.place()
         );
+    }
+}
+
+fn inertial_models<T: Number>(draw: &mut Draw<T>) {
+    // Latitudes and heights of the Earth more often than not.
+    let (latitude, height) = (draw.x(), draw.x());
+    if let Some((meridian, normal)) = draw.taken(inertial::radii(latitude)) {
+        draw.finite(&[meridian, normal]);
+    }
+    if let Some(g) = draw.taken(inertial::gravity(latitude, height)) {
+        draw.finite(&[g]);
+    }
+    draw.taken(inertial::check_place(latitude, height));
+    let rate = draw.x();
+    if let Some(rows) = draw.taken(inertial::combinations_at_rest(latitude, height, rate)) {
+        draw.finite(rows.as_flattened());
+    }
+    let mut motion = Motion::at_rest(latitude, height, rate);
+    motion.velocity = draw.array();
+    motion.angular_rate = draw.array();
+    motion.lever_arm = draw.array();
+    if draw.below(2) == 0 {
+        motion.specific_force = Some(draw.array());
+    }
+    let [heading, pitch, roll] = draw.array();
+    if let Some(attitude) = draw.taken(inertial::rotation(heading, pitch, roll)) {
+        draw.finite(attitude.as_flattened());
+        motion.attitude = attitude;
+    }
+    if let Some(model) = draw.taken(inertial::error_model::<T, 18>(&motion)) {
+        draw.finite(model.a.as_flattened());
+        draw.finite(model.c.as_flattened());
+        draw.finite(&model.per_metre);
+    }
+    draw.again();
+    let start = Start {
+        latitude: draw.x(),
+        longitude: draw.x(),
+        height: draw.x(),
+        speed: draw.x(),
+        heading: draw.x(),
+    };
+    let [step, largest_turn, rate] = draw.positives();
+    let place_is_sound = draw.sound;
+    let legs: [Leg<T>; 2] = core::array::from_fn(|_| Leg {
+        duration: draw.positive(),
+        turn: draw.x(),
+        speed_change: draw.x(),
+        bank: draw.x(),
+    });
+    let Ok(segments) = Segments::new(&legs, start, step, largest_turn, rate) else {
+        return;
+    };
+    assert!(place_is_sound, "{}: taken though not finite", draw.place());
+    for segment in segments.take(20).map_while(Result::ok) {
+        let motion = segment.motion;
+        draw.finite(&[segment.duration, segment.time, segment.heading]);
+        draw.finite(&[segment.speed, segment.longitude, motion.latitude]);
+        draw.finite(&motion.velocity);
+        draw.finite(&motion.specific_force.unwrap());
     }
 }
 
@@ -1180,6 +1241,7 @@ cases![
     semidefinite_root,
     chi_square,
     scalar,
+    inertial_models,
     discriminants,
     sums,
     observability_test,
@@ -1271,9 +1333,37 @@ const WITH_STD: &[&str] = &[
     "solve",
 ];
 
+/// Whether `code` calls a function: a method by its dot, another one by its path or
+/// alone; a longer name that ends the same does not count, nor does a definition.
+fn calls(code: &str, name: &str, method: bool) -> bool {
+    code.match_indices(name).any(|(start, _)| {
+        let (before, after) = (&code[..start], &code[start + name.len()..]);
+        let called = after.starts_with('(') || after.starts_with("::<");
+        let inside = before.ends_with(|c: char| c.is_alphanumeric() || c == '_');
+        let by_dot = before.ends_with('.');
+        called && !inside && !before.ends_with("fn ") && (by_dot || !method)
+    })
+}
+
+#[test]
+fn calls_are_told_from_names_that_end_the_same() {
+    assert!(calls("let x = bearings::row(1);", "row", false));
+    assert!(calls("root.push(&row)", "push", true));
+    assert!(calls("motion::<f64, 2>(x)", "motion", false));
+    assert!(!calls("unchecked_row(1)", "row", false));
+    assert!(!calls("fn row(x: f64) {}", "row", false));
+    assert!(!calls("push(1)", "push", true));
+    assert!(!calls("let row = 1;", "row", false));
+}
+
 #[test]
 fn every_public_function_has_a_case() {
-    let here = include_str!("fuzz.rs");
+    let here: String = include_str!("fuzz.rs")
+        .lines()
+        .filter(|line| !line.trim_start().starts_with("//"))
+        .take_while(|line| !line.starts_with("const NOTHING_TO_TEST"))
+        .collect::<Vec<_>>()
+        .join("\n");
     let source = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
     let mut folders = vec![source];
     let mut missing = Vec::new();
@@ -1292,18 +1382,24 @@ fn every_public_function_has_a_case() {
             if private.iter().any(|name| path.ends_with(name)) {
                 continue;
             }
-            for line in std::fs::read_to_string(&path).unwrap().lines() {
-                let line = line.trim_start();
-                let rest = line
-                    .strip_prefix("pub fn ")
-                    .or_else(|| line.strip_prefix("pub const fn "));
-                let Some(rest) = rest else { continue };
+            let text = std::fs::read_to_string(&path).unwrap();
+            for (start, _) in text.match_indices("pub ") {
+                let line_start = text[..start].rfind('\n').map_or(0, |at| at + 1);
+                let rest = text[start + 4..].trim_start_matches("const ");
+                let (true, Some(rest)) = (
+                    text[line_start..start].trim().is_empty(),
+                    rest.strip_prefix("fn "),
+                ) else {
+                    continue;
+                };
                 let end = rest.find(['(', '<']).unwrap();
                 let name = &rest[..end];
                 count += 1;
-                let called = [format!("{name}("), format!("{name}::<")];
-                let known = NOTHING_TO_TEST.contains(&name);
-                if !known && !called.iter().any(|call| here.contains(call)) {
+                let arguments = rest[rest.find('(').unwrap() + 1..].trim_start();
+                let method = ["self", "&self", "&mut self", "mut self"]
+                    .iter()
+                    .any(|receiver| arguments.starts_with(receiver));
+                if !NOTHING_TO_TEST.contains(&name) && !calls(&here, name, method) {
                     missing.push(format!("{}: {name}", path.display()));
                 }
             }

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import SEED_MOST, as_float_array, finite, whole
+from gramian._arrays import SEED_MOST, as_float_array, finite, whole, wrap_angles
 from gramian._text import describe_combination, plain
 from gramian.exceptions import InputError, UnobservableError
 from gramian.models.bearings._rows import check_index, state_names
@@ -392,9 +392,7 @@ def residuals(
         place = place + power[..., None] * x[..., None, 2 * k : 2 * k + 2]
         power = power * since / (k + 1)
     offset = place - path
-    difference = seen - np.arctan2(offset[..., 0], offset[..., 1])
-    wrapped: Array = difference - 2 * np.pi * np.ceil(difference / (2 * np.pi) - 0.5)
-    return wrapped
+    return wrap_angles(seen - np.arctan2(offset[..., 0], offset[..., 1]))
 
 
 def _check_count(count: int, order: int, known: int) -> None:

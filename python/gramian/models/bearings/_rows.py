@@ -20,6 +20,7 @@ from gramian._arrays import (
     require_finite,
     rounding_of_columns,
     whole,
+    wrap_angles,
 )
 from gramian.exceptions import InputError
 from gramian.problem import Problem
@@ -430,7 +431,7 @@ def simulate(
     exact = np.arctan2(offsets[:, 0], offsets[:, 1])
     noise = _core.normals(seed, 0, trials or 1, t.size)
     noisy = exact + as_float_array(sigma, "sigma") * noise
-    wrapped: Array = noisy - 2 * np.pi * np.ceil(noisy / (2 * np.pi) - 0.5)
+    wrapped = wrap_angles(noisy)
     return wrapped if trials is not None else wrapped[0]
 
 

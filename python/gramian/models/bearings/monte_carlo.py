@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import as_float_array
+from gramian._arrays import as_float_array, wrap_angles
 from gramian.exceptions import InputError
 from gramian.models.bearings import _rows
 from gramian.monte_carlo.experiment import Estimates, Experiment
@@ -131,7 +131,7 @@ class Bearings(Experiment):
         m = self.times.size
         noise = _core.normals(seed, first, trials, m + 4 * bool(self.prior))
         noisy = self.exact + self.sigma * noise[:, :m]
-        wrapped: Array = noisy - 2 * np.pi * np.ceil(noisy / (2 * np.pi) - 0.5)
+        wrapped = wrap_angles(noisy)
         if not self.prior:
             return wrapped
         return np.concatenate([wrapped, self._believed(noise[:, m:])], axis=1)

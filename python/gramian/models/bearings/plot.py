@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from gramian.bounds import crlb
 from gramian.plot import COLORS, Figure, ellipse, figure
 
 if TYPE_CHECKING:
@@ -134,11 +135,7 @@ def _position_covariance(answer: Observability) -> Array:
     full = np.zeros((2, 2))
     place = [("x0", "y0").index(name) for name in answer.names if name in ("x0", "y0")]
     index = [answer.names.index(("x0", "y0")[i]) for i in place]
-    rows = answer.problem.all_rows
-    scale = 1 / np.linalg.norm(rows, axis=0)
-    inverse = np.linalg.pinv(rows * scale)
-    covariance = (scale[:, None] * inverse) @ (scale[:, None] * inverse).T
-    full[np.ix_(place, place)] = covariance[np.ix_(index, index)]
+    full[np.ix_(place, place)] = crlb(answer.problem)[np.ix_(index, index)]
     return full
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from gramian import io
+from gramian._arrays import wrap_angles
 from gramian._text import number, plain
 from gramian.analysis import Observability, analyze
 from gramian.bounds import crlb_std
@@ -609,7 +610,7 @@ class Geometry:
             if not np.hypot(*offset.T).min() > 0:
                 break
             change = self.bearing - np.arctan2(offset[:, 0], offset[:, 1])
-            residual = (change + np.pi) % (2 * np.pi) - np.pi
+            residual = wrap_angles(change)
             rows = _rows.rows(self.times, self.observer, position, self.sigma)[:, free]
             scale = 1 / np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
             step = scale * np.linalg.lstsq(rows * scale, residual / self.sigma, rcond=1e-9)[0]

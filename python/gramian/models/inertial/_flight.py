@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from gramian import _core
 from gramian._arrays import number
 from gramian.exceptions import InputError
-from gramian.models.inertial._earth import EARTH_RATE, Earth, checked_place, gravity
-from gramian.models.inertial._model import error_model, positive, rotation
+from gramian.models.inertial._earth import EARTH_RATE
+from gramian.models.inertial._model import NAMES, error_model, positive, vector
 from gramian.models.linear._systems import System
 from gramian.models.linear._windows import Piecewise, piecewise
 
 __all__ = ["Flight", "Leg", "segments"]
 
 Array = NDArray[np.float64]
-
-# Segments of one leg: more are a slip in its numbers, and hours of work.
-_MOST_PIECES = 10_000
 
 
 @dataclass(frozen=True)
@@ -153,65 +150,42 @@ def segments(
     if len(legs) == 0:
         raise InputError("legs is empty: a flight needs one")
     positive(step=step, largest_turn=largest_turn)
-    latitude, height = checked_place(latitude, height)
-    made: list[System] = []
-    table = []
-    time, place = 0.0, np.array([latitude, longitude])
-    for index, leg in enumerate(legs):
-        for name in ("duration", "turn", "speed_change", "bank"):
-            number(getattr(leg, name), f"legs[{index}].{name}")
-        if not leg.duration > 0:
-            raise InputError(f"legs[{index}].duration = {leg.duration} s: must be > 0 and finite")
-        count = 1
-        if leg.turn != 0 or leg.speed_change != 0:
-            pieces = max(leg.duration / step, abs(leg.turn) / largest_turn)
-            if not pieces <= _MOST_PIECES:
-                raise InputError(
-                    f"legs[{index}] makes {pieces:.3g} segments, more than {_MOST_PIECES}: "
-                    "a shorter leg, or larger `step` and `largest_turn`"
-                )
-            count = math.ceil(pieces)
-        duration = leg.duration / count
-        rate, push = leg.turn / leg.duration, leg.speed_change / leg.duration
-        for _ in range(count):
-            course = heading + rate * duration / 2
-            fast = speed + push * duration / 2
-            ahead = np.array([np.cos(course), -np.sin(course), 0.0])
-            right = np.array([-np.sin(course), -np.cos(course), 0.0])
-            v = fast * ahead
-            earth = Earth(place[0], height, float(model.get("earth_rate", EARTH_RATE)))  # type: ignore[arg-type]
-            w = 2 * earth.rotation() + earth.transport(v)
-            force = (
-                push * ahead
-                + fast * rate * right
-                + np.cross(w, v)
-                + np.array([0.0, 0.0, gravity(place[0], height)])
+    for name in ("specific_force", "velocity", "attitude", "angular_rate"):
+        if name in model:
+            raise InputError(f"{name}: must not be given, it follows from the legs")
+    system = error_model(latitude, height, **model)  # type: ignore[arg-type]
+    lever_arm: ArrayLike = model.get("lever_arm", (0.0, 0.0, 0.0))  # type: ignore[assignment]
+    (a, c, _), table, owners = _core.inertial_segments(
+        [
+            [
+                number(getattr(leg, name), f"legs[{index}].{name}")
+                for name in ("duration", "turn", "speed_change", "bank")
+            ]
+            for index, leg in enumerate(legs)
+        ],
+        [
+            number(value, name)
+            for name, value in (
+                ("latitude", latitude),
+                ("longitude", longitude),
+                ("height", height),
+                ("speed", speed),
+                ("heading", heading),
             )
-            turned = rotation(course, 0.0, leg.bank)
-            made.append(
-                error_model(
-                    place[0],
-                    height,
-                    specific_force=force,
-                    velocity=v,
-                    attitude=turned,
-                    angular_rate=turned.T @ [0.0, 0.0, -rate],
-                    **model,  # type: ignore[arg-type]
-                )
-            )
-            table.append((duration, time, course, fast, place[0], place[1], index))
-            place = place + duration * np.array([v[0] / earth.m, -v[1] / (earth.n * earth.cos)])
-            time, heading, speed = (
-                time + duration,
-                heading + rate * duration,
-                speed + push * duration,
-            )
-    lengths, times, headings, speeds, latitudes, longitudes, owners = np.array(table).T
+        ],
+        step,
+        largest_turn,
+        vector(lever_arm, "lever_arm"),
+        system.n > len(NAMES),
+        float(model.get("earth_rate", EARTH_RATE)),  # type: ignore[arg-type]
+        model.get("gravity_gradient", "include") == "include",
+    )
+    durations, times, headings, speeds, latitudes, longitudes = np.ascontiguousarray(table.T)
     return Flight(
-        system=made[0],
-        A=np.array([s.A for s in made]),
-        C=np.array([s.C for s in made]),
-        durations=lengths,
+        system=replace(system, A=a[0], C=c[0]),
+        A=a,
+        C=c,
+        durations=durations,
         times=times,
         heading=headings,
         speed=speeds,

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gramian import _core
 from gramian._arrays import as_float_array, finite, number
 from gramian.exceptions import InputError
-from gramian.models.inertial._earth import EARTH_RATE, Earth, checked_place, gravity
+from gramian.models.inertial._earth import EARTH_RATE, gravity
 from gramian.models.linear._systems import System
 
-__all__ = ["NAMES", "UNITS", "error_model", "positive", "rotation", "static_base"]
+__all__ = ["NAMES", "UNITS", "error_model", "positive", "rotation", "static_base", "vector"]
 
 Array = NDArray[np.float64]
 
@@ -28,6 +30,14 @@ NAMES = (
     "Delta_N", "Delta_W", "Delta_U",
 )  # fmt: skip
 UNITS = (*["rad"] * 3, *["m/s"] * 3, "rad", "rad", "m", *["rad/s"] * 3, *["m/s^2"] * 3)
+#: What a navigator at rest determines, in the order of the extension.
+AT_REST = (
+    "Delta_N - g phi_W",
+    "Delta_W + g phi_N",
+    "eps_N - w_U phi_W",
+    "eps_W + w_U phi_N - w_N phi_U",
+    "eps_U + w_N phi_W",
+)
 OUTPUTS = ("V_N", "V_W", "V_U", "latitude", "longitude", "height")
 
 
@@ -49,20 +59,9 @@ def rotation(heading: float, pitch: float = 0.0, roll: float = 0.0) -> Array:
     >>> (rotation(math.radians(90)) @ [1, 0, 0]).round(9) + 0.0
     array([ 0., -1.,  0.])
     """
-    heading, pitch, roll = (
-        number(value, name)
-        for name, value in (("heading", heading), ("pitch", pitch), ("roll", roll))
+    return _core.inertial_rotation(
+        number(heading, "heading"), number(pitch, "pitch"), number(roll, "roll")
     )
-    # A turn clockwise seen from above is negative about "up"; nose up is
-    # negative about "left".
-    c, s = np.cos(heading), np.sin(heading)
-    about_up = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
-    c, s = np.cos(pitch), np.sin(pitch)
-    about_left = np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
-    c, s = np.cos(roll), np.sin(roll)
-    about_forward = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
-    matrix: Array = about_up @ about_left @ about_forward
-    return matrix
 
 
 def static_base(
@@ -131,30 +130,9 @@ def static_base(
         velocity_noise=velocity_noise,
         position_noise=position_noise,
     )
-    g = gravity(latitude, height)
-    north, up = earth_rate * np.cos(latitude), earth_rate * np.sin(latitude)
-    named = {
-        "Delta_N - g phi_W": {"Delta_N": 1.0, "phi_W": -g},
-        "Delta_W + g phi_N": {"Delta_W": 1.0, "phi_N": g},
-        "eps_N - w_U phi_W": {"eps_N": 1.0, "phi_W": -up},
-        "eps_W + w_U phi_N - w_N phi_U": {"eps_W": 1.0, "phi_N": up, "phi_U": -north},
-        "eps_U + w_N phi_W": {"eps_U": 1.0, "phi_W": north},
-    }
-    combinations = {}
-    for name, parts in named.items():
-        combinations[name] = np.zeros(system.n)
-        for state, factor in parts.items():
-            combinations[name][system.names.index(state)] = factor
-    return System(
-        A=system.A,
-        C=system.C,
-        names=system.names,
-        units=system.units,
-        prior=system.prior,
-        outputs=system.outputs,
-        noise=system.noise,
-        combinations=combinations,
-    )
+    rows = _core.inertial_combinations_at_rest(latitude, height, earth_rate)
+    combinations = dict(zip(AT_REST, rows, strict=True))
+    return replace(system, combinations=combinations)
 
 
 def error_model(
@@ -237,7 +215,7 @@ def error_model(
     >>> gm.linear.levels(level).rank
     12
     """
-    latitude, height = checked_place(latitude, height)
+    latitude, height = number(latitude, "latitude"), number(height, "height")
     if accelerometer_bias is None:
         accelerometer_bias = 1e-4 * gravity(latitude, height)
     positive(
@@ -254,58 +232,22 @@ def error_model(
         raise InputError(f'gravity_gradient = {gravity_gradient!r}: must be "include" or "omit"')
     if lever_arm_states not in ("known", "estimated"):
         raise InputError(f'lever_arm_states = {lever_arm_states!r}: must be "known" or "estimated"')
-    v = _velocity(velocity)
-    to_nav = np.eye(3) if attitude is None else finite(attitude, "attitude").copy()
-    if to_nav.shape != (3, 3) or not np.allclose(to_nav @ to_nav.T, np.eye(3), atol=1e-9):
+    to_nav = np.eye(3) if attitude is None else finite(attitude, "attitude")
+    if to_nav.shape != (3, 3):
         raise InputError("attitude is not a rotation: must be a (3, 3) orthogonal matrix")
-    earth = Earth(latitude, height, earth_rate)
-    w_ie, w_en = earth.rotation(), earth.transport(v)
-    f = (
-        np.cross(2 * w_ie + w_en, v) + np.array([0, 0, gravity(latitude, height)])
-        if specific_force is None
-        else _vector(specific_force, "specific_force")
+    a, c, per_metre = _core.inertial_error_model(
+        latitude,
+        height,
+        None if specific_force is None else vector(specific_force, "specific_force"),
+        vector(velocity, "velocity"),
+        to_nav,
+        vector(angular_rate, "angular_rate"),
+        vector(lever_arm, "lever_arm"),
+        lever_arm_states == "estimated",
+        number(earth_rate, "earth_rate"),
+        gravity_gradient == "include",
     )
-    n = 18 if lever_arm_states == "estimated" else 15
-    tilts, speeds, places = slice(0, 3), slice(3, 6), slice(6, 9)
-    gyros, accelerometers = slice(9, 12), slice(12, 15)
-
-    # The change of w_in with velocity and place.
-    by_speed, by_place = earth.transport_by_speed(), earth.transport_by_place(v)
-    rotation_by_place = earth.rotation_by_place()
-
-    a = np.zeros((n, n))
-    a[tilts, tilts] = -_cross(w_ie + w_en)
-    a[tilts, speeds] = by_speed
-    a[tilts, places] = rotation_by_place + by_place
-    a[tilts, gyros] = -to_nav
-    a[speeds, tilts] = _cross(f)
-    a[speeds, speeds] = -_cross(2 * w_ie + w_en) + _cross(v) @ by_speed
-    a[speeds, places] = _cross(v) @ (2 * rotation_by_place + by_place)
-    a[speeds, accelerometers] = to_nav
-    if gravity_gradient == "include":
-        a[5, 6:9] -= earth.gravity_by_place()
-    a[places, speeds], a[places, places] = earth.place_rates(v)
-
-    arm = to_nav @ _vector(lever_arm, "lever_arm")
-    w_nb = to_nav @ _vector(angular_rate, "angular_rate")
-    c = np.zeros((6, n))
-    # Velocity of the antenna, v + C (w_nb x l); w_nb is what the gyros say less
-    # what the navigator takes w_in to be.
-    c[0:3, speeds] = np.eye(3) + _cross(arm) @ by_speed
-    c[0:3, tilts] = _cross(np.cross(w_nb, arm)) - _cross(arm) @ _cross(w_ie + w_en)
-    c[0:3, gyros] = -_cross(arm) @ to_nav
-    c[0:3, places] = _cross(arm) @ (rotation_by_place + by_place)
-    # Its place, p + T C l with T from metres to latitude, longitude, height.
-    to_place, by_latitude, by_height = earth.to_place()
-    c[3:6, places] = np.eye(3)
-    c[3:6, 6] += by_latitude @ arm
-    c[3:6, 8] += by_height @ arm
-    c[3:6, tilts] = to_place @ _cross(arm)
-    if n > 15:
-        c[0:3, 15:18] = _cross(w_nb) @ to_nav
-        c[3:6, 15:18] = to_place @ to_nav
-
-    metres = np.abs(np.diag(to_place))
+    n, metres = a.shape[-1], per_metre[0]
     prior = [
         *[tilt] * 3,
         *[velocity_error] * 3,
@@ -315,8 +257,8 @@ def error_model(
         *[lever_arm_error] * (n - 15),
     ]
     return System(
-        A=a,
-        C=c,
+        A=a[0],
+        C=c[0],
         names=NAMES + (("l_F", "l_L", "l_U") if n > 15 else ()),
         units=UNITS + (("m",) * (n - 15)),
         prior=np.array(prior),
@@ -332,20 +274,9 @@ def positive(**values: float) -> None:
             raise InputError(f"{label} = {value}: must be > 0 and finite")
 
 
-def _vector(value: ArrayLike, name: str) -> Array:
+def vector(value: ArrayLike, name: str) -> Array:
+    """Return three finite numbers."""
     array = as_float_array(value, name)
     if array.shape != (3,) or not np.isfinite(array).all():
         raise InputError(f"{name} = {value!r}: must be three finite numbers")
     return array
-
-
-def _velocity(value: ArrayLike) -> Array:
-    v = _vector(value, "velocity")
-    if not np.abs(v).max() < 1e9:
-        raise InputError(f"velocity = {v.tolist()} m/s: must be below 1e9, which is beyond light")
-    return v
-
-
-def _cross(v: Array) -> Array:
-    """Return the matrix of v x."""
-    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import SEED_MOST, whole
+from gramian._arrays import SEED_MOST, whole, wrap_angles
 from gramian.exceptions import UnobservableError
 from gramian.models.maneuver._laws import LAWS
 from gramian.models.maneuver._search import (
@@ -23,7 +23,7 @@ from gramian.models.maneuver._search import (
     refined,
     whole_counts,
 )
-from gramian.models.maneuver._task import Criterion, Task, moved, wrapped
+from gramian.models.maneuver._task import Criterion, Task, moved
 
 __all__ = ["LawComparison", "Plan", "Start", "plan"]
 
@@ -411,7 +411,7 @@ def _result(task: Task, found: list[Found], guesses: int) -> Plan:
     different = _distinct([task.cost(one.value) for one in found if one.converged])
     return Plan(
         path=path,
-        headings=wrapped(headings),
+        headings=wrap_angles(headings),
         speeds=lengths / task.dt,
         turns=np.cumsum(best.counts)[:-1] if task.legs is not None else np.zeros(0, dtype=np.intp),
         criterion=task.kind,
@@ -446,7 +446,7 @@ def _bounds(task: Task, path: Array) -> Array:
 
 def _turns_kept(task: Task, headings: Array) -> bool:
     before = headings[:1] if task.heading is None else np.array([task.heading])
-    turns = wrapped(np.diff(np.concatenate([before, headings])))
+    turns = wrap_angles(np.diff(np.concatenate([before, headings])))
     return bool(np.abs(turns).max() <= task.max_turn + 1e-9)
 
 

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gramian import _core
+from gramian._arrays import wrap_angles
 from gramian.exceptions import InputError
 from gramian.models.maneuver._laws import LAWS
-from gramian.models.maneuver._task import Task, moved, wrapped
+from gramian.models.maneuver._task import Task, moved
 
 __all__ = [
     "RESTORED",
@@ -288,7 +289,7 @@ class Limits:
         excess = 0.0
         if np.isfinite(self.max_turn):
             turns = np.diff(headings, prepend=headings[0] if self.before is None else self.before)
-            excess = max(0.0, float(np.abs(wrapped(turns)).max()) - self.max_turn - 1e-9)
+            excess = max(0.0, float(np.abs(wrap_angles(turns)).max()) - self.max_turn - 1e-9)
         return max(excess, -self.least(headings, lengths), 0.0)
 
     def clearance(self, headings: Array, lengths: Array) -> float:
@@ -360,7 +361,7 @@ def _descend(task: Task, found: Found, iterations: int, sharpness: float) -> Fou
         if task.heading is None:
             bounds = [(None, None)] + [(-task.max_turn, task.max_turn)] * (legs - 1)
         else:
-            first[0] = (first[0] + np.pi) % (2 * np.pi) - np.pi
+            first[0] = wrap_angles(first[0])
             bounds = [(-task.max_turn, task.max_turn)] * legs
     else:
         bounds = [(None, None)] * legs

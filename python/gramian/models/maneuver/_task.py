@@ -22,7 +22,6 @@ __all__ = [
     "finite",
     "moved",
     "positive",
-    "wrapped",
 ]
 
 Array = NDArray[np.float64]
@@ -353,11 +352,6 @@ def _prior(
 def moved(targets: Array, times: NDArray[Any]) -> Array:
     positions: Array = targets[:, None, :2] + times[:, None] * targets[:, None, 2:]
     return positions
-
-
-def wrapped(angles: Array) -> Array:
-    wrapped: Array = angles - 2 * np.pi * np.ceil(angles / (2 * np.pi) - 0.5)
-    return wrapped
 
 
 def finite(value: ArrayLike, name: str) -> Array:

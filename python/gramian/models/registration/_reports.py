@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gramian import _core
-from gramian._arrays import SEED_MOST, as_float_array, number, whole
+from gramian._arrays import SEED_MOST, as_float_array, number, whole, wrap_angles
 from gramian.exceptions import InputError
 from gramian.models.registration._setup import Array, Extra, SensorsLike, Setup, setup
 
@@ -290,7 +290,7 @@ def match(
         unwrapped[:, 1] = np.unwrap(values[:, 1])
         columns.append(np.stack([np.interp(chosen, other, c) for c in unwrapped.T], axis=-1))
     joined = np.stack(columns, axis=1)
-    joined[..., 1] = (joined[..., 1] + np.pi) % (2 * np.pi) - np.pi
+    joined[..., 1] = wrap_angles(joined[..., 1])
     return Reports(joined, chosen)
 
 

@@ -13,8 +13,8 @@ use gramian::dipole::batch::{self as dipole_batch, Passes, Simulated};
 use gramian::dipole::localize::{Knowledge, Options};
 use gramian::dipole::{Pass, Sensing};
 use gramian::linear::batch::{self as linear_batch, Span};
-use gramian::maneuver::batch::closed_loop::{self, Guide, Lost, PER_SAMPLE, Setting};
-use gramian::maneuver::batch::plan::{self, Candidate, Course, Objective, Wish};
+use gramian::maneuver::batch::closed_loop::{self, Guidance, LostBearing, PER_SAMPLE, Setting};
+use gramian::maneuver::batch::plan::{self, Candidate, Course, HeadingSource, Objective};
 use gramian::maneuver::batch::{self as maneuver_batch, Paths, Sightings};
 use gramian::maneuver::plan::Criterion;
 use gramian::maneuver::steer::Limits;
@@ -513,7 +513,7 @@ fn plan_steered() -> Work {
                 max_turn: 0.5,
             },
         };
-        let wish = Wish::Headings(Items::each(&headings, 99));
+        let wish = HeadingSource::Headings(Items::each(&headings, 99));
         plan::steered(&course, wish, Threads::One, out);
         true
     })
@@ -532,12 +532,12 @@ fn flown() -> Work {
             sigma: 0.03,
             range: (900.0, 200.0),
             opening: 2,
-            lost: Lost::Predict,
+            lost: LostBearing::Predict,
             standoff: 200.0,
             keep_out: &[],
             max_turn: f64::INFINITY,
         };
-        let guide = Guide::Law(Law::MaxDet, Side::Right);
+        let guide = Guidance::Law(Law::MaxDet, Side::Right);
         let (noise, lost) = (
             Items::each(&noise, steps + 1),
             Items::each(&lost, steps + 1),

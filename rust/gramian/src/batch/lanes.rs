@@ -177,6 +177,11 @@ impl<S: Simd> Lane for Lanes<S> {
         self.mul_add(self, other * other).sqrt()
     }
     #[inline(always)]
+    fn inverted([x, y]: [Self; 2], scale: Self) -> [Self; 2] {
+        let inverse = (x.mul_add(x, y * y) * scale).recip();
+        [x * inverse, y * inverse]
+    }
+    #[inline(always)]
     fn recip(self) -> Self {
         Self::splat(self.simd, 1.0) / self
     }
@@ -256,6 +261,7 @@ mod tests {
                             a.max(b),
                             a.hypot(b),
                             a.atan2(b),
+                            Lanes::inverted([b, a + b], b)[1],
                             b.round(),
                             b.abs(),
                             b.recip(),
@@ -275,6 +281,7 @@ mod tests {
                                     Lane::max(x, b),
                                     Lane::hypot(x, b),
                                     Lane::atan2(x, b),
+                                    Lane::inverted([b, x + b], b)[1],
                                     b.round(),
                                     b.abs(),
                                     b.recip(),

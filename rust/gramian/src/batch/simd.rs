@@ -135,7 +135,7 @@ pub fn pairs<S: pulp::Simd>(flat: &[f64]) -> (&[[S::f64s; 2]], &[f64]) {
 /// The first numbers of pairs, and the second ones. The lanes are in an order of
 /// their own, the same for both.
 #[inline(always)]
-pub fn apart<S: pulp::Simd>(simd: S, pairs: [S::f64s; 2]) -> [S::f64s; 2] {
+pub fn deinterleave<S: pulp::Simd>(simd: S, pairs: [S::f64s; 2]) -> [S::f64s; 2] {
     simd.deinterleave_shfl_f64s(pairs)
 }
 
@@ -150,24 +150,24 @@ const NEW: [f64; 32] = {
     new
 };
 
-/// [`apart`] of the last vectors of pairs in `flat`, of whose numbers the last `rest`
+/// [`deinterleave`] of the last vectors of pairs in `flat`, of whose numbers the last `rest`
 /// are left over (fewer than the vectors take), and a vector that is 1 in the lanes of
 /// those and 0 in the others, which hold other pairs of `flat`.
 #[inline(always)]
 pub fn last_pairs<S: pulp::Simd>(simd: S, flat: &[f64], rest: usize) -> ([S::f64s; 2], S::f64s) {
     let width = 2 * S::F64_LANES;
     let known = width - rest;
-    let new = apart(simd, pairs::<S>(&NEW[16 - known..32 - known]).0[0])[0];
+    let new = deinterleave(simd, pairs::<S>(&NEW[16 - known..32 - known]).0[0])[0];
     if flat.len() >= width {
         let last = pairs::<S>(&flat[flat.len() - width..]).0[0];
-        return (apart(simd, last), new);
+        return (deinterleave(simd, last), new);
     }
     let mut filled = [0.0; 16];
     for pair in filled[..known].as_chunks_mut::<2>().0 {
         pair.copy_from_slice(&flat[..2]);
     }
     filled[known..width].copy_from_slice(flat);
-    (apart(simd, pairs::<S>(&filled).0[0]), new)
+    (deinterleave(simd, pairs::<S>(&filled).0[0]), new)
 }
 
 /// Sine and cosine of each lane, within 1.5 units in the last place.

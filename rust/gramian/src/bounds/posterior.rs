@@ -8,7 +8,7 @@
 //! transformations; in a batch without square roots, as C = D^(1/2) V. Two primitives
 //! serve both forms:
 //!
-//! | | `absorb`: rows are added | `shrink`: a row is measured |
+//! | | `absorb`: rows are added | `update_inverse`: a row is measured |
 //! |---|---|---|
 //! | [`Form::Covariance`] | process noise: P + G G^T | measurement: (P^-1 + h h^T)^-1 |
 //! | [`Form::Information`] | measurement: J + h h^T | process noise: (J^-1 + g g^T)^-1 |
@@ -20,7 +20,7 @@
 //! # Source
 //! Tichavsky, Muravchik & Nehorai 1998, "Posterior Cramer-Rao bounds for
 //! discrete-time nonlinear filtering"; as eqs. (4) and (5) in Xu et al. 2009.
-//! `shrink` is Carlson's triangular measurement update (1973).
+//! `update_inverse` is Carlson's triangular measurement update (1973).
 
 use crate::bound::crlb_std;
 use crate::numbers::lane::Lane;
@@ -46,7 +46,7 @@ pub enum Form {
 /// Carlson 1973, "Fast triangular formulation of the square root filter". Rows
 /// are rotated from the last to the first, which keeps the triangle.
 #[inline(always)]
-pub(crate) fn shrink<L: Lane>(root: &mut [L], n: usize, h: &[L], work: &mut [L]) {
+pub(crate) fn update_inverse<L: Lane>(root: &mut [L], n: usize, h: &[L], work: &mut [L]) {
     let zero = root[0].splat(0.0);
     let q = &mut work[..n];
     q.fill(zero);
@@ -247,8 +247,8 @@ impl<T: Real, const N: usize> Posterior<T, N> {
     ///
     /// # Errors
     /// [`NumberError::NotFinite`] with the entry, row by row, of `inverse` or
-    /// `noise`; [`NumberError::Overflow`] where the information moved exceeds the
-    /// numbers of this type. The state is not moved then.
+    /// `noise`; [`NumberError::Overflow`] where the information moved
+    /// overflows. The state is not moved then.
     pub fn predict(&mut self, inverse: &[[T; N]; N], noise: &[[T; N]]) -> Result<(), NumberError> {
         check_finite("inverse", inverse.as_flattened())?;
         check_finite("noise", noise.as_flattened())?;
@@ -265,7 +265,7 @@ impl<T: Real, const N: usize> Posterior<T, N> {
         }
         let mut factor = *moved.factor();
         for g in noise {
-            shrink(factor.as_flattened_mut(), N, g, work.as_flattened_mut());
+            update_inverse(factor.as_flattened_mut(), N, g, work.as_flattened_mut());
         }
         let mut root = SquareRootInformation::new();
         for row in &factor {
@@ -280,8 +280,8 @@ impl<T: Real, const N: usize> Posterior<T, N> {
         &self.root
     }
 
-    /// The bound on each state; infinite where it is not determined, or exceeds the
-    /// numbers of this type.
+    /// The bound on each state; infinite where it is not determined, or
+    /// overflows.
     pub fn standard_deviations(&self) -> [T; N] {
         crlb_std(&Spectrum::new(&self.root))
     }

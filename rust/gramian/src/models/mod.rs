@@ -2,6 +2,7 @@
 
 pub mod bearings;
 pub mod dipole;
+pub mod inertial;
 pub mod linear;
 pub mod maneuver;
 pub mod registration;

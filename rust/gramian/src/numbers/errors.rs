@@ -1,6 +1,57 @@
 //! What can be wrong with numbers, and the checks that find it.
 
+use core::fmt::{self, Write};
+
 use super::scalar::Real;
+
+/// A number in a message: all its digits, with an exponent where it is very large or
+/// small; a precision asks for that many digits after the point, and an exponent.
+pub(crate) struct Shown(pub f64);
+
+impl fmt::Display for Shown {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let size = self.0.abs();
+        if size.is_nan() {
+            return f.write_str("nan");
+        }
+        let plain = size == 0.0 || (1e-4..1e16).contains(&size) || size.is_infinite();
+        let mut text = Text::default();
+        match f.precision() {
+            None if plain => return write!(f, "{:?}", self.0),
+            None => write!(text, "{:e}", self.0)?,
+            Some(digits) => write!(text, "{:.digits$e}", self.0)?,
+        }
+        let (digits, exponent) = text.get().split_once('e').ok_or(fmt::Error)?;
+        let (sign, exponent) = match exponent.strip_prefix('-') {
+            Some(rest) => ('-', rest),
+            None => ('+', exponent),
+        };
+        write!(f, "{digits}e{sign}{exponent:0>2}")
+    }
+}
+
+/// What fits a number: nothing is allocated here.
+#[derive(Default)]
+struct Text {
+    bytes: [u8; 32],
+    length: usize,
+}
+
+impl Text {
+    fn get(&self) -> &str {
+        core::str::from_utf8(&self.bytes[..self.length]).unwrap_or_default()
+    }
+}
+
+impl Write for Text {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        let end = self.length + text.len();
+        let space = self.bytes.get_mut(self.length..end).ok_or(fmt::Error)?;
+        space.copy_from_slice(text.as_bytes());
+        self.length = end;
+        Ok(())
+    }
+}
 
 /// What can be wrong with numbers, whatever they stand for.
 ///
@@ -39,8 +90,8 @@ pub enum NumberError {
         /// A length that fits.
         wanted: usize,
     },
-    /// A result that exceeds the numbers of this type, though all inputs are finite.
-    #[error("{result}: out of the range of this number type; choose other units (or f64 for f32)")]
+    /// A result that overflows, though all inputs are finite.
+    #[error("{result} overflows: choose other units")]
     Overflow {
         /// The name of the result.
         result: &'static str,
@@ -128,4 +179,27 @@ pub(crate) fn finite_one<T: Real>(result: &'static str, value: T) -> Result<T, N
 #[inline]
 pub(crate) fn all_finite<T: Real>(values: &[T]) -> bool {
     values.iter().all(nalgebra::ComplexField::is_finite)
+}
+
+#[cfg(test)]
+mod tests {
+    use alloc::format;
+
+    use super::Shown;
+
+    #[test]
+    fn numbers_as_they_are_written() {
+        for (value, text) in [
+            (-90.0, "-90.0"),
+            (1e308, "1e+308"),
+            (-1.5e-7, "-1.5e-07"),
+            (0.0, "0.0"),
+            (f64::NAN, "nan"),
+            (f64::NEG_INFINITY, "-inf"),
+            (-1.234_567_890_123_456_7e-300, "-1.2345678901234568e-300"),
+        ] {
+            assert_eq!(format!("{}", Shown(value)), text);
+        }
+        assert_eq!(format!("{:.2}", Shown(1.909_859e21)), "1.91e+21");
+    }
 }

@@ -49,6 +49,10 @@ pub trait Lane:
     /// a vector the squares must not.
     #[must_use]
     fn hypot(self, other: Self) -> Self;
+    /// The point over its squared distance from the origin and over `scale`; range of the
+    /// squares as in [`hypot`](Lane::hypot).
+    #[must_use]
+    fn inverted(point: [Self; 2], scale: Self) -> [Self; 2];
     /// 1 / self of a number that is not zero.
     #[must_use]
     fn recip(self) -> Self;
@@ -116,6 +120,12 @@ impl<T: Real> Lane for T {
     #[inline(always)]
     fn hypot(self, other: Self) -> Self {
         super::scalar::hypot(self, other)
+    }
+    #[inline(always)]
+    fn inverted([x, y]: [Self; 2], scale: Self) -> [Self; 2] {
+        let range = super::scalar::hypot(x, y);
+        let weight = T::one() / (range * scale);
+        [x / range * weight, y / range * weight]
     }
     #[inline(always)]
     fn recip(self) -> Self {

@@ -1,6 +1,7 @@
 //! Numbers and what is asked of them: the number types, their elementary
 //! functions, vectors of them, angles, errors, and the chi-square distribution.
 
+pub(crate) mod algebra;
 pub mod angle;
 pub mod chi_square;
 pub mod errors;

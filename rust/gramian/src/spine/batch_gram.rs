@@ -2,6 +2,7 @@
 
 use crate::batch::simd::{Path, lane_sums};
 use crate::batch::{Items, Threads};
+use crate::numbers::algebra::add_square;
 
 /// Gram matrices (trials, n, n) of rows (trials, K, n), with a weight for each
 /// row if given. `out` holds n x n entries for each trial.
@@ -32,13 +33,7 @@ pub fn gram(
 fn any_size(rows: &[f64], weights: Option<&[f64]>, n: usize, out: &mut [f64]) {
     out.fill(0.0);
     for (k, row) in rows.chunks_exact(n).enumerate() {
-        let w = weights.map_or(1.0, |w| w[k]);
-        for i in 0..n {
-            let x = w * row[i];
-            for j in 0..n {
-                out[i * n + j] += x * row[j];
-            }
-        }
+        add_square(row, weights.map_or(1.0, |w| w[k]), out);
     }
 }
 

@@ -53,7 +53,7 @@ pub(crate) fn covariance<T: Real>(
 }
 
 /// Standard deviations at the Cramer-Rao bound of a fixed-size problem; infinite
-/// for what is not determined, or exceeds the numbers of this type.
+/// for what is not determined, or overflows.
 ///
 /// # Source
 /// The Cramer-Rao bound; none is finite for what a singular information does not
@@ -80,8 +80,8 @@ pub fn crlb_std<T: Real, const N: usize>(spectrum: &Spectrum<T, N>) -> [T; N] {
 }
 
 /// The Cramer-Rao bound on the covariance of a fixed-size problem; `None` where the
-/// rank is short, since no such matrix exists then, or where an entry exceeds the
-/// numbers of this type.
+/// rank is short, since no such matrix exists then, or where an entry
+/// overflows.
 ///
 /// ```
 /// use gramian::{bound, square_root::SquareRootInformation};

@@ -19,6 +19,7 @@
 
 use nalgebra::SMatrix;
 
+use crate::numbers::algebra::add_square;
 use crate::rows::RowSink;
 use crate::scalar::{NumberError, Real, check_finite};
 
@@ -47,7 +48,7 @@ impl<T: Real, const N: usize> Information<T, N> {
     /// Adds the information of independent measurements of the same states.
     ///
     /// # Errors
-    /// [`Error::Number`] where the sum exceeds the numbers of this type; nothing is
+    /// [`Error::Number`] where the sum overflows; nothing is
     /// added then.
     pub fn add(&mut self, other: &Self) -> Result<(), Error> {
         Ok(self.replace(self.matrix + other.matrix)?)
@@ -67,7 +68,7 @@ impl<T: Real, const N: usize> Information<T, N> {
     /// # Errors
     /// [`Error::Index`] for a state that does not exist, [`Error::Sigma`] for a
     /// deviation that is not positive and finite, [`Error::Number`] where 1 over its
-    /// square exceeds the numbers of this type.
+    /// square overflows.
     pub fn prior(&mut self, index: usize, sigma: T) -> Result<(), Error> {
         if index >= N {
             return Err(Error::Index { index, states: N });
@@ -104,7 +105,7 @@ impl<T: Real, const N: usize> Information<T, N> {
     /// [`Error::Index`] as above; [`Error::Singular`] when the other states are
     /// not determined even with these known. (Eliminate on the rows then:
     /// `observability::marginal_rows`.) [`Error::Number`] where a
-    /// product on the way exceeds the numbers of this type.
+    /// product on the way overflows.
     ///
     /// # Source
     /// The Schur complement, by symmetric elimination with pivots: Golub & Van Loan,
@@ -170,11 +171,7 @@ impl<T: Real, const N: usize> RowSink<T, N> for Information<T, N> {
     fn push(&mut self, row: &[T; N]) -> Result<(), NumberError> {
         check_finite("row", row)?;
         let mut sum = self.matrix;
-        for i in 0..N {
-            for j in 0..N {
-                sum[(i, j)] += row[i] * row[j];
-            }
-        }
+        add_square(row, T::one(), sum.as_mut_slice());
         self.replace(sum)
     }
 }

@@ -37,7 +37,7 @@ impl<T: Real> Observability<T> {
     /// # Errors
     /// [`NumberError::Length`] for rows that are not of length `n` >= 1, [`NumberError`]
     /// for what is not finite, a tolerance that is not in [0, 1), or information that
-    /// exceeds the numbers of this type.
+    /// overflows.
     pub fn new(rows: &[T], n: usize, rtol: Option<T>) -> Result<Self, NumberError> {
         check_rows(rows, n)?;
         if let Some(rtol) = rtol {
@@ -146,8 +146,8 @@ impl<T: Real> Observability<T> {
     /// the others do not contain. Rounding noise is set to zero.
     ///
     /// # Errors
-    /// [`NumberError`] where the units of two states differ by more than the
-    /// numbers of this type.
+    /// [`NumberError`] where the units of two states differ so much that their
+    /// ratio overflows.
     pub fn null_space(&self) -> Result<Vec<Vec<T>>, NumberError> {
         let n = self.n;
         let mut basis: Vec<Vec<T>> = (self.rank..n)
@@ -217,7 +217,7 @@ impl<T: Real> Observability<T> {
     /// determined: how far each state moves along it at one standard deviation.
     ///
     /// # Errors
-    /// [`NumberError`] where that exceeds the numbers of this type.
+    /// [`NumberError`] where that overflows.
     pub fn weakest_direction(&self) -> Result<Vec<T>, NumberError> {
         let n = self.n;
         let Some(k) = self.rank.checked_sub(1) else {
@@ -230,7 +230,7 @@ impl<T: Real> Observability<T> {
     }
 
     /// Standard deviation of each state at the bound, infinite where an
-    /// unobservable combination touches it, or it exceeds the numbers of this type.
+    /// unobservable combination touches it, or it overflows.
     pub fn crlb_std(&self) -> Vec<T> {
         let mut out = vec![T::zero(); self.n];
         bound::standard_deviations(
@@ -245,7 +245,7 @@ impl<T: Real> Observability<T> {
     }
 
     /// The bound on the covariance, `None` where the rank is short, or an entry
-    /// exceeds the numbers of this type.
+    /// overflows.
     pub fn crlb(&self) -> Option<Vec<T>> {
         let mut out = vec![T::zero(); self.n * self.n];
         bound::covariance(
@@ -325,7 +325,7 @@ impl<T: Real> Observability<T> {
     ///
     /// # Errors
     /// [`NumberError::Length`]; [`NumberError`] for what is not finite, a deviation below
-    /// zero, or information that exceeds the numbers of this type.
+    /// zero, or information that overflows.
     pub fn knowing(&self, combination: &[T], sigma: T) -> Result<(usize, Vec<T>), NumberError> {
         let n = self.n;
         check_length("combination", combination.len(), n)?;

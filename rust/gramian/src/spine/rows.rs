@@ -41,7 +41,7 @@ pub trait RowSink<T, const N: usize> {
     ///
     /// # Errors
     /// [`NumberError`] for an entry that is not finite, or for information that
-    /// exceeds the numbers of this type. The row is not taken in then.
+    /// overflows. The row is not taken in then.
     fn push(&mut self, row: &[T; N]) -> Result<(), NumberError>;
 }
 

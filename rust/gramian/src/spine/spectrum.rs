@@ -4,6 +4,7 @@
 //! the rows, never from the information matrix or its determinant: the decision
 //! is then the same in metres and in kilometres, and keeps all digits.
 
+use crate::numbers::algebra::dot_slices;
 use crate::scalar::{NumberError, Real, hypot};
 use crate::square_root::SquareRootInformation;
 
@@ -64,15 +65,9 @@ pub(crate) fn decompose<T: Real>(
     orthogonalize(work, v, n);
     for j in 0..n {
         let column = &work[j * n..(j + 1) * n];
-        s[j] = largest * dot(column, column).sqrt();
+        s[j] = largest * dot_slices(column, column).sqrt();
     }
     sort_descending(s, v, n);
-}
-
-fn dot<T: Real>(x: &[T], y: &[T]) -> T {
-    x.iter()
-        .zip(y)
-        .fold(T::zero(), |sum, (&xi, &yi)| sum + xi * yi)
 }
 
 /// Rotates pairs of the n columns in `w` until all are orthogonal, and the
@@ -96,7 +91,7 @@ fn orthogonalize<T: Real>(w: &mut [T], v: &mut [T], n: usize) {
 fn rotate_pair<T: Real>(w: &mut [T], v: &mut [T], n: usize, p: usize, q: usize) -> bool {
     let (left, right) = w.split_at_mut(q * n);
     let (x, y) = (&mut left[p * n..(p + 1) * n], &mut right[..n]);
-    let (alpha, beta, gamma) = (dot(x, x), dot(y, y), dot(x, y));
+    let (alpha, beta, gamma) = (dot_slices(x, x), dot_slices(y, y), dot_slices(x, y));
     let size = alpha.sqrt() * beta.sqrt();
     // Also where a column is zero, or holds NaN.
     if !(gamma.abs() > T::EPSILON * size) {

@@ -21,12 +21,9 @@ use crate::spectrum::Spectrum;
 /// beyond is refused, so that no answer overflows on its way.
 ///
 /// # Source
-/// Bierman 1977, Factorization Methods for Discrete Sequential Estimation,
-/// chapter 4; Givens rotations, Golub & Van Loan, Matrix Computations, 5.1.
-///
-/// # Source
 /// Square-root information filtering: Bierman 1977, Factorization Methods for Discrete
-/// Sequential Estimation, chapter V.
+/// Sequential Estimation, chapters IV and V; Givens rotations: Golub & Van Loan, Matrix
+/// Computations, 5.1.
 ///
 /// ```
 /// use gramian::square_root::SquareRootInformation;
@@ -81,7 +78,7 @@ impl<T: Real, const N: usize> SquareRootInformation<T, N> {
     ///
     /// # Errors
     /// [`NumberError::NotFinite`] with the entry, [`NumberError::Overflow`] where
-    /// the information exceeds the numbers of this type. The row is not taken in
+    /// the information overflows. The row is not taken in
     /// then.
     #[inline]
     pub fn push(&mut self, row: &[T; N]) -> Result<(), NumberError> {
@@ -130,7 +127,7 @@ impl<T: Real, const N: usize> SquareRootInformation<T, N> {
     /// Adds the information of other, independent rows on the same states.
     ///
     /// # Errors
-    /// [`NumberError::Overflow`] where the sum exceeds the numbers of this type;
+    /// [`NumberError::Overflow`] where the sum overflows;
     /// nothing is added then.
     pub fn merge(&mut self, other: &Self) -> Result<(), NumberError> {
         let mut sum = *self;
@@ -185,19 +182,19 @@ impl<T: Real, const N: usize> SquareRootInformation<T, N> {
     }
 
     /// Standard deviation of each state at the Cramer-Rao bound; infinite where
-    /// the rows do not determine it, or exceed the numbers of this type.
+    /// the rows do not determine it, or overflow.
     pub fn crlb_std(&self) -> [T; N] {
         bound::crlb_std(&self.spectrum())
     }
 
     /// The Cramer-Rao bound on the covariance; `None` where the rank is short, or
-    /// an entry exceeds the numbers of this type.
+    /// an entry overflows.
     pub fn crlb(&self) -> Option<[[T; N]; N]> {
         bound::crlb(&self.spectrum())
     }
 
     /// The determinant of the information: 0 where it is singular or smaller,
-    /// infinite where it is larger than the numbers of this type.
+    /// infinite where it overflows.
     /// [`log_determinant`](Self::log_determinant) has no such limits.
     #[doc(alias = "det")]
     pub fn determinant(&self) -> T {

@@ -7,7 +7,9 @@ use core::ops::Range;
 
 use pulp::Simd;
 
-use super::unit_factor::{Factor, Shape, Weighted, absorb, from_root, multiply, reach, shrink};
+use super::unit_factor::{
+    Factor, Shape, Weighted, absorb, from_root, multiply, reach, update_inverse,
+};
 use crate::batch::lanes::{LANES, Lanes};
 use crate::batch::simd::Path;
 use crate::batch::transpose::{Aligned, buffers, in_all_lanes, into_lanes, out_of_lanes};
@@ -471,7 +473,7 @@ fn predict<S: Simd, const N: usize>(
             absorb::<_, N>(rows, Shape::Alone(&pattern.reach), factor);
             for i in 0..n {
                 if pattern.noisy[i] {
-                    shrink(factor, &noise[i * n..(i + 1) * n], rows.work);
+                    update_inverse(factor, &noise[i * n..(i + 1) * n], rows.work);
                 }
             }
         }
@@ -494,7 +496,7 @@ pub(super) fn update<S: Simd, const N: usize>(
         Form::Covariance => {
             for packed in packed.chunks_exact(size) {
                 load(simd, packed, line);
-                shrink(factor, line, rows.work);
+                update_inverse(factor, line, rows.work);
             }
         }
         Form::Information => {

@@ -2,7 +2,7 @@
 //! triangular and D diagonal: what a triangular root knows, without square roots.
 //!
 //! Two primitives carry the posterior bound, both without a subtraction that cancels:
-//! [`absorb`] adds rows to M, [`shrink`] replaces M by (M^-1 + h h^T)^-1. The root is
+//! [`absorb`] adds rows to M, [`update_inverse`] replaces M by (M^-1 + h h^T)^-1. The root is
 //! D^(1/2) V ([`Factor::root_row`]).
 //!
 //! # Source
@@ -201,7 +201,7 @@ fn column<L: Lane>(from: &mut Weighted<'_, L>, shape: Shape<'_>, k: usize, to: &
 
 /// Replaces M by (M^-1 + h h^T)^-1. `work` holds n numbers.
 #[inline(always)]
-pub fn shrink<L: Lane>(factor: &mut Factor<'_, L>, h: &[L], work: &mut [L]) {
+pub fn update_inverse<L: Lane>(factor: &mut Factor<'_, L>, h: &[L], work: &mut [L]) {
     let n = factor.n();
     // 1 + h^T M h over the rows so far, at least 1, and its inverse.
     let mut sum = factor.weight[0].splat(1.0);
@@ -358,9 +358,9 @@ mod tests {
             let mut work = vec![0.0; n];
             for _ in 0..3 {
                 let h: Vec<f64> = (0..n).map(|_| stream.normal()).collect();
-                posterior::shrink(&mut root, n, &h, &mut work);
+                posterior::update_inverse(&mut root, n, &h, &mut work);
                 let (mut factor, rows) = numbers.parts();
-                shrink(&mut factor, &h, rows.work);
+                update_inverse(&mut factor, &h, rows.work);
                 assert_same(&numbers.root(), &root, n);
             }
         }

@@ -142,7 +142,7 @@ const SUM: &str = "determinant";
 ///
 /// # Errors
 /// As [`check_track`], with four bearings at least; [`Error::Number`] also where the
-/// sum exceeds the numbers of this type.
+/// sum overflows.
 ///
 /// # Source
 /// Li & Sheng 2009, Lemma 1.
@@ -182,7 +182,7 @@ pub fn discriminant_sum<T: Real>(
 ///
 /// # Errors
 /// As [`check_track`], with four bearings at least; [`Error::Number`] also where the
-/// sum exceeds the numbers of this type.
+/// sum overflows.
 ///
 /// # Source
 /// Li & Sheng 2009, Lemma 1: det G is the square of the product of the diagonal.
@@ -211,7 +211,7 @@ pub fn discriminant_sum_qr<T: Real>(
 ///
 /// # Errors
 /// As [`check_track`], with two bearings at least; [`Error::Number`] also where the
-/// sum exceeds the numbers of this type.
+/// sum overflows.
 ///
 /// # Source
 /// Xu et al. 2009, eq. (14), with w = 1 / (sigma r)^2.
@@ -238,7 +238,7 @@ pub fn fixed_target_sum<T: Real>(
 ///
 /// # Errors
 /// As [`check_track`], with two bearings at least; [`Error::Number`] also where the
-/// sum exceeds the numbers of this type.
+/// sum overflows.
 ///
 /// # Source
 /// Xu et al. 2009, eq. (14), as the determinant of two columns.

@@ -183,7 +183,7 @@ impl<T: Real> Monitor<T> {
     /// [`Error::Times`], [`Error::Sigma`], [`Error::Number`], [`Error::Distance`]
     /// for one that is not positive, [`Error::Mixed`] for one that only some
     /// bearings have; [`Error::Number`] also where the information or the sums
-    /// exceed the numbers of this type, or 1 over the fourth power of the distance
+    /// overflow, or 1 over the fourth power of the distance
     /// falls below them. The bearing is not taken in then.
     pub fn push(
         &mut self,

@@ -9,6 +9,7 @@
 
 use super::{Error, check_track};
 use crate::chi_square;
+use crate::numbers::algebra::{cholesky, cholesky_solve, dot};
 use crate::scalar::{Real, check_length, finite, finite_one};
 
 /// The answer of [`observability_test`].
@@ -293,7 +294,7 @@ fn smallest<T: Real>(a: &[[T; 4]; 4], start: &[T; 4]) -> [T; 4] {
     };
     let mut c = *start;
     for _ in 0..6 {
-        c = unit(&solve(&factor, &c));
+        c = unit(&cholesky_solve(&factor, &c));
     }
     c
 }
@@ -359,9 +360,7 @@ fn bounded_step<T: Real>(c: &[T; 4], now: &Sums<T>, damping: &mut T) -> Option<(
             damped[i][i] += trace * *damping;
         }
         if let Some(factor) = cholesky(&damped) {
-            let step = solve(&factor, &now.gradient);
-            let dot =
-                |a: &[T; 4], b: &[T; 4]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3];
+            let step = cholesky_solve(&factor, &now.gradient);
             if dot(&step, &step) <= T::of(0.25) {
                 return Some((step, dot(&step, &now.gradient)));
             }
@@ -369,47 +368,4 @@ fn bounded_step<T: Real>(c: &[T; 4], now: &Sums<T>, damping: &mut T) -> Option<(
         *damping = (*damping * T::of(10.0)).max(T::of(1e-10));
     }
     None
-}
-
-/// The lower triangular factor with inverse diagonal; `None` where the matrix
-/// is not positive definite.
-#[inline(always)]
-fn cholesky<T: Real>(a: &[[T; 4]; 4]) -> Option<[[T; 4]; 4]> {
-    let mut l = [[T::zero(); 4]; 4];
-    for j in 0..4 {
-        let mut pivot = a[j][j];
-        for k in 0..j {
-            pivot -= l[j][k] * l[j][k];
-        }
-        if !(pivot > T::zero()) {
-            return None;
-        }
-        l[j][j] = T::one() / pivot.sqrt();
-        for i in j + 1..4 {
-            let mut sum = a[i][j];
-            for k in 0..j {
-                sum -= l[i][k] * l[j][k];
-            }
-            l[i][j] = sum * l[j][j];
-        }
-    }
-    Some(l)
-}
-
-#[inline(always)]
-fn solve<T: Real>(l: &[[T; 4]; 4], b: &[T; 4]) -> [T; 4] {
-    let mut x = *b;
-    for i in 0..4 {
-        for k in 0..i {
-            x[i] -= l[i][k] * x[k];
-        }
-        x[i] *= l[i][i];
-    }
-    for i in (0..4).rev() {
-        for k in i + 1..4 {
-            x[i] -= l[k][i] * x[k];
-        }
-        x[i] *= l[i][i];
-    }
-    x
 }

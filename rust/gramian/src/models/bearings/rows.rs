@@ -1,6 +1,8 @@
 //! The rows of one target at constant velocity, and where it is.
 
 use super::Error;
+use crate::numbers::algebra::advanced;
+use crate::numbers::lane::Lane;
 use crate::rows::RowSink;
 use crate::scalar::{Real, check_finite, check_length, finite};
 
@@ -15,7 +17,7 @@ use crate::scalar::{Real, check_finite, check_length, finite};
 /// # Errors
 /// [`Error::OnTarget`] where both offsets are zero; [`Error::Sigma`] for a
 /// standard deviation that is not positive and finite; [`Error::Number`] for what
-/// is not finite, or a row that exceeds the numbers of this type.
+/// is not finite, or a row that overflows.
 ///
 /// # Source
 /// Xu et al. 2009, eq. (9); over the range and without sigma, the pseudo-linear row of
@@ -46,16 +48,22 @@ pub(crate) fn unchecked_row<T: Real>(
     north: T,
     sigma: T,
 ) -> Result<[T; 4], Error> {
-    let range = crate::scalar::hypot(east, north);
-    if !(range > T::zero()) {
+    if east == T::zero() && north == T::zero() {
         return Err(Error::OnTarget { index: 0 });
     }
     if !(sigma > T::zero()) {
         return Err(wrong_sigma(sigma));
     }
-    let weight = T::one() / (range * sigma);
-    let (x, y) = (north / range * weight, -(east / range) * weight);
+    let [x, y] = gradient([east, north], sigma);
     Ok([x, y, time * x, time * y])
+}
+
+/// The derivative of the bearing of a target at `offset` (east, north) by its position,
+/// over `sigma`.
+#[inline(always)]
+pub(crate) fn gradient<L: Lane>([east, north]: [L; 2], sigma: L) -> [L; 2] {
+    let [x, y] = L::inverted([east, north], sigma);
+    [y, -x]
 }
 
 fn wrong_sigma<T: Real>(sigma: T) -> Error {
@@ -125,14 +133,14 @@ pub fn bearing<T: Real>(observer: [T; 2], target: [T; 2]) -> Result<T, Error> {
     if east == T::zero() && north == T::zero() {
         return Err(Error::OnTarget { index: 0 });
     }
-    Ok(east.atan2(north))
+    Ok(Lane::atan2(east, north))
 }
 
 /// [`bearing`] without a check.
 #[cfg(any(feature = "std", test))]
 #[inline]
 pub(crate) fn sight<T: Real>(observer: [T; 2], target: [T; 2]) -> T {
-    (target[0] - observer[0]).atan2(target[1] - observer[1])
+    Lane::atan2(target[0] - observer[0], target[1] - observer[1])
 }
 
 /// The position after `time` of a target in `state` (x0, y0, vx, vy).
@@ -155,6 +163,6 @@ pub fn position<T: Real>(state: &[T; 4], time: T) -> Result<[T; 2], Error> {
 
 /// [`position`] without a check.
 #[inline]
-pub(crate) fn moved<T: Real>(state: &[T; 4], time: T) -> [T; 2] {
-    [state[0] + time * state[2], state[1] + time * state[3]]
+pub(crate) fn moved<L: Lane>(state: &[L; 4], time: L) -> [L; 2] {
+    advanced(&[state[0], state[1]], &[state[2], state[3]], time)
 }

@@ -1,6 +1,7 @@
 //! The Fisher information of a pass as 42 running sums.
 
-use super::{Error, dot};
+use super::Error;
+use crate::numbers::algebra::dot;
 use crate::scalar::{NumberError, Real, all_finite, check_finite, check_positive};
 
 /// Fisher information (9 x 9) of (r0, v, m), sample by sample: no allocation,
@@ -57,7 +58,7 @@ impl<T: Real> Accumulator<T> {
     ///
     /// # Errors
     /// [`Error::OnSensor`]; [`Error::Number`] for what is not finite, a weight that is
-    /// not positive, or sums that exceed the numbers of this type. The sample is not
+    /// not positive, or sums that overflow. The sample is not
     /// added then.
     #[inline]
     pub fn push(
@@ -129,7 +130,7 @@ impl<T: Real> Accumulator<T> {
     /// Adds the information of independent samples.
     ///
     /// # Errors
-    /// [`Error::Number`] where the sums exceed the numbers of this type; nothing is
+    /// [`Error::Number`] where the sums overflow; nothing is
     /// added then.
     pub fn merge(&mut self, other: &Self) -> Result<(), Error> {
         let mut sum = *self;

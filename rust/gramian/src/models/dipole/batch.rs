@@ -6,6 +6,7 @@ use crate::batch::simd::{Path, lane_sums};
 use crate::batch::{Items, Stream, Threads};
 use crate::dipole::localize::{self, Knowledge, Located, Options, localize};
 use crate::dipole::{Error, MU0_OVER_4PI, Pass, Sensing, field, jacobian, measure, push_rows};
+use crate::numbers::algebra::{advanced, dot};
 use crate::rows::RowSink;
 use crate::scalar::NumberError;
 
@@ -191,10 +192,6 @@ fn three(x: &[f64]) -> [f64; 3] {
     [x[0], x[1], x[2]]
 }
 
-fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
 /// A pass seen from the sample nearest to the sensor, with the distance there
 /// as unit of length.
 struct Nearest {
@@ -225,7 +222,7 @@ impl Nearest {
             after
         };
         let time = times[index] - times[0];
-        let place = [0, 1, 2].map(|i| start[i] + time * velocity[i]);
+        let place = advanced(start, velocity, time);
         let distance = dot(&place, &place).sqrt();
         let inverse = 1.0 / distance;
         // 1 / r^8 stands before the sums.

@@ -25,6 +25,8 @@ pub mod localize;
 
 pub use accumulator::Accumulator;
 
+use crate::numbers::algebra::{dot, multiply};
+use crate::numbers::lane::Lane;
 use crate::rows::RowSink;
 use crate::scalar::{NumberError, Real, all_finite, check_finite, check_length, finite};
 
@@ -40,7 +42,7 @@ pub const MU0_OVER_4PI: f64 = 1e-7;
 ///
 /// # Errors
 /// [`Error::OnSensor`] where the dipole is on the sensor; [`Error::Number`] for what
-/// is not finite, or a distance or field that exceeds the numbers of this type.
+/// is not finite, or a distance or field that overflows.
 ///
 /// # Source
 /// Dai et al. 2020, eq. (2).
@@ -94,9 +96,8 @@ pub struct Jacobian<T> {
 #[inline]
 pub fn jacobian<T: Real>(position: &[T; 3], moment: &[T; 3]) -> Result<Jacobian<T>, Error> {
     let (n, inverse) = direction(position)?;
-    let (three, five) = (T::of(3.0), T::of(5.0));
     let cube = T::of(MU0_OVER_4PI) * inverse * inverse * inverse;
-    let quartic = three * cube * inverse;
+    let quartic = T::of(3.0) * cube * inverse;
     let along = dot(&n, moment);
     let mut out = Jacobian {
         position: [[T::zero(); 3]; 3],
@@ -104,11 +105,8 @@ pub fn jacobian<T: Real>(position: &[T; 3], moment: &[T; 3]) -> Result<Jacobian<
     };
     for i in 0..3 {
         for j in 0..=i {
-            let nn = n[i] * n[j];
-            let one = if i == j { T::one() } else { T::zero() };
-            let by_position =
-                quartic * (along * one + n[i] * moment[j] + moment[i] * n[j] - five * along * nn);
-            let by_moment = cube * (three * nn - one);
+            let by_position = quartic * position_tensor(&n, moment, along, i, j);
+            let by_moment = cube * moment_tensor(&n, i, j);
             out.position[i][j] = by_position;
             out.position[j][i] = by_position;
             out.moment[i][j] = by_moment;
@@ -258,7 +256,7 @@ impl<T: Copy> Sensing<T> {
 /// # Errors
 /// [`Error::OnSensor`] with the sample; [`NumberError::Length`] where `out` does not
 /// have a place for each number; [`Error::Number`] for what is not finite, or a
-/// distance or field that exceeds the numbers of this type.
+/// distance or field that overflows.
 ///
 /// # Source
 /// Dai et al. 2020, eq. (2), along a straight pass.
@@ -312,7 +310,7 @@ fn check_pass<T: Real>(
 ///
 /// # Errors
 /// [`Error::OnSensor`], [`Error::Sigma`], [`NumberError::Length`]; [`Error::Number`] for
-/// what is not finite, or rows that exceed the numbers of this type.
+/// what is not finite, or rows that overflow.
 ///
 /// # Source
 /// Dai et al. 2020, eqs. (18)-(19).
@@ -359,8 +357,8 @@ pub fn push_rows<T: Real>(
                 Sensing::TotalField(ambient) => {
                     let h = field(&place, &pass.moment).map_err(|error| error.at(k))?;
                     let (_, u) = total(ambient, &h)?;
-                    let by_position = product(&j.position, &u);
-                    sink.push(&row(&by_position, &product(&j.moment, &u), time, s))?;
+                    let by_position = multiply(&j.position, &u);
+                    sink.push(&row(&by_position, &multiply(&j.moment, &u), time, s))?;
                 }
             }
         }
@@ -407,14 +405,25 @@ fn direction<T: Real>(position: &[T; 3]) -> Result<([T; 3], T), Error> {
     Ok((position.map(|x| x * inverse), inverse))
 }
 
-#[inline]
-fn dot<T: Real>(a: &[T; 3], b: &[T; 3]) -> T {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+/// The field's derivative by the moment times r^3, 3 n n^T - 1, with `n` the unit vector
+/// to the dipole.
+#[inline(always)]
+pub(crate) fn moment_tensor<L: Lane>(n: &[L; 3], i: usize, j: usize) -> L {
+    let product = n[i].times(3.0) * n[j];
+    if i == j {
+        product - product.splat(1.0)
+    } else {
+        product
+    }
 }
 
-#[inline]
-fn product<T: Real>(matrix: &[[T; 3]; 3], vector: &[T; 3]) -> [T; 3] {
-    [0, 1, 2].map(|i| dot(&matrix[i], vector))
+/// The field's derivative by the position times r^4 / 3: n m^T + m n^T + (n . m) (1 - 5 n
+/// n^T), with `along` = n . m.
+#[inline(always)]
+pub(crate) fn position_tensor<L: Lane>(n: &[L; 3], m: &[L; 3], along: L, i: usize, j: usize) -> L {
+    let mixed = n[i].mul_add(m[j], m[i] * n[j]);
+    let mixed = if i == j { along + mixed } else { mixed };
+    (along.times(5.0) * n[i]).negate_mul_add(n[j], mixed)
 }
 
 /// What can be wrong with the input of this module.
@@ -490,7 +499,7 @@ mod tests {
                 }
             }
             // The field is linear in the moment.
-            let (h, linear) = (field(&r, &m).unwrap(), product(&j.moment, &m));
+            let (h, linear) = (field(&r, &m).unwrap(), multiply(&j.moment, &m));
             for i in 0..3 {
                 prop_assert!((h[i] - linear[i]).abs() < 1e-14 * dot(&h, &h).sqrt());
             }

@@ -15,8 +15,9 @@ use alloc::vec::Vec;
 
 use super::Error;
 use super::pencil::Pencil;
-use super::scaling::{self, Systems, Work, dot};
+use super::scaling::{self, Systems, Work};
 use super::staircase::{self, Found, Staircase};
+use crate::numbers::algebra::dot_slices as dot;
 use crate::scalar::{NumberError, Real, all_finite, check_finite, check_length};
 use crate::spectrum::check_rtol;
 
@@ -46,7 +47,7 @@ impl<T: Real> Analysis<T> {
     /// # Errors
     /// [`NumberError::Length`] where A is not n x n with n >= 1 or C not p x n,
     /// [`Error::Number`] for what is not finite, a tolerance that is not in [0, 1), or
-    /// a balanced system whose squares exceed the numbers of this type.
+    /// a balanced system whose squares overflow.
     pub fn new(a: &[T], c: &[T], n: usize, rtol: Option<T>) -> Result<Self, Error> {
         let p = c.len().checked_div(n).unwrap_or(0);
         let mut forms = Self::of_segments(a, c, n, p, 1, rtol)?;
@@ -268,8 +269,8 @@ impl<T: Real> Analysis<T> {
     /// units: each has a state with coefficient 1 that the others do not have.
     ///
     /// # Errors
-    /// [`Error::Number`] where the units of two states differ by more than the
-    /// numbers of this type.
+    /// [`Error::Number`] where the units of two states differ so much that their
+    /// ratio overflows.
     pub fn null_space(&self) -> Result<Vec<Vec<T>>, Error> {
         let touch = self.found.touch(self.rtol);
         let basis = reduced_null_space(self.kernel(), &self.scale, touch).0;

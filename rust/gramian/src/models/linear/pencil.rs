@@ -474,10 +474,10 @@ pub(super) fn restricted(a: &[f64], n: usize, kernel: &[f64]) -> Vec<f64> {
     let mut image = vec![0.0; n];
     for (j, v) in kernel.chunks_exact(n).enumerate() {
         for (x, row) in image.iter_mut().zip(a.chunks_exact(n)) {
-            *x = super::scaling::dot(row, v);
+            *x = crate::numbers::algebra::dot_slices(row, v);
         }
         for (i, w) in kernel.chunks_exact(n).enumerate() {
-            restricted[i * m + j] = super::scaling::dot(w, &image);
+            restricted[i * m + j] = crate::numbers::algebra::dot_slices(w, &image);
         }
     }
     restricted
@@ -1009,7 +1009,7 @@ fn real_span(rows: &Matrix, count: usize, n: usize, basis: &mut Vec<f64>) {
     parts.extend_from_slice(&rows.im[..count * n]);
     let mut norms: Vec<f64> = parts
         .chunks_exact(n)
-        .map(|x| super::scaling::dot(x, x))
+        .map(|x| crate::numbers::algebra::dot_slices(x, x))
         .collect();
     for _ in 0..count {
         let pick = (0..norms.len())
@@ -1018,19 +1018,19 @@ fn real_span(rows: &Matrix, count: usize, n: usize, basis: &mut Vec<f64>) {
         let mut v = parts[pick * n..(pick + 1) * n].to_vec();
         for _ in 0..2 {
             for known in basis.chunks_exact(n) {
-                let along = super::scaling::dot(known, &v);
+                let along = crate::numbers::algebra::dot_slices(known, &v);
                 super::scaling::add(&mut v, -along, known);
             }
         }
-        let size = root(super::scaling::dot(&v, &v));
+        let size = root(crate::numbers::algebra::dot_slices(&v, &v));
         let factor = if size > 0.0 { 1.0 / size } else { 0.0 };
         for x in &mut v {
             *x *= factor;
         }
         for (row, norm) in parts.chunks_exact_mut(n).zip(&mut norms) {
-            let along = super::scaling::dot(row, &v);
+            let along = crate::numbers::algebra::dot_slices(row, &v);
             super::scaling::add(row, -along, &v);
-            *norm = super::scaling::dot(row, row);
+            *norm = crate::numbers::algebra::dot_slices(row, row);
         }
         norms[pick] = -1.0;
         basis.extend_from_slice(&v);
@@ -1057,8 +1057,10 @@ fn product_with_vectors(c: &[f64], vectors: &Matrix) -> Matrix {
     let mut out = Matrix::zeros(outputs, n);
     for (o, row) in c.chunks_exact(n).enumerate() {
         for k in 0..n {
-            out.re[o * n + k] = super::scaling::dot(row, &vectors.re[k * n..(k + 1) * n]);
-            out.im[o * n + k] = super::scaling::dot(row, &vectors.im[k * n..(k + 1) * n]);
+            out.re[o * n + k] =
+                crate::numbers::algebra::dot_slices(row, &vectors.re[k * n..(k + 1) * n]);
+            out.im[o * n + k] =
+                crate::numbers::algebra::dot_slices(row, &vectors.im[k * n..(k + 1) * n]);
         }
     }
     out

@@ -17,8 +17,8 @@ use alloc::vec::Vec;
 
 use super::Error;
 use super::analysis::{Analysis, reduced_null_space};
-use super::scaling::dot;
 use super::window::{Overflow, exponential};
+use crate::numbers::algebra::dot_slices as dot;
 use crate::scalar::{NumberError, Real, all_finite, check_finite, check_length};
 use crate::spectrum;
 use crate::square_root::rotate_in;

@@ -11,6 +11,7 @@
 //! elimination, J. Inst. Maths Applics 10: least squares on the logarithms, by
 //! conjugate gradients.
 
+use crate::numbers::algebra::dot_slices as dot;
 use crate::scalar::{NumberError, Real};
 
 /// One or several systems that share their scales.
@@ -254,25 +255,6 @@ pub(crate) fn check<T: Real>(a: &[T], c: &[T], n: usize) -> Result<(), NumberErr
     Err(NumberError::Overflow {
         result: "balanced system",
     })
-}
-
-/// x^T y, in eight sums side by side.
-#[inline(always)]
-pub(crate) fn dot<T: Real>(x: &[T], y: &[T]) -> T {
-    let (x, x_rest) = x.as_chunks::<8>();
-    let (y, y_rest) = y.as_chunks::<8>();
-    let mut sums = [T::zero(); 8];
-    for (x, y) in x.iter().zip(y) {
-        for k in 0..8 {
-            sums[k] += x[k] * y[k];
-        }
-    }
-    let mut sum =
-        ((sums[0] + sums[4]) + (sums[2] + sums[6])) + ((sums[1] + sums[5]) + (sums[3] + sums[7]));
-    for (&x, &y) in x_rest.iter().zip(y_rest) {
-        sum += x * y;
-    }
-    sum
 }
 
 /// y += factor x.

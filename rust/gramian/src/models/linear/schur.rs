@@ -431,7 +431,7 @@ fn hessenberg(a: &[f64], n: usize) -> (Vec<f64>, Vec<f64>) {
             axpy(&mut h[i * n + k..(i + 1) * n], -v[i], &w[k..]);
         }
         for row in h.chunks_exact_mut(n) {
-            let along = super::scaling::dot(&row[k + 1..], &v[k + 1..]);
+            let along = crate::numbers::algebra::dot_slices(&row[k + 1..], &v[k + 1..]);
             axpy(&mut row[k + 1..], -along, &v[k + 1..]);
         }
         for i in k + 2..n {

@@ -11,7 +11,8 @@
 //! controllability, IEEE Trans. Automatic Control 26; Van Dooren 1981, The
 //! generalized eigenstructure problem in linear system theory, ibid.
 
-use super::scaling::{add, dot};
+use super::scaling::add;
+use crate::numbers::algebra::dot_slices as dot;
 use crate::scalar::Real;
 
 /// A balanced system and the space for its staircase form.

@@ -19,8 +19,9 @@ use alloc::vec::Vec;
 use super::Error;
 use super::analysis::{balance, reduced_null_space};
 use super::pencil::{self, Pencil};
-use super::scaling::{self, add, dot};
+use super::scaling::{self, add};
 use super::schur::root;
+use crate::numbers::algebra::dot_slices as dot;
 use crate::scalar::{NumberError, all_finite, check_finite, check_length};
 use crate::spectrum::check_rtol;
 

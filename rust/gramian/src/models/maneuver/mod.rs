@@ -14,6 +14,9 @@ pub mod batch;
 pub mod plan;
 pub mod steer;
 
+use crate::bearings::gradient;
+use crate::numbers::algebra::advanced;
+use crate::numbers::lane::Lane;
 use crate::scalar::{NumberError, Real, check_finite, finite, hypot, wrapped};
 use crate::square_root::SquareRootInformation;
 
@@ -48,13 +51,7 @@ impl Law {
     #[inline]
     pub fn turn<T: Real>(self, range: T, step: T) -> Result<(T, T), Error> {
         check(range, step)?;
-        let one = T::one();
-        let reach = match self {
-            Self::MaxDet | Self::HammelLiu => range,
-            Self::BearingRate => range + range,
-            Self::Perpendicular => return Ok((T::zero(), one)),
-        };
-        if step > reach {
+        if self.reach(range).is_some_and(|reach| step > reach) {
             return Err(Error::TooLong {
                 index: 0,
                 step: step.double(),
@@ -63,29 +60,46 @@ impl Law {
             });
         }
         // The ratio, so that no unit overflows.
-        let ratio = step / range;
-        let (two, half) = (T::of(2.0), T::of(0.5));
-        Ok(match self {
+        Ok(self.turn_of(step / range))
+    }
+
+    /// The longest step that has a heading at this range; `None` where any has.
+    #[inline(always)]
+    pub(crate) fn reach<L: Lane>(self, range: L) -> Option<L> {
+        match self {
+            Self::MaxDet | Self::HammelLiu => Some(range),
+            Self::BearingRate => Some(range + range),
+            Self::Perpendicular => None,
+        }
+    }
+
+    /// [`turn`](Self::turn) of the ratio of step to range, where the law reaches.
+    #[inline(always)]
+    pub(crate) fn turn_of<L: Lane>(self, ratio: L) -> (L, L) {
+        let one = ratio.splat(1.0);
+        match self {
             // cos(pi/2 - 2 alpha) = sin 2 alpha, by the tangent of alpha.
             Self::MaxDet => {
-                let square = one + ratio * ratio;
-                (two * ratio / square, (one - ratio) * (one + ratio) / square)
-            }
-            Self::HammelLiu => {
-                let cos = one / (one + ratio * ratio).sqrt();
-                let sin = ratio * cos;
-                let half_cos = (half + half * cos).sqrt();
-                let half_sin = half * sin / half_cos;
+                let inverse = ratio.mul_add(ratio, one).recip();
                 (
-                    sin * half_cos + cos * half_sin,
-                    cos * half_cos - sin * half_sin,
+                    ratio.times(2.0) * inverse,
+                    (one - ratio) * (one + ratio) * inverse,
                 )
             }
-            Self::BearingRate | Self::Perpendicular => {
-                let cos = half * ratio;
-                (cos, ((one - cos) * (one + cos)).sqrt())
+            Self::HammelLiu => {
+                let cos = ratio.mul_add(ratio, one).sqrt().recip();
+                let sin = ratio * cos;
+                let half = ratio.splat(0.5);
+                let half_cos = cos.mul_add(half, half).sqrt();
+                let half_sin = sin.times(0.5) / half_cos;
+                (
+                    sin.mul_add(half_cos, cos * half_sin),
+                    cos.mul_add(half_cos, -(sin * half_sin)),
+                )
             }
-        })
+            Self::BearingRate => with_sine(ratio.times(0.5)),
+            Self::Perpendicular => (ratio.splat(0.0), one),
+        }
     }
 }
 
@@ -136,12 +150,35 @@ pub fn heading<T: Real>(bearing: T, range: T, step: T, law: Law, side: Side) -> 
 }
 
 /// The range after a leg at `cos` of the angle off the line of sight.
-#[inline]
-pub(crate) fn next_range<T: Real>(range: T, step: T, cos: T) -> T {
+#[inline(always)]
+pub(crate) fn next_range<L: Lane>(range: L, step: L, cos: L) -> L {
     // (range - step)^2 and what is left, so that nothing cancels near zero.
     let near = range - step;
-    let rest = T::of(2.0) * range * step * (T::one() - cos);
-    (near * near + rest).sqrt()
+    let rest = (range * step).times(2.0) * (cos.splat(1.0) - cos);
+    near.mul_add(near, rest).sqrt()
+}
+
+/// A cosine with the sine of an angle in [0, pi].
+#[inline(always)]
+fn with_sine<L: Lane>(cos: L) -> (L, L) {
+    let one = cos.splat(1.0);
+    (cos, ((one - cos) * (one + cos)).sqrt())
+}
+
+/// Cosine and sine of the turn that ends a leg at range `to`.
+#[inline(always)]
+pub(crate) fn turn_to<L: Lane>(range: L, step: L, to: L) -> (L, L) {
+    let inverse = range.recip();
+    let fall = (range - to) / step * ((range + to) * inverse);
+    let cos = step.mul_add(inverse, fall).times(0.5);
+    let one = cos.splat(1.0);
+    with_sine(cos.min(one).max(-one))
+}
+
+/// A unit vector turned clockwise.
+#[inline(always)]
+pub(crate) fn turned<L: Lane>([u, v]: [L; 2], (cos, sin): (L, L)) -> [L; 2] {
+    [u.mul_add(cos, v * sin), v.mul_add(cos, -(u * sin))]
 }
 
 /// What to do where the next leg of a law would end inside the stand-off range.
@@ -231,24 +268,11 @@ impl<T: Real> Steering<T> {
                 }
             }
         }
-        let (u, v) = (east / range, north / range);
         let sin = self.side.sign::<T>() * sin;
-        // The line of sight, turned clockwise.
-        let direction = [u * cos + v * sin, v * cos - u * sin];
-        let end = [
-            position[0] + self.step * direction[0],
-            position[1] + self.step * direction[1],
-        ];
+        let direction = turned([east / range, north / range], (cos, sin));
+        let end = advanced(&position, &direction, self.step);
         Ok(Some(Leg { direction, end }))
     }
-}
-
-/// Cosine and sine of the turn that ends a leg at range `to`.
-#[inline]
-fn turn_to<T: Real>(range: T, step: T, to: T) -> (T, T) {
-    let cos = (step / range + (range - to) / step * ((range + to) / range)) * T::of(0.5);
-    let cos = cos.min(T::one()).max(-T::one());
-    (cos, ((T::one() - cos) * (T::one() + cos)).sqrt())
 }
 
 /// The whitened row of a bearing of a fixed target, by its position.
@@ -271,8 +295,7 @@ pub fn row<T: Real>(east: T, north: T, sigma: T) -> Result<[T; 2], Error> {
 /// [`row`] of finite numbers, not checked on the way out.
 #[inline]
 pub(crate) fn unchecked_row<T: Real>(east: T, north: T, sigma: T) -> Result<[T; 2], Error> {
-    let range = hypot(east, north);
-    if !(range > T::zero()) {
+    if east == T::zero() && north == T::zero() {
         return Err(Error::OnTarget { index: 0 });
     }
     if !(sigma > T::zero() && sigma.is_finite()) {
@@ -281,8 +304,7 @@ pub(crate) fn unchecked_row<T: Real>(east: T, north: T, sigma: T) -> Result<[T; 
             given: sigma.double(),
         });
     }
-    let weight = T::one() / (range * sigma);
-    Ok([north / range * weight, -(east / range) * weight])
+    Ok(gradient([east, north], sigma))
 }
 
 /// One choice among several headings.
@@ -293,7 +315,7 @@ pub struct Choice<T> {
     /// The heading, rad.
     pub heading: T,
     /// The determinant of the information after that leg; infinite or 0 where it
-    /// exceeds the numbers of this type, though the choice holds.
+    /// overflows, though the choice holds.
     pub determinant: T,
 }
 
@@ -306,7 +328,7 @@ pub struct Choice<T> {
 ///
 /// # Errors
 /// As [`row`], and [`Error::Step`]; [`Error::Number`] also for a stand-off range
-/// below zero, or where the information exceeds the numbers of this type.
+/// below zero, or where the information overflows.
 ///
 /// ```
 /// use gramian::{maneuver, square_root::SquareRootInformation};
@@ -355,7 +377,7 @@ pub fn best_heading<T: Real>(
         }
         let mut root = start;
         root.absorb(&row(east, north, sigma)?);
-        // The root exceeds the numbers of this type last.
+        // The root overflows last.
         let size = root.sound()?.root_determinant();
         if best.is_none_or(|(largest, _)| size > largest) {
             let choice = Choice {

@@ -35,6 +35,7 @@
 //! ```
 
 use crate::bearings;
+use crate::numbers::algebra::{dot, multiply};
 use crate::scalar::{NumberError, Real, all_finite, check_finite, check_length, check_positive};
 use crate::spectrum::{Spectrum, decompose};
 use crate::square_root::SquareRootInformation;
@@ -103,8 +104,8 @@ pub struct Target<'a, T, const N: usize> {
 /// # Errors
 /// [`Error::OnTarget`] where a sample is on the target, [`NumberError::Length`] where the
 /// arrays do not match, [`Error::Sigma`], and [`Error::Number`] for what is not
-/// finite, a scale or sharpness that is not positive, and a value that exceeds the
-/// numbers of this type.
+/// finite, a scale or sharpness that is not positive, and a value that
+/// overflows.
 pub fn value<T: Real, const N: usize>(
     legs: &Legs<'_, T>,
     target: &Target<'_, T, N>,
@@ -446,14 +447,6 @@ fn by_position<T: Real, const N: usize>(
     let both = two * (a * y - b * x) / squared;
     let factor = T::one() / (squared * target.sigma);
     [(b + both * x) * factor, (both * y - a) * factor]
-}
-
-fn multiply<T: Real, const N: usize>(matrix: &[[T; N]; N], vector: &[T; N]) -> [T; N] {
-    core::array::from_fn(|i| dot(&matrix[i], vector))
-}
-
-fn dot<T: Real, const N: usize>(a: &[T; N], b: &[T; N]) -> T {
-    (0..N).fold(T::zero(), |sum, i| sum + a[i] * b[i])
 }
 
 /// What can be wrong with a path that is to be judged.

@@ -150,7 +150,7 @@ pub(crate) fn forbidden<T: Real>(at: [T; 2], length: T, circle: &Circle<T>) -> (
 ///
 /// # Errors
 /// [`NumberError`] for what is not finite, limits or a length below zero, and circles
-/// whose distance exceeds the numbers of this type.
+/// whose distance overflows.
 ///
 /// # Source
 /// Tangents to circles, ours.

@@ -5,11 +5,11 @@ use alloc::vec::Vec;
 use core::convert::Infallible;
 
 use crate::batch::lanes::Lanes;
-use crate::batch::simd::{Path, apart, last_pairs, pairs};
+use crate::batch::simd::{Path, deinterleave, last_pairs, pairs};
 use crate::batch::{Items, Stream, Threads};
 use crate::numbers::lane::Lane;
 use crate::registration::estimate::{Answer, Estimator, Question, Status};
-use crate::registration::pair::Plane;
+use crate::registration::pair::{Plane, minor_sizes, products};
 use crate::registration::report::unchecked_report;
 use crate::registration::{Error, Layout, look};
 use crate::scalar::{NumberError, all_finite};
@@ -194,7 +194,7 @@ pub fn rows(scene: Scene<'_>, threads: Threads, out: &mut [f64]) -> Result<(), (
 /// Fisher information (trials, n, n) on the biases, positions unknown.
 ///
 /// # Errors
-/// As [`rows`]; [`Error::Number`] for information that exceeds the numbers of this type.
+/// As [`rows`]; [`Error::Number`] for information that overflows.
 pub fn fisher(
     scene: Scene<'_>,
     threads: Threads,
@@ -271,7 +271,7 @@ impl pulp::WithSimd for Sum<'_> {
             let (zero, one) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 1.0));
             let mut sums = [zero; 10];
             for &pair in whole {
-                let [x, y] = apart(simd, pair);
+                let [x, y] = deinterleave(simd, pair);
                 constants.add(Lanes::new(simd, x), Lanes::new(simd, y), one, &mut sums);
             }
             if !rest.is_empty() {
@@ -308,21 +308,14 @@ struct Constants<S: pulp::Simd> {
 impl<S: pulp::Simd> Constants<S> {
     #[inline(always)]
     fn new(simd: S, sensors: &[[f64; 2]; 2], sigma: &[[f64; 2]; 2]) -> Self {
-        let [[ra, ta], [rb, tb]] = *sigma;
+        let deviations = sigma.map(|of| of.map(|x| Lanes::splat(simd, x)));
         let [[ax, ay], [bx, by]] = *sensors;
         Self {
             sensors: [
                 [Lanes::splat(simd, ax), Lanes::splat(simd, ay)],
                 [Lanes::splat(simd, bx), Lanes::splat(simd, by)],
             ],
-            scales: [
-                Lanes::splat(simd, ra * ta),
-                Lanes::splat(simd, ra * rb),
-                Lanes::splat(simd, ra * tb),
-                Lanes::splat(simd, ta * rb),
-                Lanes::splat(simd, ta * tb),
-                Lanes::splat(simd, rb * tb),
-            ],
+            scales: products(&deviations[0], &deviations[1]),
         }
     }
 
@@ -334,17 +327,10 @@ impl<S: pulp::Simd> Constants<S> {
         let (x1, y1, x2, y2) = (x - ax, y - ay, x - bx, y - by);
         let r1 = x1.mul_add(x1, y1 * y1).sqrt();
         let r2 = x2.mul_add(x2, y2 * y2).sqrt();
-        let both = r1 * r2;
         let cross = y1.negate_mul_add(x2, x1 * y2);
         let dot = y1.mul_add(y2, x1 * x2);
-        // The minors of `Plane::new`, all times r1 r2, which the projector
-        // does not see and which saves a division; signs go into the products.
-        let m0 = scales[0] * (r1 * both);
-        let m1 = scales[1] * cross;
-        let m2 = scales[2] * (r2 * dot);
-        let m3 = scales[3] * (r1 * dot);
-        let m4 = scales[4] * (both * cross);
-        let m5 = scales[5] * (r2 * both);
+        // Signs go into the products.
+        let [m0, m1, m2, m3, m4, m5] = minor_sizes(scales, [r1, r2], r1 * r2, cross, dot);
         let (s0, s1, s2) = (m0 * m0, m1 * m1, m2 * m2);
         let (s3, s4, s5) = (m3 * m3, m4 * m4, m5 * m5);
         let p00 = s0 + (s1 + s2);

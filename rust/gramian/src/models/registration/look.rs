@@ -28,7 +28,7 @@ pub struct Linear<T> {
 /// # Errors
 /// [`Error::OnSensor`] and [`Error::Overhead`], with look and sensor 0;
 /// [`NumberError::Length`], [`Error::Sigma`]; [`Error::Number`] for what is not finite, or
-/// derivatives that exceed the numbers of this type.
+/// derivatives that overflow.
 pub fn linearise<T: Real>(
     layout: &Layout,
     sensor: &[T],
@@ -183,7 +183,7 @@ fn about_north<T: Real>(v: [T; 3], [sin, cos]: [T; 2]) -> [T; 3] {
 ///
 /// # Errors
 /// [`NumberError::Length`]; [`Error::Number`] for what is not finite, or a place that
-/// exceeds the numbers of this type (a gain of -1).
+/// overflows (a gain of -1).
 pub fn place<T: Real>(
     layout: &Layout,
     sensor: &[T],
@@ -361,8 +361,8 @@ pub const fn scratch(layout: &Layout) -> usize {
 ///
 /// # Errors
 /// As [`Layout::check`]; [`Error::OnSensor`] and [`Error::Overhead`], with look 0;
-/// [`NumberError::Length`]; [`Error::Number`] for what is not finite, or rows that exceed
-/// the numbers of this type.
+/// [`NumberError::Length`]; [`Error::Number`] for what is not finite, or rows that
+/// overflow.
 ///
 /// ```
 /// use gramian::registration::{Layout, look};

@@ -10,6 +10,7 @@
 //! of them, without an inverse.
 
 use super::Error;
+use crate::numbers::lane::Lane;
 #[cfg(any(feature = "alloc", test))]
 use crate::scalar::wrapped;
 use crate::scalar::{NumberError, Real, check_finite, finite_one, hypot};
@@ -36,6 +37,40 @@ pub struct Plane<T> {
     size: T,
 }
 
+/// Products of two deviations, in the order of the minors.
+#[inline(always)]
+pub(crate) fn products<L: Lane>([ra, ta]: &[L; 2], [rb, tb]: &[L; 2]) -> [L; 6] {
+    [
+        *ra * *ta,
+        *ra * *rb,
+        *ra * *tb,
+        *ta * *rb,
+        *ta * *tb,
+        *rb * *tb,
+    ]
+}
+
+/// The six minors but for their signs, (-, -, +, -, -, -): from the ranges, and cross and
+/// scalar product of the two lines of sight. With those of the offsets instead of unit
+/// vectors all are `both` = `r1 r2` times as large, and no division is needed.
+#[inline(always)]
+pub(crate) fn minor_sizes<L: Lane>(
+    scales: &[L; 6],
+    [r1, r2]: [L; 2],
+    both: L,
+    cross: L,
+    dot: L,
+) -> [L; 6] {
+    [
+        scales[0] * (r1 * both),
+        scales[1] * cross,
+        scales[2] * (r2 * dot),
+        scales[3] * (r1 * dot),
+        scales[4] * r1 * (r2 * cross),
+        scales[5] * (r2 * both),
+    ]
+}
+
 impl<T: Real> Plane<T> {
     /// The plane of a target at offset `a` (east, north) from sensor A and `b`
     /// from sensor B. The deviations are of range (m) and azimuth (rad).
@@ -43,7 +78,7 @@ impl<T: Real> Plane<T> {
     /// # Errors
     /// [`Error::OnSensor`] where an offset is zero; [`Error::Sigma`];
     /// [`Error::Number`] for an offset that is not finite, or a product of offsets and
-    /// deviations that exceeds the numbers of this type.
+    /// deviations that overflows.
     #[inline]
     pub fn new(a: [T; 2], b: [T; 2], sigma_a: &[T; 2], sigma_b: &[T; 2]) -> Result<Self, Error> {
         let (ra, rb) = (hypot(a[0], a[1]), hypot(b[0], b[1]));
@@ -62,14 +97,9 @@ impl<T: Real> Plane<T> {
         let ub = [b[0] / rb, b[1] / rb];
         let cross = ua[0] * ub[1] - ua[1] * ub[0];
         let dot = ua[0] * ub[0] + ua[1] * ub[1];
-        let minors = [
-            -sigma_a[0] * sigma_a[1] * ra,
-            -sigma_a[0] * sigma_b[0] * cross,
-            sigma_a[0] * sigma_b[1] * rb * dot,
-            -sigma_a[1] * sigma_b[0] * ra * dot,
-            -sigma_a[1] * sigma_b[1] * ra * rb * cross,
-            -sigma_b[0] * sigma_b[1] * rb,
-        ];
+        let scales = products(sigma_a, sigma_b);
+        let [m0, m1, m2, m3, m4, m5] = minor_sizes(&scales, [ra, rb], T::one(), cross, dot);
+        let minors = [-m0, -m1, m2, -m3, -m4, -m5];
         // By the largest, so that no unit whatever overflows or vanishes.
         let largest = minors.iter().fold(T::zero(), |top, m| top.max(m.abs()));
         let ratio = T::one() / largest;
@@ -133,7 +163,7 @@ impl<T: Real> Plane<T> {
     /// paper. Zero where two looks leave a combination of biases free.
     ///
     /// # Errors
-    /// [`Error::Number`] where it exceeds the numbers of this type.
+    /// [`Error::Number`] where it overflows.
     ///
     /// # Source
     /// Zhu, Tang & He 2013: the determinant of two looks' rows, the paper's degree.

@@ -9,7 +9,7 @@ use crate::scalar::{NumberError, Real, all_finite, check_finite, check_length};
 ///
 /// # Errors
 /// [`Error::OnSensor`], [`Error::Overhead`], [`NumberError::Length`]; [`Error::Number`] for
-/// what is not finite, or reports that exceed the numbers of this type.
+/// what is not finite, or reports that overflow.
 pub fn report<T: Real>(
     layout: &Layout,
     sensors: &[T],

@@ -8,6 +8,7 @@ use super::discriminant::{Method, Quadruples, SHARED, Scratch, cost};
 use crate::batch::simd::Path;
 use crate::batch::{Items, Threads};
 use crate::bearings::{self, Form};
+use crate::numbers::algebra::dot;
 
 /// Four instants and their discriminant.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -126,10 +127,6 @@ fn select(times: &[f64], bearings: &[f64]) -> [usize; 4] {
     }
     chosen.sort_unstable();
     chosen
-}
-
-fn dot(a: &[f64; 4], b: &[f64; 4]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
 }
 
 fn largest(rows: &[[f64; 4]]) -> (usize, f64) {

@@ -17,6 +17,8 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use super::columns::{Columns, center};
 use super::knowledge::{Knowledge, MOMENT, SPEED};
 use crate::dipole::MU0_OVER_4PI;
+use crate::dipole::{moment_tensor, position_tensor};
+use crate::numbers::algebra::dot;
 
 /// Rows that knowledge may add: nine states, speed, size of the moment.
 const PRIOR_ROWS: usize = 11;
@@ -178,8 +180,7 @@ impl<'a> Fitter<'a> {
                 for i in 0..3 {
                     let factor = self.weights[row + i] * cube;
                     for j in 0..3 {
-                        let one = if i == j { 1.0 } else { 0.0 };
-                        self.linear.column_mut(j)[row + i] = factor * (3.0 * n[i] * n[j] - one);
+                        self.linear.column_mut(j)[row + i] = factor * moment_tensor(&n, i, j);
                     }
                 }
                 row += 3;
@@ -411,15 +412,13 @@ impl<'a> Fitter<'a> {
                 let r: [f64; 3] = core::array::from_fn(|i| place[i] + t * place[3 + i] - sensor[i]);
                 let inverse = 1.0 / (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]).sqrt();
                 let n = r.map(|x| x * inverse);
-                let along = n[0] * m[0] + n[1] * m[1] + n[2] * m[2];
+                let along = dot(&n, m);
                 let squared = inverse * inverse;
                 let quartic = 3.0 * MU0_OVER_4PI * squared * squared;
                 for i in 0..3 {
                     let factor = self.weights[row + i] * quartic;
                     for j in 0..3 {
-                        let one = if i == j { along } else { 0.0 };
-                        let value =
-                            factor * (one + n[i] * m[j] + m[i] * n[j] - 5.0 * along * n[i] * n[j]);
+                        let value = factor * position_tensor(&n, m, along, i, j);
                         self.by_position.column_mut(j)[row + i] = value;
                         self.by_position.column_mut(3 + j)[row + i] = t * value;
                     }

@@ -29,7 +29,7 @@ pub struct Setting<'a> {
     /// Steps along the measured line of sight before the law begins.
     pub opening: usize,
     /// What to do when a bearing is lost.
-    pub lost: Lost,
+    pub lost: LostBearing,
     /// No bearing closer than this to where the target is thought to be.
     pub standoff: f64,
     /// Discs (east, north, radius) that the path stays out of.
@@ -40,7 +40,7 @@ pub struct Setting<'a> {
 
 /// What to do when a bearing is lost (Xu et al. 2009, section 4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Lost {
+pub enum LostBearing {
     /// Steer by the bearing that the estimate predicts.
     Predict,
     /// Hold the heading.
@@ -49,7 +49,7 @@ pub enum Lost {
 
 /// How headings are chosen.
 #[derive(Clone, Copy, Debug)]
-pub enum Guide<'a> {
+pub enum Guidance<'a> {
     /// By a law, from the bearing and the estimated range.
     Law(Law, Side),
     /// As planned (trials, steps), turned aside for a limit.
@@ -64,7 +64,7 @@ pub const PER_SAMPLE: usize = 5;
 /// lost where `lost` (trials, steps + 1) is not zero, the first one never.
 pub fn closed_loop(
     setting: &Setting<'_>,
-    guide: Guide<'_>,
+    guide: Guidance<'_>,
     noise: Items<'_>,
     lost: Items<'_>,
     threads: Threads,
@@ -77,8 +77,8 @@ pub fn closed_loop(
         |seen: &mut Vec<Sighting>, trial: usize, out: &mut [f64]| -> Result<(), Infallible> {
             seen.clear();
             let planned = match guide {
-                Guide::Headings(headings) => Some(headings.get(trial)),
-                Guide::Law(..) => None,
+                Guidance::Headings(headings) => Some(headings.get(trial)),
+                Guidance::Law(..) => None,
             };
             run(
                 setting,
@@ -103,7 +103,7 @@ struct Sighting {
 
 fn run(
     setting: &Setting<'_>,
-    guide: Guide<'_>,
+    guide: Guidance<'_>,
     planned: Option<&[f64]>,
     noise: &[f64],
     lost: &[f64],
@@ -130,17 +130,17 @@ fn run(
             break;
         }
         let sight = measured.unwrap_or_else(|| sight(at, estimate));
-        let hold = (measured.is_none() && setting.lost == Lost::Hold)
+        let hold = (measured.is_none() && setting.lost == LostBearing::Hold)
             .then_some(before)
             .flatten();
         let wanted = match (guide, planned) {
-            (Guide::Law(..), _) if sample < setting.opening => sight,
-            (Guide::Law(..), _) if hold.is_some() => hold.unwrap_or(sight),
-            (Guide::Law(law, side), _) => {
+            (Guidance::Law(..), _) if sample < setting.opening => sight,
+            (Guidance::Law(..), _) if hold.is_some() => hold.unwrap_or(sight),
+            (Guidance::Law(law, side), _) => {
                 let range = hypot(estimate[0] - at[0], estimate[1] - at[1]);
                 by_law(law, side, sight, range, setting.length)
             }
-            (Guide::Headings(_), planned) => planned
+            (Guidance::Headings(_), planned) => planned
                 .and_then(|p| p.get(sample))
                 .copied()
                 .unwrap_or(sight),
@@ -229,8 +229,11 @@ fn linearize(setting: &Setting<'_>, seen: &[Sighting], position: [f64; 2]) -> Li
     let weight = 1.0 / setting.sigma;
     for sighting in seen {
         let (x, y) = (px - sighting.at[0], py - sighting.at[1]);
-        let squared = (x * x + y * y).max(f64::MIN_POSITIVE);
-        let (u, v) = (y / squared * weight, -x / squared * weight);
+        let [u, v] = if x == 0.0 && y == 0.0 {
+            [0.0; 2]
+        } else {
+            crate::bearings::gradient([x, y], setting.sigma)
+        };
         let residual = wrapped(sighting.bearing - x.atan2(y)) * weight;
         cost += residual * residual;
         gradient[0] += u * residual;
@@ -258,7 +261,7 @@ mod tests {
         sigma: 0.01,
         range: (1500.0, 1000.0),
         opening: 0,
-        lost: Lost::Hold,
+        lost: LostBearing::Hold,
         standoff: 0.0,
         keep_out: &[],
         max_turn: f64::INFINITY,
@@ -270,7 +273,7 @@ mod tests {
         let zeros = [0.0; 41];
         closed_loop(
             &SETTING,
-            Guide::Law(Law::BearingRate, Side::Right),
+            Guidance::Law(Law::BearingRate, Side::Right),
             Items::shared(&zeros),
             Items::shared(&zeros),
             Threads::One,
@@ -291,7 +294,7 @@ mod tests {
         lost[10..20].fill(1.0);
         closed_loop(
             &SETTING,
-            Guide::Law(Law::MaxDet, Side::Left),
+            Guidance::Law(Law::MaxDet, Side::Left),
             Items::shared(&[0.3; 41]),
             Items::shared(&lost),
             Threads::One,

@@ -4,10 +4,13 @@ use alloc::vec::Vec;
 
 use pulp::Simd;
 
-use crate::batch::simd::{Path, apart, lane_sums, last_pairs, pairs};
+use crate::batch::lanes::Lanes;
+use crate::batch::simd::{Path, deinterleave, last_pairs, pairs};
 use crate::batch::{Items, Threads};
 use crate::bearings;
 use crate::maneuver::{Error, unchecked_row};
+use crate::numbers::algebra::add_square;
+use crate::numbers::lane::Lane;
 use crate::scalar::{NumberError, all_finite, check_finite};
 use crate::square_root::SquareRootInformation;
 
@@ -71,9 +74,10 @@ impl Sighting<'_> {
     fn sample(&self, i: usize) -> (f64, f64, f64, f64) {
         let [x, y] = self.positions[i];
         let sigma = self.sigma[if self.sigma.len() == 1 { 0 } else { i }];
-        if let [x0, y0, vx, vy] = *self.target {
+        if let Some(state) = self.target.first_chunk::<4>() {
             let time = self.times[i] - self.times[0];
-            (time, x0 + time * vx - x, y0 + time * vy - y, sigma)
+            let [east, north] = bearings::moved(state, time);
+            (time, east - x, north - y, sigma)
         } else {
             (0.0, self.target[0] - x, self.target[1] - y, sigma)
         }
@@ -89,12 +93,7 @@ impl Sighting<'_> {
                 .map_err(|error| Error::from(error).at(i))?;
             let (time, east, north, sigma) = self.sample(i);
             let [a, b] = unchecked_row(east, north, sigma).map_err(|error| error.at(i))?;
-            let row = [a, b, time * a, time * b];
-            for j in 0..n {
-                for k in 0..n {
-                    out[j * n + k] += row[j] * row[k];
-                }
-            }
+            add_square(&[a, b, time * a, time * b][..n], 1.0, out);
         }
         if all_finite(out) {
             return Ok(());
@@ -113,7 +112,7 @@ const GROUP: usize = 8;
 ///
 /// # Errors
 /// [`Error::OnTarget`] with the trial and the sample; [`Error::Number`] for a position
-/// that is not finite and for information that exceeds the numbers of this type.
+/// that is not finite and for information that overflows.
 ///
 /// # Source
 /// Xu et al. 2009, eqs. (9) and (10).
@@ -173,23 +172,23 @@ impl pulp::WithSimd for Fixed<'_> {
     fn with_simd<S: Simd>(self, simd: S) {
         for (trial, out) in self.out.as_chunks_mut::<4>().0.iter_mut().enumerate() {
             let Sighting { target, sigma, .. } = self.sightings.at(trial);
-            let target = [simd.splat_f64s(target[0]), simd.splat_f64s(target[1])];
-            let noise = simd.splat_f64s(sigma[0]);
+            let target = splat(simd, target);
+            let [sigma] = splat(simd, sigma);
             let places = self.sightings.positions.get(trial);
             let (whole, rest) = pairs::<S>(places);
-            let one = simd.splat_f64s(1.0);
-            let mut sums = [simd.splat_f64s(0.0); 3];
-            for &pair in whole {
-                let offset = between(simd, target, apart(simd, pair));
-                add(simd, rows(simd, offset, noise, one), &mut sums);
+            let mut sums = [Lanes::splat(simd, 0.0); 3];
+            for &place in whole {
+                let place = pair(simd, deinterleave(simd, place));
+                add(row(target, place, sigma), &mut sums);
             }
             if !rest.is_empty() {
                 let (last, new) = last_pairs(simd, places, rest.len());
-                let offset = between(simd, target, last);
-                add(simd, rows(simd, offset, noise, new), &mut sums);
+                let new = Lanes::new(simd, new);
+                let last = row(target, pair(simd, last), sigma);
+                add([last[0] * new, last[1] * new], &mut sums);
             }
-            let [xx, xy, yy] = lane_sums(simd, &sums);
-            *out = [xx, -xy, -xy, yy];
+            let [xx, xy, yy] = total(&sums);
+            *out = [xx, xy, xy, yy];
         }
     }
 }
@@ -210,29 +209,27 @@ impl pulp::WithSimd for Moving<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let (times, _) = pairs::<S>(self.clock);
-        let one = simd.splat_f64s(1.0);
         for (trial, out) in self.out.as_chunks_mut::<16>().0.iter_mut().enumerate() {
             let Sighting { target, sigma, .. } = self.sightings.at(trial);
-            let mut state = [one; 4];
-            for i in 0..4 {
-                state[i] = simd.splat_f64s(target[i]);
-            }
-            let noise = simd.splat_f64s(sigma[0]);
+            let state = splat(simd, target);
+            let [sigma] = splat(simd, sigma);
             let places = self.sightings.positions.get(trial);
             let (whole, rest) = pairs::<S>(places);
-            let mut sums = [simd.splat_f64s(0.0); 9];
-            for (&pair, &time) in whole.iter().zip(times) {
-                let [time, _] = apart(simd, time);
-                let offset = between(simd, moved(simd, &state, time), apart(simd, pair));
-                add_moved(simd, rows(simd, offset, noise, one), time, &mut sums);
+            let mut sums = [Lanes::splat(simd, 0.0); 9];
+            for (&place, &time) in whole.iter().zip(times) {
+                let [time, _] = pair(simd, deinterleave(simd, time));
+                let place = pair(simd, deinterleave(simd, place));
+                let row = row(bearings::moved(&state, time), place, sigma);
+                add_moved(row, time, &mut sums);
             }
             if !rest.is_empty() {
                 let (last, new) = last_pairs(simd, places, rest.len());
-                let ([time, _], _) = last_pairs(simd, self.clock, rest.len());
-                let offset = between(simd, moved(simd, &state, time), last);
-                add_moved(simd, rows(simd, offset, noise, new), time, &mut sums);
+                let (times, _) = last_pairs(simd, self.clock, rest.len());
+                let ([time, _], new) = (pair(simd, times), Lanes::new(simd, new));
+                let last = row(bearings::moved(&state, time), pair(simd, last), sigma);
+                add_moved([last[0] * new, last[1] * new], time, &mut sums);
             }
-            spread(&lane_sums(simd, &sums), 4, out);
+            spread(&total(&sums), 4, out);
         }
     }
 }
@@ -259,8 +256,7 @@ impl Sighting<'_> {
     #[inline(always)]
     fn sums<S: Simd>(self, simd: S) -> [f64; 9] {
         let sighting = self;
-        let one = simd.splat_f64s(1.0);
-        let mut sums = [simd.splat_f64s(0.0); 9];
+        let mut sums = [Lanes::splat(simd, 0.0); 9];
         // Samples beyond the last: far away, so that they add nothing.
         let far = [f64::INFINITY; CHUNK];
         let mut start = 0;
@@ -281,75 +277,75 @@ impl Sighting<'_> {
             let (norths, _) = S::as_simd_f64s(&north);
             let (noises, _) = S::as_simd_f64s(&noise);
             for v in 0..count.div_ceil(S::F64_LANES) {
-                let rows = rows(simd, [easts[v], norths[v]], noises[v], one);
+                let offset = pair(simd, [easts[v], norths[v]]);
+                let [time, sigma] = pair(simd, [times[v], noises[v]]);
                 // Times are zero for a fixed target.
-                add_moved(simd, rows, times[v], &mut sums);
+                add_moved(bearings::gradient(offset, sigma), time, &mut sums);
             }
             start += count;
         }
-        lane_sums(simd, &sums)
+        total(&sums)
     }
 }
 
-/// From the observer's places to the target.
+/// Two vectors as numbers.
 #[inline(always)]
-fn between<S: Simd>(simd: S, target: [S::f64s; 2], places: [S::f64s; 2]) -> [S::f64s; 2] {
-    [
-        simd.sub_f64s(target[0], places[0]),
-        simd.sub_f64s(target[1], places[1]),
-    ]
+fn pair<S: Simd>(simd: S, [a, b]: [S::f64s; 2]) -> [Lanes<S>; 2] {
+    [Lanes::new(simd, a), Lanes::new(simd, b)]
 }
 
-/// Where a target at constant velocity is.
+/// The same numbers in all lanes.
 #[inline(always)]
-fn moved<S: Simd>(simd: S, state: &[S::f64s; 4], time: S::f64s) -> [S::f64s; 2] {
-    [
-        simd.mul_add_e_f64s(time, state[2], state[0]),
-        simd.mul_add_e_f64s(time, state[3], state[1]),
-    ]
+fn splat<S: Simd, const N: usize>(simd: S, numbers: &[f64]) -> [Lanes<S>; N] {
+    let mut all = [Lanes::splat(simd, 0.0); N];
+    for i in 0..N {
+        all[i] = Lanes::splat(simd, numbers[i]);
+    }
+    all
 }
 
-/// Rows (a, b) for targets at `offset` (east, north), each times `weight`, b without its
-/// sign: that goes into the sums at the end.
+/// The row (a, b) of a target seen from a place.
 #[inline(always)]
-fn rows<S: Simd>(simd: S, offset: [S::f64s; 2], noise: S::f64s, weight: S::f64s) -> [S::f64s; 2] {
-    let [x, y] = offset;
-    let square = simd.mul_add_e_f64s(x, x, simd.mul_f64s(y, y));
-    let scale = simd.div_f64s(weight, simd.mul_f64s(square, noise));
-    [simd.mul_f64s(y, scale), simd.mul_f64s(x, scale)]
+fn row<L: Lane>(target: [L; 2], place: [L; 2], sigma: L) -> [L; 2] {
+    bearings::gradient([target[0] - place[0], target[1] - place[1]], sigma)
 }
 
 /// What is added up of rows: the products a a, a b, b b.
 #[inline(always)]
-fn add<S: Simd>(simd: S, [a, b]: [S::f64s; 2], sums: &mut [S::f64s; 3]) {
-    sums[0] = simd.mul_add_e_f64s(a, a, sums[0]);
-    sums[1] = simd.mul_add_e_f64s(a, b, sums[1]);
-    sums[2] = simd.mul_add_e_f64s(b, b, sums[2]);
+fn add<L: Lane>([a, b]: [L; 2], sums: &mut [L; 3]) {
+    sums[0] = a.mul_add(a, sums[0]);
+    sums[1] = a.mul_add(b, sums[1]);
+    sums[2] = b.mul_add(b, sums[2]);
 }
 
 /// Those products, and the same times time and its square.
 #[inline(always)]
-fn add_moved<S: Simd>(simd: S, [a, b]: [S::f64s; 2], time: S::f64s, sums: &mut [S::f64s; 9]) {
-    let products = [
-        simd.mul_f64s(a, a),
-        simd.mul_f64s(a, b),
-        simd.mul_f64s(b, b),
-    ];
+fn add_moved<L: Lane>([a, b]: [L; 2], time: L, sums: &mut [L; 9]) {
+    let products = [a * a, a * b, b * b];
     for i in 0..3 {
-        let moved = simd.mul_f64s(products[i], time);
-        sums[i] = simd.add_f64s(sums[i], products[i]);
-        sums[3 + i] = simd.add_f64s(sums[3 + i], moved);
-        sums[6 + i] = simd.mul_add_e_f64s(moved, time, sums[6 + i]);
+        let moved = products[i] * time;
+        sums[i] = sums[i] + products[i];
+        sums[3 + i] = sums[3 + i] + moved;
+        sums[6 + i] = moved.mul_add(time, sums[6 + i]);
     }
 }
 
-/// The n x n matrix of blocks (xx, -xy, yy) times the powers 0, 1, 2 of time.
+/// The sum over the lanes of each.
+#[inline(always)]
+fn total<S: Simd, const N: usize>(sums: &[Lanes<S>; N]) -> [f64; N] {
+    let mut out = [0.0; N];
+    for n in 0..N {
+        out[n] = sums[n].sum();
+    }
+    out
+}
+
+/// The n x n matrix of blocks (xx, xy, yy) times the powers 0, 1, 2 of time.
 #[inline(always)]
 fn spread(sums: &[f64; 9], n: usize, out: &mut [f64]) {
     for i in 0..n {
         for j in 0..n {
-            let sum = sums[i % 2 + j % 2 + 3 * (i / 2 + j / 2)];
-            out[i * n + j] = if i % 2 == j % 2 { sum } else { -sum };
+            out[i * n + j] = sums[i % 2 + j % 2 + 3 * (i / 2 + j / 2)];
         }
     }
 }

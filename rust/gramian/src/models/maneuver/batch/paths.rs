@@ -5,7 +5,10 @@ use crate::batch::lanes::{Block, LANES, Lanes};
 use crate::batch::simd::Path;
 use crate::batch::{Items, Threads};
 use crate::bearings;
-use crate::maneuver::{AtStandoff, Error, Law, Steering, unchecked_row};
+use crate::maneuver::{
+    AtStandoff, Error, Law, Steering, next_range, turn_to, turned, unchecked_row,
+};
+use crate::numbers::algebra::advanced;
 use crate::numbers::lane::Lane;
 use crate::scalar::hypot;
 use crate::square_root::SquareRootInformation;
@@ -266,8 +269,8 @@ struct Flight<S: pulp::Simd> {
     target: [Lanes<S>; 2],
     step: Lanes<S>,
     side: Lanes<S>,
-    /// 1 over the deviation of a bearing.
-    weight: Lanes<S>,
+    /// Standard deviation of a bearing.
+    sigma: Lanes<S>,
     standoff: Lanes<S>,
     position: [Lanes<S>; 2],
     /// Line of sight at the last sample: east, north, range and 1 over it.
@@ -295,7 +298,7 @@ impl<S: pulp::Simd> Flight<S> {
             target: [load(&inputs.target[0]), load(&inputs.target[1])],
             step: load(&inputs.step),
             side: load(&inputs.side),
-            weight: one / load(&inputs.sigma),
+            sigma: load(&inputs.sigma),
             standoff: load(&inputs.standoff),
             position: [load(&inputs.start[0]), load(&inputs.start[1])],
             sight: [zero; 4],
@@ -348,8 +351,7 @@ impl<S: pulp::Simd> Flight<S> {
         // The row (a, b), turned into the factor by a rotation without roots: the
         // second pivot is what the row has beside the first, squared, and not a
         // difference of sums.
-        let scale = inverse * inverse * self.weight;
-        let (a, b) = (north * scale, -(east * scale));
+        let [a, b] = bearings::gradient([east, north], self.sigma);
         let first = a.mul_add(a, self.pivots[0]);
         let inverse = one / first.select_greater(zero, first, one);
         let cosine = first.select_greater(zero, self.pivots[0] * inverse, one);
@@ -389,10 +391,7 @@ impl<S: pulp::Simd> Flight<S> {
         if self.bounded {
             let inside = self.standoff.times(1.0 - f64::EPSILON.sqrt());
             self.good = inside.select_greater(range, self.moved(zero, self.good), self.good);
-            // As `next_range` in the scalar form: nothing cancels near zero.
-            let near = range - self.step;
-            let rest = (range * self.step).times(2.0) * (Lanes::splat(self.simd, 1.0) - cos);
-            let next = near.mul_add(near, rest).sqrt();
+            let next = next_range(range, self.step, cos);
             match self.at_standoff {
                 AtStandoff::Stop => {
                     let stopped = Lanes::splat(self.simd, (k + 1) as f64);
@@ -401,75 +400,32 @@ impl<S: pulp::Simd> Flight<S> {
                     self.moving = self.standoff.select_greater(next, zero, self.moving);
                 }
                 AtStandoff::Circle => {
-                    let (c, s) = self.turn_to_standoff();
+                    let (c, s) = turn_to(range, self.step, self.standoff);
                     cos = self.standoff.select_greater(next, c, cos);
                     sin = self.standoff.select_greater(next, s, sin);
                 }
             }
         }
-        let (u, v) = (east * inverse, north * inverse);
-        let sin = self.side * sin;
-        // The line of sight, turned clockwise.
-        let east = u.mul_add(cos, v * sin);
-        let north = v.mul_add(cos, -(u * sin));
+        let line = [east * inverse, north * inverse];
+        let [east, north] = turned(line, (cos, self.side * sin));
         self.heading = self.moved(east.atan2(north), self.heading);
         self.heading.store(&mut sample.heading, part);
+        let [x, y] = advanced(&self.position, &[east, north], self.step);
         self.position = [
-            self.moved(self.step.mul_add(east, self.position[0]), self.position[0]),
-            self.moved(self.step.mul_add(north, self.position[1]), self.position[1]),
+            self.moved(x, self.position[0]),
+            self.moved(y, self.position[1]),
         ];
     }
 
     /// Cosine and sine of the law's turn: [`Law::turn`].
     #[inline(always)]
     fn turn(&mut self) -> (Lanes<S>, Lanes<S>) {
-        let (zero, one) = (self.zero(), Lanes::splat(self.simd, 1.0));
         let [_, _, range, inverse] = self.sight;
-        let reach = match self.law {
-            Law::MaxDet | Law::HammelLiu => range,
-            Law::BearingRate => range + range,
-            Law::Perpendicular => return (zero, one),
-        };
-        let short = self.moved(zero, self.good);
-        self.good = self.step.select_greater(reach, short, self.good);
-        let ratio = self.step * inverse;
-        match self.law {
-            Law::MaxDet => {
-                let inverse = one / ratio.mul_add(ratio, one);
-                (
-                    ratio.times(2.0) * inverse,
-                    (one - ratio) * (one + ratio) * inverse,
-                )
-            }
-            Law::HammelLiu => {
-                let cos = one / ratio.mul_add(ratio, one).sqrt();
-                let sin = ratio * cos;
-                let half = Lanes::splat(self.simd, 0.5);
-                let half_cos = cos.mul_add(half, half).sqrt();
-                let half_sin = sin.times(0.5) / half_cos;
-                (
-                    sin.mul_add(half_cos, cos * half_sin),
-                    cos.mul_add(half_cos, -(sin * half_sin)),
-                )
-            }
-            Law::BearingRate | Law::Perpendicular => {
-                let cos = ratio.times(0.5);
-                (cos, ((one - cos) * (one + cos)).sqrt())
-            }
+        if let Some(reach) = self.law.reach(range) {
+            let short = self.moved(self.zero(), self.good);
+            self.good = self.step.select_greater(reach, short, self.good);
         }
-    }
-
-    /// Cosine and sine of the turn that ends a leg at the stand-off range.
-    #[inline(always)]
-    fn turn_to_standoff(&self) -> (Lanes<S>, Lanes<S>) {
-        let one = Lanes::splat(self.simd, 1.0);
-        let [_, _, range, inverse] = self.sight;
-        let (step, to) = (self.step, self.standoff);
-        let fall = (range - to) / step * ((range + to) * inverse);
-        let cos = step.mul_add(inverse, fall).times(0.5);
-        let cos = cos.select_greater(one, one, cos);
-        let cos = (-one).select_greater(cos, -one, cos);
-        (cos, ((one - cos) * (one + cos)).sqrt())
+        self.law.turn_of(self.step * inverse)
     }
 }
 

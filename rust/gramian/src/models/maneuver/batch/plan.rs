@@ -354,7 +354,7 @@ pub struct Course<'a> {
 
 /// What a path that is made step by step wants.
 #[derive(Clone, Copy, Debug)]
-pub enum Wish<'a> {
+pub enum HeadingSource<'a> {
     /// These headings (paths, steps), turned aside where a limit wants it.
     Headings(Items<'a>),
     /// Guesses (paths, 3): offset, side and step of turning back of an arc.
@@ -365,7 +365,7 @@ pub enum Wish<'a> {
 
 /// Makes paths that keep the limits of a course: `out` has, for each path, its
 /// headings and the number of steps that broke a limit since no heading kept it.
-pub fn steered(course: &Course<'_>, wish: Wish<'_>, threads: Threads, out: &mut [f64]) {
+pub fn steered(course: &Course<'_>, wish: HeadingSource<'_>, threads: Threads, out: &mut [f64]) {
     let steps = course.lengths.len();
     let circles = course.limits.targets.len() + course.limits.keep_out.len();
     let cost = (steps * (100 + 100 * circles)) as f64;
@@ -379,12 +379,12 @@ pub fn steered(course: &Course<'_>, wish: Wish<'_>, threads: Threads, out: &mut 
             ref limits,
         } = *course;
         broken[0] = match wish {
-            Wish::Headings(wanted) => {
+            HeadingSource::Headings(wanted) => {
                 let wanted = wanted.get(path);
                 let wanted = |place: &crate::maneuver::steer::Place<f64>| wanted[place.step];
                 follow(start, dt, lengths, first, limits, wanted, headings)
             }
-            Wish::Arcs(arcs, aim) => {
+            HeadingSource::Arcs(arcs, aim) => {
                 let arc = arcs.get(path);
                 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
                 let turn_back = arc[2].max(0.0) as usize;
@@ -396,7 +396,7 @@ pub fn steered(course: &Course<'_>, wish: Wish<'_>, threads: Threads, out: &mut 
                 .wanted(aim);
                 follow(start, dt, lengths, first, limits, wanted, headings)
             }
-            Wish::Law(law, side, aim) => {
+            HeadingSource::Law(law, side, aim) => {
                 let wanted = |place: &crate::maneuver::steer::Place<f64>| {
                     let point = crate::bearings::moved(&aim, place.time);
                     let range = hypot(point[0] - place.at[0], point[1] - place.at[1]);

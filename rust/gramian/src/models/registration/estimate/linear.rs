@@ -4,6 +4,7 @@ use alloc::vec;
 
 use super::solver::along;
 use super::{Estimator, Method, Question};
+use crate::numbers::algebra::{cross, dot};
 use crate::registration::Error;
 use crate::registration::look::{unchecked_linearise, unchecked_place, width};
 use crate::scalar::Real;
@@ -152,10 +153,6 @@ fn add_spread<T: Real>(lines: &[T], wide: usize, d: usize, n: usize, spread: &mu
     }
 }
 
-fn dot<T: Real>(a: &[T; 3], b: &[T; 3]) -> T {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
 /// The inverse of the leading d x d block.
 fn inverse<T: Real>(m: &[[T; 3]; 3], d: usize) -> [[T; 3]; 3] {
     let mut out = [[T::zero(); 3]; 3];
@@ -165,13 +162,6 @@ fn inverse<T: Real>(m: &[[T; 3]; 3], d: usize) -> [[T; 3]; 3] {
         out[1] = [-m[1][0] / det, m[0][0] / det, T::zero()];
         return out;
     }
-    let cross = |a: &[T; 3], b: &[T; 3]| {
-        [
-            a[1] * b[2] - a[2] * b[1],
-            a[2] * b[0] - a[0] * b[2],
-            a[0] * b[1] - a[1] * b[0],
-        ]
-    };
     let columns = [
         cross(&m[1], &m[2]),
         cross(&m[2], &m[0]),

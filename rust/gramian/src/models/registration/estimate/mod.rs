@@ -214,7 +214,7 @@ impl<T: Real> Estimator<T> {
     /// As [`Layout::check`]; [`NumberError::Length`] for reports or a prior that do not fit;
     /// [`Error::OnSensor`] and [`Error::Overhead`] where an estimated position is;
     /// [`Error::Number`] for what is not finite, a prior or limit that is not
-    /// positive, and an estimate that exceeds the numbers of this type.
+    /// positive, and an estimate that overflows.
     pub fn run(&mut self, question: &Question<'_, T>, reports: &[T]) -> Result<Answer<T>, Error> {
         check_finite("reports", reports)?;
         for (name, value) in [
