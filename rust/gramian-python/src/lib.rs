@@ -5,6 +5,7 @@
 mod bearings;
 mod bearings_localize;
 mod bearings_motion;
+mod choose;
 mod convert;
 mod dipole;
 mod errors;
@@ -29,6 +30,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     spine::register(module)?;
     #[cfg(feature = "large")]
     sparse::register(module)?;
+    choose::register(module)?;
     bearings::register(module)?;
     bearings_localize::register(module)?;
     bearings_motion::register(module)?;

@@ -71,6 +71,7 @@
 //! | [`inertial`] | the error model of a strapdown navigator: at rest, moving, along a flight |
 //! | [`chi_square`], [`scalar`] | how likely a sum of squares is; the number types |
 //! | [`observability`] (`alloc`) | the whole answer for a size known at run time |
+//! | [`choose`] (`std`) | which measurements to add: greedy, exchange, relaxation with its gap |
 //! | [`batch`] (`std`), [`large`] | many trials by vectors and threads; large matrices |
 //!
 //! # Features
@@ -102,6 +103,8 @@ extern crate std;
 #[cfg(feature = "std")]
 pub mod batch;
 pub mod bounds;
+#[cfg(feature = "std")]
+pub mod choose;
 #[cfg(feature = "large")]
 pub mod large;
 pub mod models;
