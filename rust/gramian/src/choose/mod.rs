@@ -133,7 +133,14 @@ impl Design {
         }
         let found = Observability::new(&rows, self.n, None)?;
         let rank = found.rank();
-        let product = found.singular_values()[..rank].iter().map(|s| s.ln()).sum();
+        let mut product: f64 = found.singular_values()[..rank].iter().map(|s| s.ln()).sum();
+        // Those are of unit columns.
+        for j in 0..self.n {
+            let square: f64 = rows.iter().skip(j).step_by(self.n).map(|x| x * x).sum();
+            if square > 0.0 {
+                product += 0.5 * square.ln();
+            }
+        }
         Ok((rank, product))
     }
 
@@ -439,10 +446,10 @@ mod tests {
 
     #[test]
     fn rank_comes_first() {
-        let rows: [&[f64]; 3] = [&[100.0, 0.0], &[90.0, 0.0], &[0.0, 0.1]];
+        let rows: [&[f64]; 3] = [&[90.0, 0.0], &[100.0, 0.0], &[0.0, 0.1]];
         let design = Design::new(2, &[], &rows).unwrap();
         let choice = design.greedy(&Goal::D, 2).unwrap();
-        assert_eq!((choice.chosen, choice.rank), (vec![0, 2], vec![1, 2]));
+        assert_eq!((choice.chosen, choice.rank), (vec![1, 2], vec![1, 2]));
         assert!(design.greedy(&Goal::D, 4).is_err());
     }
 }
