@@ -81,7 +81,10 @@ def recorded(folder: Path, gtsam_too: bool) -> None:
     print(f"  splu of the normal equations        {splu:7.3f} s")
     print(f"  analyze                             {free:7.3f} s   {free / splu:.2f} of splu")
     print(f"  analyze and all bounds, pose fixed  {both:7.3f} s   {both / splu:.2f} of splu")
-    print(f"  nullity {answer.nullity}, gap {answer.gap:.2g}, next value {answer.singular_values[-7]:.6f}")
+    print(
+        f"  nullity {answer.nullity}, gap {answer.gap:.2g}, "
+        f"next value {answer.singular_values[-7]:.6f}"
+    )
     reference = np.load(folder / "sphere2500.npz")["std_first_pose_fixed"][6:]
     print(f"  bounds against the reference        {np.abs(std / reference - 1).max():.1e}")
     if gtsam_too:

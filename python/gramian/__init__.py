@@ -10,7 +10,9 @@ shape (K, n). A model makes rows; `analyze` says what they determine.
   `bounds` has those of filters too.
 - The models are `bearings`, `dipole`, `inertial`, `linear`, `registration`,
   `maneuver` and `tracks`.
-- `io` reads files of tracks and measurements.
+- `large` has what `analyze` answers for sparse rows; `choose` says which measurements to
+  add.
+- `io` reads files of tracks and measurements, and pose graphs.
 - `monte_carlo` simulates and sets an estimator's errors beside the bound.
 - `set_threads` limits the threads of the kernels.
 
@@ -39,7 +41,9 @@ from gramian.exceptions import (
 from gramian.problem import Problem, from_function
 
 if _typing.TYPE_CHECKING:
+    from gramian import choose as choose
     from gramian import io as io
+    from gramian import large as large
     from gramian import monte_carlo as monte_carlo
     from gramian.models import bearings as bearings
     from gramian.models import dipole as dipole
@@ -63,11 +67,13 @@ __all__ = [
     "__version__",
     "analyze",
     "bounds",
+    "choose",
     "crlb",
     "crlb_std",
     "from_function",
     "gram",
     "io",
+    "large",
     "monte_carlo",
     "set_threads",
 ]
@@ -78,7 +84,7 @@ def __getattr__(name: str) -> _ModuleType:
     # Imported when they are first used, so that the import of the package stays light.
     if name in _REGISTRY:
         return _load(f"models.{name}")
-    if name in ("io", "monte_carlo"):
+    if name in ("choose", "io", "large", "monte_carlo"):
         return _load(name)
     raise AttributeError(f"module 'gramian' has no attribute {name!r}")
 

@@ -102,6 +102,25 @@ def weak_places(
     vertices: int, first: NDArray[np.int64], second: NDArray[np.int64]
 ) -> tuple[NDArray[np.uint64], NDArray[np.uint64], NDArray[np.uint64]]: ...
 
+# choice among candidates
+def choose(
+    base: ArrayLike,
+    rows: ArrayLike,
+    ends: Sequence[int],
+    budget: int,
+    goal: str,
+    weights: ArrayLike,
+    exchange: int,
+    steps: int,
+) -> tuple[
+    list[int],
+    list[float],
+    list[int],
+    list[int],
+    float,
+    tuple[_Array, float, float] | None,
+]: ...
+
 # bearings
 def bearing_best_quadruple(times: ArrayLike, bearings: ArrayLike) -> _Array: ...
 def bearing_discriminant(times: ArrayLike, bearings: ArrayLike, form: str) -> _Array: ...

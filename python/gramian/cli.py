@@ -39,7 +39,7 @@ Files = Annotated[
     list[Path],
     typer.Argument(
         metavar="FILE...",
-        help="A scenario (FILE.toml), or files of tracks and measurements.",
+        help="A scenario (FILE.toml), files of tracks and measurements, or a graph (.g2o).",
         show_default=False,
     ),
 ]
@@ -109,7 +109,14 @@ def analyze(
     out: Out = None,
     json: Json = False,
 ) -> None:
-    """Say what the measurements of a scenario determine, and what not."""
+    """Say what the measurements of a scenario, or the edges of a g2o graph, determine."""
+    if [path.suffix.lower() for path in file] == [".g2o"]:
+        from gramian.io.graph_report import report as graph_report
+
+        with Console(stderr=True, quiet=json).status(f"analysing {file[0].name}"):
+            report = graph_report(file[0])
+        _finish(report, out, json)
+        return
     scenario = _scenario(file, (observer, target, sensor, sigma_deg, start, duration, step))
     with _in(scenario.path):
         report = scenario.analyze()

@@ -256,6 +256,11 @@ class SparseObservability(Observability):
         start, column, value = self._lines(states)
         return self._sparse.covariance(start, column, value)
 
+    def covariance_of(self, combinations: Sequence[Combination]) -> Array:
+        """Return the covariance (m, m) at the bound of combinations, as `covariance`."""
+        start, column, value = self._lines(combinations)
+        return self._sparse.covariance(start, column, value)
+
     def rank_gain(self, rows: Any) -> int:
         """Return how much rank rows (m, n), dense or sparse, would add together."""
         from scipy.sparse import csr_array
@@ -389,7 +394,7 @@ class SparseObservability(Observability):
         """Return the verdict, what is missing and the best suggestion as text."""
         headline = {"weak": "WEAKLY OBSERVABLE"}.get(self.status, self.status.upper())
         lines = [f"{headline}: {self.reason}"]
-        lines += [f"  not observable: {text}" for text in self._grouped()]
+        lines += [f"  not observable: {text}" for text in self.grouped()]
         for states, rows in self.shortages[:5]:
             lines.append(f"  {len(rows)} rows alone touch {some_blocks(states)}")
         if self.status == "unobservable":
@@ -400,8 +405,8 @@ class SparseObservability(Observability):
 
     __str__ = summary
 
-    def _grouped(self) -> list[str]:
-        """Null combinations that move the same blocks in one line."""
+    def grouped(self) -> list[str]:
+        """Return the null combinations in words, those of the same blocks in one line."""
         groups: dict[tuple[object, ...], list[NullCombination]] = {}
         for m in self.missing:
             alone = m.kind == "combination"

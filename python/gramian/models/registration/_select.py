@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gramian import _core
+from gramian import _core, choose
 from gramian._arrays import finite
 from gramian._text import plain
 from gramian.exceptions import InputError
 from gramian.models.registration._model import rows
 from gramian.models.registration._setup import Array, Extra, SensorsLike, setup
+from gramian.problem import Problem
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,8 +105,8 @@ def select(
 
     Notes
     -----
-    Greedy: each choice is the best addition to those before. While the rank is
-    short, more rank comes first, then the larger product of the singular values
+    Greedy, by `gramian.choose.select`: each choice is the best addition to those before.
+    While the rank is short, more rank comes first, then the larger product of the singular values
     that count. With a prior the gain is submodular, and the greedy choice is
     worth at least 1 - 1/e of the best there is.
 
@@ -142,38 +143,30 @@ def select(
             looks[key], pieces[key] = (name, slice(start, end)), places[start:end]
     if not 1 <= budget <= len(pieces):
         raise InputError(f"budget = {budget}: must be from 1 to {len(pieces)}, the number there is")
-    target = None if goal == "information" else known.index(goal)
     keys = list(pieces)
-    factors = np.array([_factor(rows(p, sensors, sigma, extras=extras)) for p in pieces.values()])
+    factors = [_factor(rows(p, sensors, sigma, extras=extras)) for p in pieces.values()]
     beforehand = np.full(known.n, np.inf) if prior is None else known.biases(prior, "prior")
     if isinstance(prior, Mapping):
         beforehand = np.where(beforehand == 0, np.inf, beforehand)
     if not (beforehand > 0).all():
         raise InputError("prior: every deviation must be > 0, or inf for none")
     have = np.diag(1 / beforehand)
-    left, chosen = list(range(len(keys))), []
-    before = _worth(have[None])
-    gains, bounds = [], []
-    for _ in range(budget):
-        stacks = np.concatenate(
-            [np.broadcast_to(have, (len(left), *have.shape)), factors[left]], axis=1
-        )
-        ranks, logs = _worth(stacks)
-        std = _core.crlb_std(stacks, None)
-        order = (
-            np.lexsort((-logs, -ranks)) if target is None else np.lexsort((-logs, std[:, target]))
-        )
-        best = int(order[0])
-        full = before[0][0] == known.n
-        gains.append(float(logs[best] - before[1][0]) if full else np.inf)
-        bounds.append(std[best])
-        have = _factor(stacks[best])
-        before = (ranks[best : best + 1], logs[best : best + 1])
-        chosen.append(left.pop(best))
+    base = Problem(have, known.names)
+    choice = choose.select(
+        dict(zip(keys, factors, strict=True)),
+        budget,
+        "D" if goal == "information" else known.names[known.index(goal)],
+        problem=base,
+        exchange=False,
+        relax=False,
+    )
+    chosen = [keys.index(name) for name in choice.chosen]
+    stacks = [np.concatenate([have, *(factors[i] for i in chosen[: k + 1])]) for k in range(budget)]
+    bounds = [_core.crlb_std(stack, None) for stack in stacks]
     everything = np.concatenate([np.diag(1 / beforehand), *factors])
     return Selection(
         chosen=tuple(keys[i] for i in chosen),
-        gains=np.array(gains),
+        gains=choice.gains if goal == "information" else _information_gains(stacks, have),
         bounds=np.array(bounds),
         all_bounds=_core.crlb_std(everything, None),
         names=known.names,
@@ -190,12 +183,12 @@ def _factor(array: Array) -> Array:
     return factor
 
 
-def _worth(stacks: Array) -> tuple[Array, Array]:
-    """Rank, and half the log of the product of what counts, of each stack of rows."""
-    norms = np.linalg.norm(stacks, axis=-2)
-    scale = np.where(norms > 0, norms, 1.0)
-    values = np.linalg.svd(stacks / scale[..., None, :], compute_uv=False)
-    limit = 32 * np.finfo(float).eps * np.sqrt(stacks.shape[-2])
-    counts = values > limit * np.maximum(values[..., :1], np.finfo(float).tiny)
-    logs = np.where(counts, np.log(np.where(counts, values, 1.0)), 0.0).sum(axis=-1)
-    return counts.sum(axis=-1), logs + np.log(scale).sum(axis=-1)
+def _information_gains(stacks: Sequence[Array], have: Array) -> Array:
+    """Half the log determinant that each stack adds to the one before."""
+    levels = []
+    for stack in (have, *stacks):
+        found = _core.Analysis(stack, None)
+        levels.append(found.log_det / 2)
+    with np.errstate(invalid="ignore"):
+        gains = np.diff(levels)
+    return np.where(np.isnan(gains), np.inf, gains)

@@ -1,0 +1,308 @@
+"""Which measurements, sensors or places to add: so many that what is known after is best.
+
+`select` chooses among candidates for any problem, dense or sparse, and its `Choice` says
+within how much of the best possible it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gramian import _core
+from gramian._arrays import finite, whole
+from gramian._text import plain
+from gramian.exceptions import InputError
+from gramian.problem import Problem, is_sparse
+
+__all__ = ["Choice", "select"]
+
+Array = NDArray[np.float64]
+
+#: States that a choice is made on at most: the candidates' own, and those of the goal.
+_STATES = 400
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """What `select` chose.
+
+    Attributes
+    ----------
+    chosen : tuple of str
+        Names of the candidates: in the order in which greedy took them, or as exchange
+        left them.
+    method : {"greedy", "exchange"}
+        Which of the two was better; greedy where they are equal.
+    goal : str
+    worth : float
+        Half the log determinant of the information (nats) for "D"; for "A" and a state the
+        root of the mean weighted variance; for "E" the longest axis. `inf`, or `-inf` for
+        "D", where the rank is short.
+    within : float
+        The deviations could be smaller by at most this fraction with any other choice of so
+        many (for "D": their geometric mean), by the convex relaxation; NaN where there is
+        no such limit: for "E", and where even all candidates leave the rank short.
+    guarantee : float
+        What part of the best possible gain the greedy choice has in any case: 1 - 1/e for
+        "D" where everything was observable before; NaN elsewhere, as there is none.
+    gains : ndarray, shape (budget,)
+        For "D" what each choice of greedy added to the worth (nats); `inf` while the rank
+        was short. For the others by how much each lowered it.
+    rank, nullity : int
+        Of all states with the choice added; those that no candidate touches and that the
+        goal does not ask for do not count for a sparse problem.
+    weights : mapping of str to float
+        Fractions of the candidates in the relaxation; empty where there is none.
+    """
+
+    chosen: tuple[str, ...]
+    method: Literal["greedy", "exchange"]
+    goal: str
+    worth: float
+    within: float
+    guarantee: float
+    gains: Array
+    rank: int
+    nullity: int
+    weights: Mapping[str, float]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the choice as plain lists, numbers and strings, fit for JSON."""
+        return {
+            "chosen": list(self.chosen),
+            "method": self.method,
+            "goal": self.goal,
+            "worth": plain(self.worth),
+            "within": None if np.isnan(self.within) else self.within,
+            "guarantee": None if np.isnan(self.guarantee) else self.guarantee,
+            "gains": plain(self.gains),
+            "rank": self.rank,
+            "nullity": self.nullity,
+            "weights": dict(self.weights),
+        }
+
+    def summary(self) -> str:
+        """Return the choice in words."""
+        text = f"{', '.join(self.chosen)} ({self.method})"
+        if self.nullity:
+            return f"{text}: {self.nullity} combinations are still not observable"
+        if np.isnan(self.within):
+            return f"{text}: how far from the best is not known for goal {self.goal}"
+        return f"{text}: within {100 * self.within:.2g} % of the best possible"
+
+    __str__ = summary
+
+
+def select(
+    candidates: Mapping[str, Any] | Sequence[Any],
+    budget: int,
+    goal: str | Mapping[str, float] = "D",
+    *,
+    problem: Problem | None = None,
+    exchange: bool = True,
+    relax: bool = True,
+) -> Choice:
+    """Choose the candidates that tell most.
+
+    Parameters
+    ----------
+    candidates : mapping of str to rows, or sequence of rows
+        What each would add: whitened rows (K_i, n), dense or sparse, or a `Problem` of the
+        same states. One row may be given as (n,).
+    budget : int
+        How many to choose.
+    goal : {"D", "A", "E"}, name of a state, or mapping of str to float
+        "D": the volume of the error ellipsoid. "A": the mean variance of all states, each
+        divided by its scale; a state: its bound; a mapping: several states, each variance
+        times its weight. "E": the longest axis, each state divided by its scale.
+    problem : Problem, optional
+        What is measured and known already, dense or sparse, and the names of the states.
+        A sparse one is first reduced to the states that candidates touch and the goal asks
+        for, by elimination of the others; nothing is lost by that.
+    exchange : bool
+        Whether to swap chosen candidates for others until no swap helps.
+    relax : bool
+        Whether to work out within how much of the best the choice is.
+
+    Returns
+    -------
+    Choice
+
+    Raises
+    ------
+    InputError
+        Candidates that do not fit each other or the problem, an unknown goal, a budget that
+        exceeds the number of candidates.
+
+    Notes
+    -----
+    Greedy first: while the rank is short, more rank comes first. Then exchange (Fedorov
+    1972). The limit on what any choice can reach is that of the relaxation, in which
+    candidates may be chosen by fractions (Joshi & Boyd 2009), with its duality gap added.
+    "D" is submodular; "A" and "E" are not in general, so greedy has no guarantee for them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> angles = np.radians([0, 10, 20, 90, 100])
+    >>> looks = {f"{np.degrees(a):.0f} deg": [[np.cos(a), np.sin(a)]] for a in angles}
+    >>> choice = select(looks, 2)
+    >>> choice.chosen, round(choice.within, 3)
+    (('0 deg', '90 deg'), 0.0)
+    """
+    named = (
+        {str(key): value for key, value in candidates.items()}
+        if isinstance(candidates, Mapping)
+        else {f"candidate {k}": value for k, value in enumerate(candidates)}
+    )
+    if not named:
+        raise InputError("candidates is empty: nothing can be chosen")
+    budget = whole(budget, "budget", 1)
+    if budget > len(named):
+        raise InputError(f"budget = {budget}: must be from 1 to {len(named)}, the candidates")
+    names, base, groups, scale = _dense(named, problem, goal)
+    n = len(names)
+    letter, weights = _goal(goal, names, scale)
+    ends = np.cumsum([len(group) for group in groups]).tolist()
+    order, worth, rank, swapped, best, relaxed = _core.choose(
+        base if len(base) else np.zeros((1, n)),
+        np.concatenate(groups),
+        ends,
+        budget,
+        letter,
+        weights,
+        100 if exchange else 0,
+        4000 if relax else 0,
+    )
+    better = best > worth[-1] + 1e-9 * abs(worth[-1]) if np.isfinite(best) else False
+    keys = list(named)
+    value = best if better else worth[-1]
+    limit = relaxed[2] if relaxed is not None and relax else np.nan
+    full_before = rank[0] == n and len(base) > 0 and _rank(base) == n
+    return Choice(
+        chosen=tuple(keys[i] for i in (swapped if better else order)),
+        method="exchange" if better else "greedy",
+        goal=goal if isinstance(goal, str) else "A",
+        worth=_shown(value, letter),
+        within=_within(value, limit, letter, n),
+        guarantee=1 - 1 / np.e if letter == "D" and full_before else np.nan,
+        gains=_gains(worth, letter, base, full_before),
+        rank=rank[-1],
+        nullity=n - rank[-1],
+        weights=dict(zip(keys, relaxed[0].tolist(), strict=True))
+        if relaxed is not None and relax
+        else {},
+    )
+
+
+def _rank(rows: Array) -> int:
+    return _core.Analysis(rows, None).rank
+
+
+def _shown(worth: float, letter: str) -> float:
+    return worth if letter == "D" else float(np.sqrt(-worth))
+
+
+def _within(value: float, limit: float, letter: str, n: int) -> float:
+    if not np.isfinite(limit) or not np.isfinite(value):
+        return np.nan
+    if letter == "D":
+        return max(0.0, float(-np.expm1((value - limit) / n)))
+    # Variances cannot be negative, whatever the duality gap.
+    return max(0.0, float(1 - np.sqrt(max(-limit, 0.0) / -value)))
+
+
+def _gains(worth: Sequence[float], letter: str, base: Array, full: bool) -> Array:
+    start = -np.inf
+    if full and letter == "D":
+        start = float(np.linalg.slogdet(base.T @ base)[1] / 2)
+    levels = np.array([start, *worth])
+    if letter != "D":
+        with np.errstate(invalid="ignore"):
+            levels = -np.sqrt(-levels)
+    with np.errstate(invalid="ignore"):
+        gains: Array = np.diff(levels)
+    return np.where(np.isnan(gains), np.inf, gains)
+
+
+def _goal(goal: str | Mapping[str, float], names: Sequence[str], scale: Array) -> tuple[str, Array]:
+    n = len(names)
+    unit = np.where(np.isnan(scale), 1.0, scale)
+    if isinstance(goal, Mapping):
+        weights = np.zeros(n)
+        for name, weight in goal.items():
+            if name not in names:
+                raise InputError(f"goal names {name!r}: no state has that name")
+            if not 0 < float(weight) < np.inf:
+                raise InputError(f"goal[{name!r}] = {weight}: must be > 0 and finite")
+            weights[list(names).index(name)] = weight
+        return "A", weights
+    if goal == "D":
+        return "D", unit
+    if goal == "A":
+        return "A", 1 / (n * unit**2)
+    if goal == "E":
+        return "E", unit
+    if goal in names:
+        return "A", np.array([float(name == goal) for name in names])
+    raise InputError(f"goal = {goal!r}: must be 'D', 'A', 'E', or the name of a state")
+
+
+def _dense(
+    named: Mapping[str, Any], problem: Problem | None, goal: str | Mapping[str, float]
+) -> tuple[Sequence[str], Array, list[Array], Array]:
+    """States, rows there are, rows of each candidate and scales, all dense."""
+    arrays = {key: _rows(value, key, problem) for key, value in named.items()}
+    n = problem.n if problem is not None else next(iter(arrays.values())).shape[1]
+    for key, array in arrays.items():
+        if array.shape[1] != n:
+            raise InputError(
+                f"candidate {key!r} has shape {array.shape}: must be (K, {n}), one column for "
+                "each state"
+            )
+    if problem is None or not is_sparse(problem.rows):
+        names = problem.names if problem is not None else [f"x{j}" for j in range(n)]
+        base = problem.all_rows if problem is not None else np.zeros((0, n))
+        scale = problem.scale if problem is not None else np.full(n, np.nan)
+        groups = [a.toarray() if is_sparse(a) else a for a in arrays.values()]
+        return names, base, groups, scale
+    touched = np.zeros(n, dtype=bool)
+    for array in arrays.values():
+        touched[array.tocsr().indices if is_sparse(array) else array.any(axis=0)] = True
+    asked = list(goal) if isinstance(goal, Mapping) else [goal]
+    touched[[problem.index(name) for name in asked if name in problem.names]] = True
+    if goal in ("A", "E"):
+        touched[:] = True
+    if touched.sum() > _STATES:
+        raise InputError(
+            f"the candidates and the goal touch {touched.sum()} states: a choice is made on at "
+            f"most {_STATES}; use goal 'D' or fewer states, or fewer candidates"
+        )
+    keep = np.flatnonzero(touched)
+    others = [problem.names[j] for j in np.flatnonzero(~touched)]
+    reduced = problem.marginalize(others) if others else problem
+    rows: Any = reduced.all_rows
+    return (
+        reduced.names,
+        np.asarray(rows.toarray()),
+        [a.tocsc()[:, keep].toarray() if is_sparse(a) else a[:, keep] for a in arrays.values()],
+        reduced.scale,
+    )
+
+
+def _rows(value: Any, key: str, problem: Problem | None) -> Any:
+    if isinstance(value, Problem):
+        if problem is not None and value.names != problem.names:
+            raise InputError(f"candidate {key!r} has other states than the problem")
+        return value.all_rows
+    if is_sparse(value):
+        return value
+    array = np.atleast_2d(finite(value, f"candidate {key!r}"))
+    if array.ndim != 2 or 0 in array.shape:
+        raise InputError(f"candidate {key!r} has shape {array.shape}: must be (K, n), not empty")
+    return array
