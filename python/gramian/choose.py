@@ -153,7 +153,7 @@ def select(
     >>> looks = {f"{np.degrees(a):.0f} deg": [[np.cos(a), np.sin(a)]] for a in angles}
     >>> choice = select(looks, 2)
     >>> choice.chosen, round(choice.within, 3)
-    (('0 deg', '90 deg'), 0.0)
+    (('10 deg', '100 deg'), 0.0)
     """
     named = (
         {str(key): value for key, value in candidates.items()}
