@@ -97,9 +97,9 @@ impl<M: Motion<D>, const D: usize> pulp::WithSimd for Moves<'_, M, D> {
                 let out_of = emitted(self.motion, &x, u, &place, &own, speed, &mut changes);
                 let (now, pace) = (out_of.instant, out_of.pace);
                 if self.clock.state {
+                    // What the carriers move is added where they are seen from.
                     for k in 0..D {
-                        changes[states].place[k] =
-                            Lane::negate_mul_add(pace, now.velocity[k], own[k]);
+                        changes[states].place[k] = -(pace * now.velocity[k]);
                         changes[states].velocity[k] = -(pace * now.acceleration[k]);
                     }
                 }
@@ -155,6 +155,8 @@ impl<K: Sensor<D>, const D: usize> pulp::WithSimd for Sees<'_, K, D> {
                     target[k] = Lanes::load(simd, &moves[D + k], part);
                 }
                 let mut found: Option<Reading<Lanes<S>, D>> = None;
+                // How the reading changes where the carriers are seen earlier.
+                let mut own = zero;
                 for carrier in [self.second, Some(self.carrier)].into_iter().flatten() {
                     let carrier = &carrier[block * 3 * D..][..3 * D];
                     let (at, velocity, axis) = carried::<S, D>(simd, carrier, part, shift);
@@ -169,6 +171,11 @@ impl<K: Sensor<D>, const D: usize> pulp::WithSimd for Sees<'_, K, D> {
                         axis,
                     };
                     let reading = self.sensor.read(&sight, &parameters);
+                    let mut its = zero;
+                    for k in 0..D {
+                        its = Lane::mul_add(reading.by_place[k], velocity[k], its);
+                    }
+                    own = its - own;
                     found = Some(match found {
                         Some(other) => reading.less(&other),
                         None => reading,
@@ -176,16 +183,21 @@ impl<K: Sensor<D>, const D: usize> pulp::WithSimd for Sees<'_, K, D> {
                 }
                 let Some(reading) = found else { return };
                 reading.value.store(&mut out[0], part);
-                for (column, out) in moves[2 * D..]
+                for (index, (column, out)) in moves[2 * D..]
                     .chunks_exact(2 * D)
                     .zip(&mut out[1..=self.columns])
+                    .enumerate()
                 {
                     let (mut place, mut velocity) = ([zero; D], [zero; D]);
                     for k in 0..D {
                         place[k] = Lanes::load(simd, &column[k], part);
                         velocity[k] = Lanes::load(simd, &column[D + k], part);
                     }
-                    reading.along(&place, &velocity).store(out, part);
+                    let mut along = reading.along(&place, &velocity);
+                    if self.clock.state && self.clock.true_path && index + 1 == self.columns {
+                        along = along + own;
+                    }
+                    along.store(out, part);
                 }
                 for k in 0..2 {
                     reading.by_parameter[k].store(&mut out[self.columns + 1 + k], part);

@@ -151,6 +151,7 @@ fn rows_are_derivatives_of_values() {
                 let mut rows = vec![0.0; n * scene.measurements()];
                 let mut values = vec![0.0; scene.measurements()];
                 scene.predict(&x, &mut values, Some(&mut rows)).unwrap();
+                let mut kinks = 0;
                 for k in 0..n {
                     let h = 1e-3
                         * if k < dimension {
@@ -169,6 +170,14 @@ fn rows_are_derivatives_of_values() {
                         (0..values.len()).fold(0.0_f64, |top, i| top.max(rows[i * n + k].abs()));
                     for i in 0..values.len() {
                         let wanted = (a[i] - 8.0 * b[i] + 8.0 * c[i] - d[i]) / (12.0 * h);
+                        // A sample at a turn has a kink there.
+                        let (left, right) = ((b[i] - a[i]) / h, (d[i] - c[i]) / h);
+                        if k >= dimension
+                            && (left - right).abs() > 1e-2 * left.abs().max(right.abs())
+                        {
+                            kinks += 1;
+                            continue;
+                        }
                         let rounding = 1e-12 * values[i].abs().max(1e-3) / h;
                         let error = (rows[i * n + k] - wanted).abs();
                         assert!(
@@ -178,6 +187,7 @@ fn rows_are_derivatives_of_values() {
                         );
                     }
                 }
+                assert!(kinks <= 12, "{kinks}");
             }
         }
     }
