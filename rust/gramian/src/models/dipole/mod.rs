@@ -22,6 +22,8 @@ mod accumulator;
 pub mod batch;
 #[cfg(feature = "std")]
 pub mod localize;
+#[cfg(feature = "std")]
+pub mod record;
 
 pub use accumulator::Accumulator;
 
