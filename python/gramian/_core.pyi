@@ -215,6 +215,9 @@ def dipole_fisher(
     sigma: ArrayLike,
     sensors: ArrayLike,
 ) -> _Array: ...
+def dipole_check(
+    times: ArrayLike, field: ArrayLike
+) -> tuple[list[tuple[str, dict[str, Any]]], list[tuple[float, float, float]]]: ...
 def dipole_localize(
     times: ArrayLike,
     field: ArrayLike,

@@ -8,6 +8,7 @@ mod bearings_motion;
 mod choose;
 mod convert;
 mod dipole;
+mod dipole_record;
 mod errors;
 mod inertial;
 mod linear;
@@ -36,6 +37,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     bearings_motion::register(module)?;
     dipole::register(module)?;
     inertial::register(module)?;
+    dipole_record::register(module)?;
     linear::register(module)?;
     maneuver::register(module)?;
     monte_carlo::register(module)?;

@@ -12,6 +12,7 @@ of the sensor, fields in tesla.
 - `localize`, `localize_many`: the dipole from a record, as `Localization` and
   `Localizations` with `Solution`, `Pass` and `ClosestPoint`; `localize_trials` of
   simulated records.
+- `check_record`: what is wrong with a record, as a `RecordCheck` of `Finding`.
 - `equivalents`: the passes that one sensor cannot tell apart.
 """
 
@@ -32,6 +33,7 @@ from gramian.models.dipole._model import (
     rows,
     simulate,
 )
+from gramian.models.dipole._record import Finding, RecordCheck, check_record
 from gramian.models.dipole._result import ClosestPoint, Localization, Localizations, Solution
 
 __all__ = [
@@ -39,11 +41,14 @@ __all__ = [
     "NAMES",
     "UNITS",
     "ClosestPoint",
+    "Finding",
     "Jacobian",
     "Localization",
     "Localizations",
     "Pass",
+    "RecordCheck",
     "Solution",
+    "check_record",
     "equivalents",
     "field",
     "fisher",

@@ -1,8 +1,8 @@
 //! What is wrong with a record of a magnetometer, before anything is fitted to it.
 //!
 //! A channel is one column of the record. Each check compares it with its own noise,
-//! which is estimated from second differences: a passing field is smooth from sample
-//! to sample, noise is not.
+//! which is estimated from differences of neighbouring samples in the quiet parts of the
+//! record.
 
 use alloc::vec;
 use alloc::vec::Vec;
@@ -178,7 +178,7 @@ pub fn check(times: &[f64], field: &[f64], channels: usize) -> Result<Check, Num
     }
     for (channel, column) in columns.iter().enumerate() {
         if !constant[channel] {
-            runs(channel, column, &noise[channel], &mut findings);
+            runs(channel, &columns, &noise, &mut findings);
         }
     }
     for channel in 1..channels {
@@ -239,79 +239,51 @@ fn robust_sigma(values: impl Iterator<Item = f64>) -> f64 {
     median(&mut sizes) / 0.674_489_750_196_081_7
 }
 
+/// Noise of first order, variance s^2 and correlation r, has (x[t+k] - x[t])^2 / 2 of mean
+/// s^2 (1 - r^k): k = 1 and 2 give both.
 fn noise_of(known: &[f64]) -> Noise {
-    let second: Vec<f64> = known.windows(3).map(|w| w[0] - 2.0 * w[1] + w[2]).collect();
-    if second.is_empty() {
+    let step = step_of(known);
+    let spread = robust_sigma(known.windows(2).map(|w| w[1] - w[0]));
+    let cut = 6.0 * spread + 2.0 * step;
+    let block = (known.len() / 32).max(8);
+    let mut sums: Vec<(f64, f64)> = known
+        .windows(3)
+        .collect::<Vec<_>>()
+        .chunks_exact(block)
+        .map(|part| {
+            part.iter().fold((0.0, 0.0), |sum, w| {
+                let (one, two) = (w[1] - w[0], w[2] - w[0]);
+                // A spike is no noise.
+                if one.abs() > cut || two.abs() > 1.5 * cut {
+                    return sum;
+                }
+                (sum.0 + one * one, sum.1 + two * two)
+            })
+        })
+        .collect();
+    // A pass moves further in two samples than noise does: the quiet blocks alone.
+    sums.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let most = 2.5 * sums.get(sums.len() / 4).map_or(0.0, |s| s.1);
+    let kept = sums.iter().filter(|s| s.1 <= most);
+    let count = kept.clone().count() as f64 * block as f64;
+    let (one, two) = kept.fold((0.0, 0.0), |sum, s| (sum.0 + s.0, sum.1 + s.1));
+    // A recorder that rounds has at least the noise of its rounding.
+    let rounding = step / 12.0_f64.sqrt();
+    if !(one > 0.0) {
         return Noise {
-            sigma: 0.0,
+            sigma: rounding,
             correlation: 0.0,
-            step: 0.0,
+            step,
         };
     }
-    let step = step_of(known);
-    // Without the blocks in which a pass is sampled coarsely: its own second differences
-    // are no noise.
-    let block = (second.len() / 32).max(8).min(second.len());
-    let energy = |c: &[f64]| c.iter().map(|x| x * x).sum::<f64>();
-    let mut energies: Vec<f64> = second.chunks_exact(block).map(energy).collect();
-    let most = 3.0 * median(&mut energies);
-    let quiet: Vec<&[f64]> = second
-        .chunks_exact(block)
-        .filter(|c| energy(c) <= most)
-        .collect();
-    let spread = robust_sigma(quiet.iter().flat_map(|c| c.iter().copied()));
-    // Var of a second difference is (6 - 8 r1 + 2 r2) sigma^2, and its lag-1 product
-    // (-4 + 7 r1 - 4 r2 + r3) sigma^2: for first-order noise their ratio gives r.
-    let (mut square, mut product) = (0.0, 0.0);
-    let cut = 5.0 * spread + step;
-    for part in quiet {
-        for pair in part.windows(2) {
-            if pair[0].abs() <= cut && pair[1].abs() <= cut {
-                square += 0.5 * (pair[0] * pair[0] + pair[1] * pair[1]);
-                product += pair[0] * pair[1];
-            }
-        }
-    }
-    let ratio = if square > 0.0 {
-        product / square
-    } else {
-        -2.0 / 3.0
-    };
-    let correlation = first_order(ratio);
-    let variance = if square > 0.0 {
-        spread * spread / (6.0 - 8.0 * correlation + 2.0 * correlation * correlation)
-    } else {
-        0.0
-    };
-    // A recorder that rounds has at least the noise of its rounding.
-    let sigma = variance.sqrt().max(step / 12.0_f64.sqrt());
+    let correlation = (two / one - 1.0).clamp(-0.99, 0.99);
     Noise {
-        sigma,
+        sigma: (0.5 * one / count / (1.0 - correlation))
+            .sqrt()
+            .max(rounding),
         correlation,
         step,
     }
-}
-
-/// The correlation r of first-order noise whose second differences have this ratio of
-/// lag-1 product to square, by bisection: the ratio rises with r.
-fn first_order(ratio: f64) -> f64 {
-    let of = |r: f64| (-4.0 + 7.0 * r - 4.0 * r * r + r * r * r) / (6.0 - 8.0 * r + 2.0 * r * r);
-    let (mut low, mut high) = (-0.95, 0.99);
-    if ratio <= of(low) {
-        return low;
-    }
-    if ratio >= of(high) {
-        return high;
-    }
-    for _ in 0..50 {
-        let middle = 0.5 * (low + high);
-        if of(middle) < ratio {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    0.5 * (low + high)
 }
 
 /// The step of a recorder: the smallest difference of two values, where all values are
@@ -330,15 +302,22 @@ fn step_of(known: &[f64]) -> f64 {
         .map(|w| w[1] - w[0])
         .filter(|d| *d > 64.0 * f64::EPSILON * size)
         .fold(f64::INFINITY, f64::min);
-    let whole = sorted.iter().all(|x| {
-        let count = (x - sorted[0]) / step;
+    // All but a few: a spike may stand between two steps.
+    let middle = sorted[sorted.len() / 2];
+    let fits = known.iter().filter(|x| {
+        let count = (**x - middle) / step;
         (count - count.round()).abs() < 0.01
     });
-    if step.is_finite() && whole { step } else { 0.0 }
+    if step.is_finite() && fits.count() * 100 >= known.len() * 99 {
+        step
+    } else {
+        0.0
+    }
 }
 
 /// Runs of equal samples that noise does not allow, and cut-off extremes.
-fn runs(channel: usize, column: &[f64], noise: &Noise, findings: &mut Vec<Finding>) {
+fn runs(channel: usize, columns: &[Vec<f64>], noise: &[Noise], findings: &mut Vec<Finding>) {
+    let column = &columns[channel];
     let low = column.iter().copied().fold(f64::INFINITY, f64::min);
     let high = column.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let mut longest = (0, 0);
@@ -362,13 +341,28 @@ fn runs(channel: usize, column: &[f64], noise: &Noise, findings: &mut Vec<Findin
     let equal = column.windows(2).filter(|w| w[0] == w[1]).count();
     let outside = column.len().saturating_sub(longest.1).max(1) as f64;
     let share = equal.saturating_sub(longest.1.saturating_sub(1)) as f64 / outside;
-    let allowed = |length: usize| {
-        let chance = share
-            .max(1.0 / column.len() as f64)
-            .powi(i32::try_from(length).unwrap_or(i32::MAX) - 1);
-        chance * column.len() as f64 > CHANCE
+    let by_chance = |length: usize| {
+        let length = i32::try_from(length).unwrap_or(i32::MAX);
+        share.max(1.0 / column.len() as f64).powi(length - 1) * column.len() as f64 > CHANCE
     };
-    if longest.1 >= 8 && !allowed(longest.1) {
+    // A recorder whose steps hide the noise repeats itself for long: there a channel is
+    // stuck only while others see something pass.
+    let passing = || {
+        let run = longest.0..longest.0 + longest.1;
+        columns
+            .iter()
+            .zip(noise)
+            .enumerate()
+            .any(|(other, (values, noise))| {
+                let (low, high) = values[run.clone()]
+                    .iter()
+                    .fold((f64::INFINITY, f64::NEG_INFINITY), |r, x| {
+                        (r.0.min(*x), r.1.max(*x))
+                    });
+                other != channel && high - low > 50.0 * noise.sigma.max(noise.step)
+            })
+    };
+    if longest.1 >= 8 && !by_chance(longest.1) && (share < 0.5 || passing()) {
         findings.push(Finding::Stuck {
             channel,
             from: longest.0,
@@ -378,7 +372,7 @@ fn runs(channel: usize, column: &[f64], noise: &Noise, findings: &mut Vec<Findin
     }
     for ((samples, run), value) in at_limit.into_iter().zip([low, high]) {
         // The rest must reach far beyond its noise, or the limit is that of a quiet record.
-        if run >= 4 && !allowed(run) && high - low > 20.0 * noise.sigma {
+        if run >= 4 && !by_chance(run) && high - low > 50.0 * noise[channel].sigma {
             findings.push(Finding::Saturated {
                 channel,
                 value,
@@ -616,21 +610,34 @@ fn hum(channel: usize, times: &[f64], column: &[f64]) -> Option<Finding> {
     None
 }
 
-/// The change of the median from the first to the last tenth.
+/// The change of the median from the first to the last tenth, where the level moves the
+/// same way at both ends: the tails of a pass fall off again.
 fn drift(channel: usize, column: &[f64], noise: &Noise) -> Option<Finding> {
     let tenth = column.len() / 10;
     if tenth < 8 {
         return None;
     }
-    let of = |part: &[f64]| {
-        let mut known: Vec<f64> = part.iter().copied().filter(|x| x.is_finite()).collect();
+    let level = |k: usize| {
+        let mut known: Vec<f64> = column[k * tenth..(k + 1) * tenth]
+            .iter()
+            .copied()
+            .filter(|x| x.is_finite())
+            .collect();
         median(&mut known)
     };
-    let change = of(&column[column.len() - tenth..]) - of(&column[..tenth]);
+    let [first, second, before, last] = [level(0), level(1), level(8), level(9)];
+    let change = last - first;
     let r = noise.correlation.clamp(0.0, 0.99);
-    let sigma = noise.sigma * (2.0 * 1.6 / tenth as f64 * (1.0 + r) / (1.0 - r)).sqrt();
+    // The variance of a median is pi / 2 times that of a mean.
+    let sigma = noise.sigma * (3.2 / tenth as f64 * (1.0 + r) / (1.0 - r)).sqrt();
+    let along = |slope: f64| {
+        let part = slope / change * 9.0;
+        (0.3..3.0).contains(&part)
+    };
     let limit = 6.0 * sigma + noise.step;
-    (limit > 0.0 && change.abs() > limit).then_some(Finding::Drift { channel, change })
+    let moves = limit > 0.0 && change.abs() > limit;
+    (moves && along(second - first) && along(last - before))
+        .then_some(Finding::Drift { channel, change })
 }
 
 /// Steps of the clock that differ from the usual one by half and more.
@@ -783,8 +790,8 @@ mod tests {
             [Finding::Hum { channel: 2, frequency: 50.0, amplitude }] if (amplitude - 0.5).abs() < 0.1
         ));
         assert!(matches!(
-            broken(&|i, row| row[3] += i as f64 * 0.002)[..],
-            [Finding::Drift { channel: 3, change }] if (change - 3.6).abs() < 0.5
+            broken(&|i, row| row[3] += i as f64 * 0.01)[..],
+            [Finding::Drift { channel: 3, change }] if (change - 18.0).abs() < 1.0
         ));
         assert!(matches!(
             broken(&|i, row| if i == 9 {

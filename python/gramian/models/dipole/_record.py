@@ -1,0 +1,212 @@
+"""What is wrong with a record, before anything is fitted to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gramian import _core
+from gramian._arrays import as_float_array
+from gramian.exceptions import InputError
+
+__all__ = ["Finding", "RecordCheck", "check_record"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something in a record that a fit would suffer from.
+
+    Attributes
+    ----------
+    kind : str
+        "constant", "stuck", "saturated", "copy", "axes", "spikes", "hum", "drift",
+        "clock" or "missing".
+    channel : str or None
+        The channel; None for the clock.
+    text : str
+        In words, with the figures.
+    figures : mapping
+        The figures by name: the value a channel is stuck at, the sample, the frequency.
+    """
+
+    kind: str
+    channel: str | None
+    text: str
+    figures: Mapping[str, Any]
+
+    def __str__(self) -> str:
+        return self.text
+
+
+@dataclass(frozen=True, eq=False)
+class RecordCheck:
+    """The answer of `check_record`.
+
+    Attributes
+    ----------
+    findings : tuple of Finding
+        Worst kinds first; empty for a sound record.
+    channels : tuple of str, length C
+    sigma : ndarray, shape (C,)
+        Standard deviation of the noise of each channel, T.
+    correlation : ndarray, shape (C,)
+        Correlation of the noise of neighbouring samples: 0 for white noise.
+    step : ndarray, shape (C,)
+        The step of the recorder, T; 0 where none is to be seen.
+    """
+
+    findings: tuple[Finding, ...]
+    channels: tuple[str, ...]
+    sigma: Array
+    correlation: Array
+    step: Array
+
+    @property
+    def sound(self) -> bool:
+        """Whether nothing was found."""
+        return not self.findings
+
+    @property
+    def usable(self) -> tuple[bool, ...]:
+        """Which channels measure the field: not constant, not a copy, axes as they should be."""
+        bad = {f.channel for f in self.findings if f.kind in ("constant", "copy", "axes")}
+        return tuple(name not in bad for name in self.channels)
+
+    def summary(self) -> str:
+        """Return the findings and the noise of each channel as text."""
+        lines = ["SOUND: nothing found" if self.sound else f"{len(self.findings)} findings"]
+        lines += [f"  {finding.text}" for finding in self.findings]
+        for name, sigma, correlation, step in zip(
+            self.channels, self.sigma, self.correlation, self.step, strict=True
+        ):
+            rounded = f", steps of {step:.3g} T" if step else ""
+            lines.append(f"  {name}: noise {sigma:.3g} T, correlation {correlation:.2f}{rounded}")
+        return "\n".join(lines)
+
+    def __str__(self) -> str:
+        return self.summary()
+
+
+def check_record(
+    times: ArrayLike, field: ArrayLike, *, channels: Sequence[str] | None = None
+) -> RecordCheck:
+    """Look through a record for what a fit would suffer from.
+
+    Parameters
+    ----------
+    times : array_like, shape (K,)
+        Seconds.
+    field : array_like, shape (K, 3), or (K, S, 3) for S sensors
+        Tesla; NaN for a missing sample.
+    channels : sequence of str, optional
+        Names of the 3 S channels; "x", "y", "z", or "1x" .. by default.
+
+    Returns
+    -------
+    RecordCheck
+
+    Raises
+    ------
+    InputError
+        Shapes that do not fit, times that are not finite.
+
+    Notes
+    -----
+    Found are: channels that are constant, stuck for a run that noise does not allow, cut
+    off at a limit, or copies of another channel (scaled, shifted or inverted) noise
+    included; axes of a second sensor that follow another axis of the first, or its own
+    with the opposite sign; single spikes beyond 8 standard deviations; mains hum (50, 60,
+    16 2/3 Hz, or its alias); a mean that moves from the first to the last tenth; steps of
+    the clock; missing samples. The noise is that of neighbouring samples in the quiet parts
+    of the record.
+
+    Examples
+    --------
+    >>> import numpy as np, gramian as gm
+    >>> t = np.arange(400) * 0.01
+    >>> y = gm.dipole.simulate([-2, 1, 0.5], [1, 0, 0], [9, 5, 7], t, 1e-9, seed=1)
+    >>> gm.dipole.check_record(t, y).sound
+    True
+    >>> y[:, 2] = -y[:, 0]
+    >>> print(gm.dipole.check_record(t, y).findings[0])
+    z repeats x with the opposite sign, noise included
+    """
+    t, y = as_float_array(times, "times"), as_float_array(field, "field")
+    if t.ndim != 1 or y.ndim not in (2, 3) or y.shape[0] != t.size or y.shape[-1] != 3:
+        raise InputError(
+            f"times has shape {t.shape} and field {y.shape}: must be (K,) and (K, 3) or (K, S, 3)"
+        )
+    flat = np.ascontiguousarray(y.reshape(t.size, -1))
+    count = flat.shape[1]
+    names = _names(channels, count)
+    found, noise = _core.dipole_check(t, flat)
+    findings = tuple(_finding(kind, figures, names, t) for kind, figures in found)
+    sigma, correlation, step = np.array(noise).reshape(count, 3).T
+    return RecordCheck(findings, names, sigma, correlation, step)
+
+
+def _names(channels: Sequence[str] | None, count: int) -> tuple[str, ...]:
+    if channels is None:
+        axes = "xyz"
+        return tuple(
+            axes[c % 3] if count == 3 else f"{c // 3 + 1}{axes[c % 3]}" for c in range(count)
+        )
+    names = tuple(str(name) for name in channels)
+    if isinstance(channels, str) or len(names) != count or len(set(names)) != count:
+        raise InputError(f"channels = {channels!r}: must be {count} different names")
+    return names
+
+
+def _finding(kind: str, figures: dict[str, Any], names: tuple[str, ...], times: Array) -> Finding:
+    channel = names[figures["channel"]] if "channel" in figures else None
+    for key in ("of", "follows"):
+        if key in figures:
+            figures[key] = names[figures[key]]
+    return Finding(kind, channel, _text(kind, channel, figures, times), figures)
+
+
+def _text(kind: str, channel: str | None, figures: Mapping[str, Any], times: Array) -> str:
+    said: dict[str, Callable[[], str]] = {
+        "constant": lambda: f"is {figures['value']:.4g} T throughout: it does not measure",
+        "stuck": lambda: (
+            f"is stuck at {figures['value']:.4g} T from {times[figures['first']]:.6g} s to "
+            f"{times[figures['first'] + figures['samples'] - 1]:.6g} s"
+        ),
+        "saturated": lambda: (
+            f"is cut off at {figures['value']:.4g} T, in {figures['samples']} samples"
+        ),
+        "copy": lambda: f"repeats {figures['of']}{_scaled(figures)}, noise included",
+        "axes": lambda: (
+            f"follows {figures['follows']}{' with the opposite sign' * figures['inverted']} "
+            f"(correlation {figures['correlation']:.3f}): are its axes as the first sensor's?"
+        ),
+        "spikes": lambda: (
+            f"has {len(figures['samples'])} spike{'s' * (len(figures['samples']) > 1)}, the first "
+            f"at {times[figures['samples'][0]]:.6g} s"
+        ),
+        "hum": lambda: (
+            f"has hum of {figures['frequency']:.4g} Hz, amplitude {figures['amplitude']:.3g} T"
+        ),
+        "drift": lambda: f"drifts by {figures['change']:.3g} T over the record",
+        "clock": lambda: (
+            f"steps by {figures['step']:.4g} s to {times[figures['sample']]:.6g} s, "
+            f"usually by {figures['usual']:.4g} s"
+        ),
+        "missing": lambda: f"has {figures['samples']} missing samples",
+    }
+    return f"{channel or 'the clock'} {said[kind]()}"
+
+
+def _scaled(figures: Mapping[str, Any]) -> str:
+    factor = figures["factor"]
+    if abs(factor - 1) < 1e-9:
+        return ""
+    if abs(factor + 1) < 1e-9:
+        return " with the opposite sign"
+    return f" times {factor:.4g}"

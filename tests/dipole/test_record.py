@@ -1,0 +1,86 @@
+"""What is wrong with a record is named before anything is fitted to it."""
+
+import csv
+
+import numpy as np
+import pytest
+
+import gramian as gm
+
+T = np.arange(1200) * 0.01
+SENSORS = np.array([[0.0, 0.0, 0.0], [0.0, 0.5, 0.0]])
+
+
+def record(seed=1, sigma=1e-9):
+    """A pass of two sensors in noise of `sigma`, (K, 2, 3)."""
+    return gm.dipole.simulate(
+        [-6, 1, 0.5], [1, 0, 0], [9, 5, 7], T, sigma, seed=seed, sensors=SENSORS
+    )
+
+
+def test_a_sound_record():
+    found = gm.dipole.check_record(T, record())
+    assert found.sound, found.summary()
+    assert found.channels == ("1x", "1y", "1z", "2x", "2y", "2z")
+    np.testing.assert_allclose(found.sigma, 1e-9, rtol=0.2)
+    assert all(found.usable)
+
+
+@pytest.mark.parametrize(
+    ("change", "kind", "text"),
+    [
+        (lambda y: y[:, 1, 0].fill(2e-9), "constant", "2x is 2e-09 T throughout"),
+        (lambda y: y[100:200, 0, 2].fill(3e-9), "stuck", "1z is stuck at 3e-09 T from 1 s to 1.99"),
+        (lambda y: y[:, 1].__setitem__((slice(None), 1), 2 * y[:, 0, 0]), "copy", "2y repeats 1x times 2"),
+        (lambda y: np.negative(y[:, 1, 2], out=y[:, 1, 2]), "axes", "2z follows 1z with the opposite"),
+        (lambda y: y[:, 0, 0].__setitem__(50, 1e-6), "spikes", "1x has 1 spike, the first at 0.5 s"),
+    ],
+)  # fmt: skip
+def test_faults_are_named(change, kind, text):
+    y = record()
+    change(y)
+    found = gm.dipole.check_record(T, y)
+    assert [f.kind for f in found.findings if f.text.startswith(text)] == [kind], found.summary()
+
+
+def test_axes_that_are_swapped():
+    y = record()
+    y[:, 1] = y[:, 1][:, [1, 0, 2]]
+    found = gm.dipole.check_record(T, y)
+    assert [(f.kind, f.channel) for f in found.findings] == [("axes", "2x"), ("axes", "2y")]
+    assert found.usable == (True, True, True, False, False, True)
+
+
+def test_a_clock_that_jumps():
+    t = T.copy()
+    t[600:] += 0.5
+    found = gm.dipole.check_record(t, record())
+    assert str(found.findings[0]) == "the clock steps by 0.51 s to 6.5 s, usually by 0.01 s"
+
+
+def test_bad_input():
+    with pytest.raises(gm.InputError, match=r"must be \(K,\) and \(K, 3\)"):
+        gm.dipole.check_record(T, np.zeros((5, 3)))
+    with pytest.raises(gm.InputError, match="channels"):
+        gm.dipole.check_record(T, record(), channels=["x", "x"])
+    with pytest.raises(gm.InputError, match=r"times\[3\]"):
+        gm.dipole.check_record(np.where(np.arange(T.size) == 3, np.nan, T), record())
+
+
+@pytest.mark.recorded
+def test_recorded_car(recorded):
+    """Two sound sensors with steps of 0.1 uT; one copied and one dead channel are named."""
+    with recorded("car_magnetometer.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if row["pass"] == "car_20"]
+    t = np.array([float(row["t_s"]) for row in rows])
+    y = 1e-6 * np.array(
+        [[[float(row[f"s{s}_{a}_uT"]) for a in "xyz"] for s in (1, 2)] for row in rows]
+    )
+    found = gm.dipole.check_record(t, y)
+    assert all(found.usable), found.summary()
+    np.testing.assert_allclose(found.step, 2e-7, rtol=0.01)
+    broken = y.copy()
+    broken[:, 0, 1] = 4e-6
+    broken[:, 1, 2] = broken[:, 0, 2]
+    named = {(f.kind, f.channel) for f in gm.dipole.check_record(t, broken).findings}
+    assert {("constant", "1y"), ("copy", "2z")} <= named
