@@ -176,7 +176,7 @@ pub fn check(times: &[f64], field: &[f64], channels: usize) -> Result<Check, Num
         }
         noise.push(noise_of(&known));
     }
-    for (channel, column) in columns.iter().enumerate() {
+    for channel in 0..channels {
         if !constant[channel] {
             runs(channel, &columns, &noise, &mut findings);
         }
