@@ -152,7 +152,13 @@ fn rows_are_derivatives_of_values() {
                 let mut values = vec![0.0; scene.measurements()];
                 scene.predict(&x, &mut values, Some(&mut rows)).unwrap();
                 let mut kinks = 0;
+                let unknown = matches!(
+                    motion,
+                    Moving::Legs(TurnTimes::Unknown(2)) | Moving::SteadyLegs(TurnTimes::Unknown(2))
+                );
+                let motion_states = scene.motion_states();
                 for k in 0..n {
+                    let turn = unknown && (motion_states - 2..motion_states).contains(&k);
                     let h = 1e-3
                         * if k < dimension {
                             100.0
@@ -172,9 +178,8 @@ fn rows_are_derivatives_of_values() {
                         let wanted = (a[i] - 8.0 * b[i] + 8.0 * c[i] - d[i]) / (12.0 * h);
                         // A sample at a turn has a kink there.
                         let (left, right) = ((b[i] - a[i]) / h, (d[i] - c[i]) / h);
-                        if k >= dimension
-                            && (left - right).abs() > 1e-2 * left.abs().max(right.abs())
-                        {
+                        let size = left.abs().max(right.abs());
+                        if turn && (left - right).abs() > 1e-2 * size {
                             kinks += 1;
                             continue;
                         }
@@ -187,7 +192,7 @@ fn rows_are_derivatives_of_values() {
                         );
                     }
                 }
-                assert!(kinks <= 12, "{kinks}");
+                assert!(kinks * 50 < rows.len(), "{kinks}");
             }
         }
     }
