@@ -18,6 +18,7 @@ mod monte_carlo;
 mod posterior;
 mod registration;
 mod run;
+mod solve;
 #[cfg(feature = "large")]
 mod sparse;
 mod spine;
@@ -44,5 +45,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     posterior::register(module)?;
     registration::register(module)?;
     tracks::register(module)?;
+    solve::register(module)?;
     maneuver_plan::register(module)
 }

@@ -3,3 +3,5 @@
 #[cfg(feature = "std")]
 pub mod batch;
 pub mod posterior;
+#[cfg(feature = "std")]
+pub mod threshold;

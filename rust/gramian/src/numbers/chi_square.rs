@@ -47,6 +47,48 @@ pub(crate) fn tail<T: Real>(value: T, dof: T) -> T {
     }
 }
 
+/// The value that a chi-square variable of `dof` degrees of freedom exceeds with
+/// probability `alpha`: the threshold of a test, and of a likelihood region.
+///
+/// # Errors
+/// [`NumberError::OutOfRange`] for `alpha` outside (0, 1), or `dof` that is not positive
+/// and finite.
+///
+/// # Algorithm
+/// Bisection of [`survival`], to the last digits.
+///
+/// ```
+/// let limit = gramian::chi_square::critical(0.05, 1.0)?;
+/// assert!((limit - 3.841_458_820_694_124).abs() < 1e-13);
+/// # Ok::<(), gramian::scalar::NumberError>(())
+/// ```
+pub fn critical(alpha: f64, dof: f64) -> Result<f64, NumberError> {
+    check_positive("dof", dof)?;
+    if !(alpha > 0.0 && alpha < 1.0) {
+        return Err(NumberError::OutOfRange {
+            name: "alpha",
+            given: alpha,
+            allowed: "between 0 and 1",
+        });
+    }
+    let (mut low, mut high) = (0.0, dof + 10.0);
+    while tail(high, dof) > alpha && high < 1e300 {
+        low = high;
+        high *= 2.0;
+    }
+    loop {
+        let middle = 0.5 * (low + high);
+        if middle <= low || middle >= high {
+            return Ok(high);
+        }
+        if tail(middle, dof) > alpha {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+}
+
 /// Q(a, x) by its series, or by its continued fraction where x is large.
 fn few<T: Real>(a: T, x: T) -> T {
     let (half, one) = (T::of(0.5), T::one());

@@ -1,8 +1,36 @@
 //! From measurements to states: what every estimator shares.
 //!
 //! A model with its measurements is a [`Model`]: whitened residuals at a state and the
-//! rows there. Estimate, fit, other solutions and regions follow from these two and are
-//! written once, here.
+//! rows there. What follows from these two is written once, here:
+//!
+//! | module | what is in it |
+//! |---|---|
+//! | [`gauss_newton`] | the most likely state from one start, functions of it held |
+//! | [`starts`] | where to start, many starts, clusters of what they reach |
+//! | [`fit`] | does the model fit, what would explain that it does not |
+//! | [`other_solutions`] | which other states fit as well |
+//! | [`region`] | intervals and contours of the likelihood |
+
+#[cfg(feature = "std")]
+pub mod fit;
+#[cfg(feature = "std")]
+pub mod gauss_newton;
+#[cfg(feature = "std")]
+pub mod knowledge;
+#[cfg(feature = "std")]
+pub mod other_solutions;
+#[cfg(feature = "std")]
+pub mod region;
+#[cfg(feature = "std")]
+pub mod starts;
+
+#[cfg(feature = "std")]
+pub use gauss_newton::{Loss, Options, Solution, minimize};
+#[cfg(feature = "std")]
+pub use knowledge::{Held, WithPrior};
+
+#[cfg(test)]
+mod tests;
 
 /// A model together with its measurements, of a size known at run time.
 ///
@@ -15,8 +43,15 @@ pub trait Model: Sync {
     /// Number n of states.
     fn states(&self) -> usize;
 
-    /// Number m of whitened measurements, priors not included.
+    /// Number m of whitened measurements, and of what is known beforehand where that
+    /// is part of the model.
     fn measurements(&self) -> usize;
+
+    /// How many of these, the last ones, are no measurements but prior knowledge: no
+    /// robust loss touches them, and they have no place in the order of time.
+    fn priors(&self) -> usize {
+        0
+    }
 
     /// Writes the residuals z - h(x), length m, and, where they are asked for, the
     /// rows dh/dx, row-major (m, n), all whitened.
@@ -41,5 +76,56 @@ pub trait Model: Sync {
     /// mirror image, for one.
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
         let _ = (x, found);
+    }
+}
+
+/// A function of the states that can be held at a value.
+pub trait Function {
+    /// Its value at `x`, and its derivatives, one for each state.
+    fn value(&self, x: &[f64], gradient: &mut [f64]) -> f64;
+
+    /// The open interval of the values it can take.
+    fn range(&self) -> (f64, f64) {
+        (f64::NEG_INFINITY, f64::INFINITY)
+    }
+}
+
+/// c^T x: one state, or a combination of several.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg(feature = "alloc")]
+pub struct Combination(pub alloc::vec::Vec<f64>);
+
+#[cfg(feature = "alloc")]
+impl Function for Combination {
+    fn value(&self, x: &[f64], gradient: &mut [f64]) -> f64 {
+        gradient.copy_from_slice(&self.0);
+        self.0.iter().zip(x).map(|(c, x)| c * x).sum()
+    }
+}
+
+/// The distance of some states, coordinates of a place, from a point.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg(feature = "std")]
+pub struct Distance {
+    /// Which states are the coordinates.
+    pub states: alloc::vec::Vec<usize>,
+    /// The point, a coordinate for each.
+    pub from: alloc::vec::Vec<f64>,
+}
+
+#[cfg(feature = "std")]
+impl Function for Distance {
+    fn value(&self, x: &[f64], gradient: &mut [f64]) -> f64 {
+        let offsets = self.states.iter().zip(&self.from).map(|(&k, o)| x[k] - o);
+        let distance = offsets.clone().fold(0.0_f64, f64::hypot);
+        gradient.fill(0.0);
+        for (&k, offset) in self.states.iter().zip(offsets) {
+            gradient[k] = offset / distance.max(f64::MIN_POSITIVE);
+        }
+        distance
+    }
+
+    fn range(&self) -> (f64, f64) {
+        (0.0, f64::INFINITY)
     }
 }

@@ -12,6 +12,8 @@
 #[cfg(feature = "std")]
 pub mod batch;
 mod discriminant;
+#[cfg(feature = "std")]
+mod measured;
 mod monitor;
 mod motion;
 mod observability_test;
@@ -23,6 +25,8 @@ pub use discriminant::{
     Form, check_track, discriminant, discriminant_sum, discriminant_sum_qr, fixed_target_sum,
     fixed_target_sum_qr,
 };
+#[cfg(feature = "std")]
+pub use measured::Measured;
 pub use monitor::{Answer, Monitor};
 #[cfg(feature = "std")]
 pub(crate) use motion::moved_along;

@@ -1,0 +1,368 @@
+//! Does the model fit, what would explain that it does not, and what could be wrong
+//! without being seen.
+
+use alloc::vec;
+use alloc::vec::Vec;
+
+use super::Model;
+use super::gauss_newton::{dot, norm};
+use crate::chi_square;
+
+/// Whitened residuals at an estimate, and the space that the columns of the model span.
+#[derive(Clone, Debug)]
+pub struct Fit {
+    /// Residuals, those of priors last.
+    pub residuals: Vec<f64>,
+    /// How many of them are of priors.
+    pub priors: usize,
+    /// Orthonormal columns that span the columns of the model.
+    basis: Vec<Vec<f64>>,
+    /// Rows, row-major.
+    rows: Vec<f64>,
+    /// Rows = basis times this triangle, times the deviations inverse: `triangle[j]` is
+    /// column j.
+    triangle: Vec<Vec<f64>>,
+}
+
+/// A test of the order of residuals in time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lag1 {
+    /// Sum of the products of neighbours over the sum of squares.
+    pub correlation: f64,
+    /// Its mean under a true model, after this fit.
+    pub mean: f64,
+    /// Its standard deviation.
+    pub sigma: f64,
+    /// Probability of a larger one.
+    pub p_value: f64,
+}
+
+/// What a test of one alternative says.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Score {
+    /// Chi-square with `dof` degrees of freedom where the model is true.
+    pub statistic: f64,
+    /// Columns that the model does not have.
+    pub dof: usize,
+    /// Probability of a larger statistic.
+    pub p_value: f64,
+    /// p of the fit with the alternative in the model.
+    pub restored: f64,
+    /// The parameters of the alternative that fit best.
+    pub size: Vec<f64>,
+    /// The smallest size that is seen with the power asked for, for an alternative of
+    /// one parameter; infinite where it leaves no trace.
+    pub detectable: f64,
+    /// What that size does to each state: the external reliability.
+    pub effect: Vec<f64>,
+    /// The statistic's direction, for [`correlation`].
+    direction: Vec<f64>,
+}
+
+/// The noncentrality at which a test of level `alpha` has this power, with one degree of
+/// freedom.
+///
+/// # Source
+/// Baarda 1968, A testing procedure for use in geodetic networks.
+pub fn noncentrality(alpha: f64, power: f64) -> f64 {
+    let quantile =
+        |tails: f64| chi_square::critical(tails.clamp(1e-300, 1.0), 1.0).map_or(0.0, f64::sqrt);
+    let beta = if power >= 0.5 {
+        quantile(2.0 * (1.0 - power))
+    } else {
+        -quantile(2.0 * power)
+    };
+    (quantile(alpha) + beta).max(0.0).powi(2)
+}
+
+impl Fit {
+    /// At the state `x`.
+    ///
+    /// # Errors
+    /// Where the model has no value.
+    pub fn new<M: Model + ?Sized>(model: &M, x: &[f64]) -> Result<Self, M::Error> {
+        let (m, n) = (model.measurements(), model.states());
+        let mut residuals = vec![0.0; m];
+        let mut rows = vec![0.0; m * n];
+        model.linearize(x, &mut residuals, Some(&mut rows))?;
+        let mut basis: Vec<Vec<f64>> = Vec::with_capacity(n);
+        let mut triangle = Vec::with_capacity(n);
+        for j in 0..n {
+            let mut column: Vec<f64> = (0..m).map(|i| rows[i * n + j]).collect();
+            let length = norm(&column);
+            let mut along = project(&mut column, &basis);
+            let left = norm(&column);
+            if left > 1e-12 * length {
+                for v in &mut column {
+                    *v /= left;
+                }
+                along.push(left);
+            } else {
+                // A combination of the others: it adds nothing.
+                column.fill(0.0);
+                along.push(0.0);
+            }
+            basis.push(column);
+            triangle.push(along);
+        }
+        Ok(Self {
+            residuals,
+            priors: model.priors(),
+            basis,
+            rows,
+            triangle,
+        })
+    }
+
+    /// Sum of the squared residuals.
+    pub fn chi2(&self) -> f64 {
+        dot(&self.residuals, &self.residuals)
+    }
+
+    /// Measurements and priors less the rank of the model.
+    pub fn dof(&self) -> usize {
+        let rank = self.basis.iter().filter(|b| norm(b) > 0.5).count();
+        self.residuals.len().saturating_sub(rank)
+    }
+
+    /// Probability of a larger chi2 if the model is true; NaN without degrees of freedom.
+    pub fn p_value(&self) -> f64 {
+        match self.dof() {
+            0 => f64::NAN,
+            dof => chi_square::tail(self.chi2(), dof as f64),
+        }
+    }
+
+    /// Whether neighbours in time resemble each other, against what a fit leaves of
+    /// white noise: with P the projection off the model's columns and S the sums of
+    /// neighbours, mean tr(P S) / k and variance 2 (tr(P S P S) - tr(P S)^2 / k) /
+    /// (k (k + 2)), k degrees of freedom.
+    ///
+    /// # Source
+    /// Durbin & Watson 1950, section 3, with moments in place of bounds.
+    pub fn lag1(&self) -> Lag1 {
+        let m = self.residuals.len() - self.priors;
+        let k = self.dof() as f64;
+        let neighbours = |v: &[f64], w: &[f64]| -> f64 {
+            (1..m)
+                .map(|i| 0.5 * (v[i - 1] * w[i] + v[i] * w[i - 1]))
+                .sum()
+        };
+        let spread = |v: &[f64]| -> Vec<f64> {
+            (0..v.len())
+                .map(|i| {
+                    let before = if i >= 1 && i < m { v[i - 1] } else { 0.0 };
+                    let after = if i + 1 < m { v[i + 1] } else { 0.0 };
+                    0.5 * (before + after)
+                })
+                .collect()
+        };
+        let trace: f64 = -self.basis.iter().map(|q| neighbours(q, q)).sum::<f64>();
+        let mut square = 0.5 * (m.max(1) - 1) as f64;
+        for a in &self.basis {
+            let moved = spread(a);
+            square -= 2.0 * dot(&moved, &moved);
+            square += self
+                .basis
+                .iter()
+                .map(|b| dot(&moved, b).powi(2))
+                .sum::<f64>();
+        }
+        let mean = trace / k;
+        let variance = 2.0 * (square - trace * trace / k) / (k * (k + 2.0));
+        let sigma = variance.max(0.0).sqrt();
+        let correlation = neighbours(&self.residuals, &self.residuals) / self.chi2();
+        let z = (correlation - mean) / sigma;
+        let half = 0.5 * chi_square::tail(z * z, 1.0);
+        Lag1 {
+            correlation,
+            mean,
+            sigma,
+            p_value: if !z.is_finite() {
+                f64::NAN
+            } else if z > 0.0 {
+                half
+            } else {
+                1.0 - half
+            },
+        }
+    }
+
+    /// Tests an alternative: further parameters whose whitened columns at zero, row-major
+    /// (m, parameters), are given. `trace` is the noncentrality of what counts as
+    /// detectable, see [`noncentrality`].
+    ///
+    /// # Source
+    /// The score test (Rao 1948); internal and external reliability: Baarda 1968.
+    pub fn score(&self, columns: &[f64], parameters: usize, trace: f64) -> Score {
+        let m = self.residuals.len();
+        let n = self.basis.len();
+        let mut left: Vec<Vec<f64>> = Vec::new();
+        let mut lower: Vec<Vec<f64>> = Vec::new();
+        let mut along_model = Vec::new();
+        for p in 0..parameters {
+            let given = |i: usize| columns.get(i * parameters + p).copied().unwrap_or(0.0);
+            let mut column: Vec<f64> = (0..m).map(given).collect();
+            let length = norm(&column);
+            along_model.push(project(&mut column, &self.basis));
+            let mut along = project(&mut column, &left);
+            let size = norm(&column);
+            if size > 1e-9 * length {
+                for v in &mut column {
+                    *v /= size;
+                }
+                along.push(size);
+            } else {
+                column.fill(0.0);
+                along.push(0.0);
+            }
+            left.push(column);
+            lower.push(along);
+        }
+        let parts: Vec<f64> = left.iter().map(|q| dot(q, &self.residuals)).collect();
+        let statistic = dot(&parts, &parts);
+        let dof = lower
+            .iter()
+            .enumerate()
+            .filter(|(p, along)| along[*p] > 0.0)
+            .count();
+        let size = back(&lower, &parts);
+        let mut direction = vec![0.0; m];
+        for (q, part) in left.iter().zip(&parts) {
+            for (d, q) in direction.iter_mut().zip(q) {
+                *d += part * q;
+            }
+        }
+        if parameters == 1 {
+            direction.clone_from(&left[0]);
+        }
+        let (mut detectable, mut effect) = (f64::INFINITY, vec![f64::INFINITY; n]);
+        if parameters == 1 && dof == 1 {
+            detectable = trace.sqrt() / lower[0][0];
+            // The fit takes what lies in its columns for a change of the states.
+            effect = back(&self.triangle, &along_model[0]);
+            for e in &mut effect {
+                *e *= detectable;
+            }
+        }
+        let rest = self.dof().saturating_sub(dof);
+        let p = |value: f64, dof: usize| match dof {
+            0 => f64::NAN,
+            dof => chi_square::tail(value, dof as f64),
+        };
+        Score {
+            statistic,
+            dof,
+            p_value: if dof == 0 { 1.0 } else { p(statistic, dof) },
+            restored: p(self.chi2() - statistic, rest),
+            size,
+            detectable,
+            effect,
+            direction,
+        }
+    }
+
+    /// Whitened residuals over their own deviations, sqrt of the diagonal of the
+    /// projection: standard normal each; 0 where a residual is 0 whatever was measured.
+    pub fn standardized(&self) -> Vec<f64> {
+        (0..self.residuals.len())
+            .map(|i| {
+                let taken: f64 = self.basis.iter().map(|q| q[i] * q[i]).sum();
+                let left = 1.0 - taken;
+                if left > 1e-9 {
+                    self.residuals[i] / left.sqrt()
+                } else {
+                    0.0
+                }
+            })
+            .collect()
+    }
+
+    /// The rows at the estimate, row-major.
+    pub fn rows(&self) -> &[f64] {
+        &self.rows
+    }
+}
+
+/// How alike two alternatives of one parameter look in the residuals, -1 to 1.
+pub fn correlation(a: &Score, b: &Score) -> f64 {
+    let lengths = norm(&a.direction) * norm(&b.direction);
+    if lengths > 0.0 {
+        dot(&a.direction, &b.direction) / lengths
+    } else {
+        0.0
+    }
+}
+
+/// What a channel of a recording looks like, beside what it measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Channel {
+    /// Nothing is wrong with it.
+    Sound,
+    /// One value from the first to the last sample.
+    Constant,
+    /// An affine function of an earlier channel.
+    Copy {
+        /// Which one.
+        of: usize,
+    },
+}
+
+/// Looks for dead, stuck and doubled channels in a recording, row-major (samples,
+/// channels).
+pub fn channels(values: &[f64], count: usize) -> Vec<Channel> {
+    let column = |c: usize| values.iter().skip(c).step_by(count.max(1)).copied();
+    let samples = values.len().checked_div(count).unwrap_or(0);
+    let centred: Vec<Vec<f64>> = (0..count)
+        .map(|c| {
+            let mean = column(c).sum::<f64>() / samples.max(1) as f64;
+            column(c).map(|v| v - mean).collect()
+        })
+        .collect();
+    (0..count)
+        .map(|c| {
+            let first = column(c).next().unwrap_or(0.0);
+            if samples < 3 {
+                return Channel::Sound;
+            }
+            if column(c).all(|v| v == first) {
+                return Channel::Constant;
+            }
+            let copy = (0..c).find(|&other| {
+                let product = dot(&centred[c], &centred[other]).abs();
+                let lengths = norm(&centred[c]) * norm(&centred[other]);
+                lengths > 0.0 && product >= (1.0 - 1e-12) * lengths
+            });
+            copy.map_or(Channel::Sound, |of| Channel::Copy { of })
+        })
+        .collect()
+}
+
+/// Takes off a vector what lies along orthonormal ones, twice; returns how much it was.
+fn project(vector: &mut [f64], basis: &[Vec<f64>]) -> Vec<f64> {
+    let mut along = vec![0.0; basis.len()];
+    for _ in 0..2 {
+        for (sum, q) in along.iter_mut().zip(basis) {
+            let part = dot(vector, q);
+            *sum += part;
+            for (v, q) in vector.iter_mut().zip(q) {
+                *v -= part * q;
+            }
+        }
+    }
+    along
+}
+
+/// Solves the triangle whose columns are given, shortest first; 0 where it has no pivot.
+fn back(columns: &[Vec<f64>], right: &[f64]) -> Vec<f64> {
+    let n = columns.len();
+    let mut x = vec![0.0; n];
+    for i in (0..n).rev() {
+        let later: f64 = (i + 1..n).map(|j| columns[j][i] * x[j]).sum();
+        let pivot = columns[i][i];
+        if pivot > 0.0 {
+            x[i] = (right[i] - later) / pivot;
+        }
+    }
+    x
+}

@@ -1,0 +1,560 @@
+//! The most likely state from one start: damped Gauss-Newton steps.
+//!
+//! # Algorithm
+//! Levenberg-Marquardt on rows of unit columns (Moré 1978), reduced by orthogonal
+//! reflections: the information is never formed. Functions of the states are held by
+//! the null-space method: a step is the shortest one that brings them to their values,
+//! and the best one along which they stay (Nocedal & Wright, Numerical Optimization,
+//! section 18.1), under the merit function chi2 + sum mu |g - value|. A robust loss
+//! reweights the residuals (Holland & Welsch 1977).
+
+use alloc::vec;
+use alloc::vec::Vec;
+
+use super::{Function, Model};
+use crate::square_root::{rotate_in, triangularize};
+
+/// How a residual counts, in units of its deviation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Loss {
+    /// Its square.
+    Squares,
+    /// Its square up to this, linear beyond: 1.345 for 95 % efficiency.
+    Huber(f64),
+    /// Nothing more beyond this: 4.685 for 95 % efficiency.
+    Tukey(f64),
+}
+
+impl Loss {
+    /// Twice the loss of a residual, and its weight psi(r) / r.
+    pub fn at(self, r: f64) -> (f64, f64) {
+        match self {
+            Self::Squares => (r * r, 1.0),
+            Self::Huber(c) => {
+                let size = r.abs();
+                if size <= c {
+                    (r * r, 1.0)
+                } else {
+                    (2.0 * c * size - c * c, c / size)
+                }
+            }
+            Self::Tukey(c) => {
+                let rest = (1.0 - (r / c) * (r / c)).max(0.0);
+                (c * c / 3.0 * (1.0 - rest * rest * rest), rest * rest)
+            }
+        }
+    }
+}
+
+/// How to minimise.
+#[derive(Clone, Copy, Debug)]
+pub struct Options {
+    /// Steps at most, tried ones that were taken back included.
+    pub max_iterations: u32,
+    /// Converged where the next step would be shorter than this, in deviations.
+    pub tolerance: f64,
+    /// How residuals count.
+    pub loss: Loss,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            max_iterations: 200,
+            tolerance: 1e-8,
+            loss: Loss::Squares,
+        }
+    }
+}
+
+/// Where the steps from one start ended.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Solution {
+    /// The states.
+    pub x: Vec<f64>,
+    /// Sum of the squares, or twice the robust loss, priors included.
+    pub chi2: f64,
+    /// Steps taken.
+    pub iterations: u32,
+    /// Whether the next step would be short enough, and the held functions are at
+    /// their values.
+    pub converged: bool,
+    /// Whether the held functions are at their values: with that chi2 is a limit on the
+    /// least one, converged or not.
+    pub held: bool,
+    /// Whether the rows at the end have full rank, with the held functions.
+    pub determined: bool,
+    /// By how much chi2 changes as the value of each held function does.
+    pub slopes: Vec<f64>,
+}
+
+/// A function to hold, and the value it is held at.
+pub type Hold<'a> = (&'a dyn Function, f64);
+
+/// Minimises chi2 from `start`, each function of `hold` held at its value.
+///
+/// The same start gives the same bits. Where the model has no value at the start, chi2
+/// is infinite.
+///
+/// ```
+/// use gramian::solve::{self, Model};
+/// # struct Beacons;
+/// # impl Model for Beacons {
+/// #     type Error = ();
+/// #     fn states(&self) -> usize { 2 }
+/// #     fn measurements(&self) -> usize { 2 }
+/// #     fn linearize(&self, x: &[f64], r: &mut [f64], rows: Option<&mut [f64]>) -> Result<(), ()> {
+/// #         let d = [x[0].hypot(x[1]), (x[0] - 100.0).hypot(x[1])];
+/// #         r.copy_from_slice(&[50.0 - d[0], 67.082_039_324_993_7 - d[1]]);
+/// #         if let Some(rows) = rows {
+/// #             let c = [x[0] / d[0], x[1] / d[0], (x[0] - 100.0) / d[1], x[1] / d[1]];
+/// #             rows.copy_from_slice(&c);
+/// #         }
+/// #         Ok(())
+/// #     }
+/// #     fn difference(&self, a: &[f64], b: &[f64], out: &mut [f64]) -> Result<(), ()> { Ok(()) }
+/// # }
+/// // Ranges to beacons at (0, 0) and (100, 0).
+/// let found = solve::minimize(&Beacons, &[30.0, 50.0], &[], solve::Options::default());
+/// assert!(found.converged);
+/// assert!((found.x[0] - 40.0).abs() < 1e-9 && (found.x[1] - 30.0).abs() < 1e-9);
+/// ```
+pub fn minimize<M: Model + ?Sized>(
+    model: &M,
+    start: &[f64],
+    hold: &[Hold<'_>],
+    options: Options,
+) -> Solution {
+    Work::new(model, hold, options).descend(start)
+}
+
+/// The state at which a model was linearised last, reduced.
+struct Work<'a, M: ?Sized> {
+    model: &'a M,
+    hold: &'a [Hold<'a>],
+    options: Options,
+    residuals: Vec<f64>,
+    rows: Vec<f64>,
+    /// What is missing at each held function, and its scaled gradient.
+    missing: Vec<f64>,
+    gradients: Vec<f64>,
+    scale: Vec<f64>,
+}
+
+/// Rows and residuals of one linearisation, as small as they can be made.
+struct Reduced {
+    /// Orthogonal basis of the scaled states: first those that move the held functions.
+    basis: Vec<Vec<f64>>,
+    /// The triangular factor of the rows along the basis, residuals as last column.
+    factor: Vec<f64>,
+    /// The triangular k x k matrix of the gradients along the first basis vectors.
+    lower: Vec<f64>,
+}
+
+impl<'a, M: Model + ?Sized> Work<'a, M> {
+    fn new(model: &'a M, hold: &'a [Hold<'a>], options: Options) -> Self {
+        let (m, n) = (model.measurements(), model.states());
+        Self {
+            model,
+            hold,
+            options,
+            residuals: vec![0.0; m],
+            rows: vec![0.0; m * n],
+            missing: vec![0.0; hold.len()],
+            gradients: vec![0.0; hold.len() * n],
+            scale: vec![0.0; n],
+        }
+    }
+
+    /// Sum of the losses at a state, rows kept for the reduction; infinite where there
+    /// is no value. `missing` is set too.
+    fn visit(&mut self, x: &[f64]) -> f64 {
+        let n = x.len();
+        let rows = Some(&mut self.rows[..]);
+        if self.model.linearize(x, &mut self.residuals, rows).is_err() {
+            return f64::INFINITY;
+        }
+        for (k, (function, value)) in self.hold.iter().enumerate() {
+            let gradient = &mut self.gradients[k * n..][..n];
+            self.missing[k] = value - function.value(x, gradient);
+        }
+        let data = self.residuals.len() - self.model.priors();
+        let loss = self.options.loss;
+        let sum = |from: &[f64], loss: Loss| from.iter().map(|&r| loss.at(r).0).sum::<f64>();
+        let chi2 = sum(&self.residuals[..data], loss) + sum(&self.residuals[data..], Loss::Squares);
+        let sound = chi2.is_finite() && self.missing.iter().all(|c| c.is_finite());
+        if sound { chi2 } else { f64::INFINITY }
+    }
+
+    fn reduce(&mut self) -> Reduced {
+        let (n, k) = (self.model.states(), self.hold.len());
+        let wide = n + 1;
+        let data = self.residuals.len() - self.model.priors();
+        let mut stack = vec![0.0; self.residuals.len().max(wide) * wide];
+        for (i, &r) in self.residuals.iter().enumerate() {
+            let weight = if i < data {
+                self.options.loss.at(r).1.sqrt()
+            } else {
+                1.0
+            };
+            let line = &mut stack[i * wide..][..wide];
+            for (to, from) in line.iter_mut().zip(&self.rows[i * n..][..n]) {
+                *to = weight * from;
+            }
+            line[n] = weight * r;
+        }
+        triangularize(&mut stack, wide, &mut vec![0.0; wide]);
+        stack.truncate(wide * wide);
+        // The units of the states do not matter: columns of length one.
+        for j in 0..n {
+            let length = (0..=j)
+                .map(|i| stack[i * wide + j])
+                .fold(0.0_f64, f64::hypot);
+            self.scale[j] = if length > 0.0 && length.is_finite() {
+                1.0 / length
+            } else if self.scale[j] > 0.0 {
+                self.scale[j]
+            } else {
+                1.0
+            };
+            for i in 0..=j {
+                stack[i * wide + j] *= self.scale[j];
+            }
+        }
+        let (basis, lower) = self.basis();
+        let mut factor = vec![0.0; wide * wide];
+        if k == 0 {
+            factor.copy_from_slice(&stack);
+        } else {
+            for i in 0..wide {
+                for j in 0..n {
+                    factor[i * wide + j] = (i..n).map(|l| stack[i * wide + l] * basis[j][l]).sum();
+                }
+                factor[i * wide + n] = stack[i * wide + n];
+            }
+        }
+        Reduced {
+            basis,
+            factor,
+            lower,
+        }
+    }
+
+    /// An orthonormal basis of the scaled states whose first vectors span the gradients
+    /// of the held functions, by Gram-Schmidt, twice; the gradients along it.
+    fn basis(&mut self) -> (Vec<Vec<f64>>, Vec<f64>) {
+        let (n, k) = (self.scale.len(), self.hold.len());
+        let mut basis: Vec<Vec<f64>> = Vec::with_capacity(n);
+        let mut lower = vec![0.0; k * k];
+        if k == 0 {
+            return (basis, lower);
+        }
+        let unit = |j: usize| {
+            let mut unit = vec![0.0; n];
+            unit[j] = 1.0;
+            unit
+        };
+        let mut given: Vec<Vec<f64>> = self
+            .gradients
+            .chunks_exact(n)
+            .map(|g| g.iter().zip(&self.scale).map(|(g, s)| g * s).collect())
+            .collect();
+        for (row, vector) in given.iter_mut().enumerate() {
+            let length = norm(vector);
+            for _ in 0..2 {
+                for (column, other) in basis.iter().enumerate() {
+                    let along = dot(vector, other);
+                    lower[row * k + column] += along;
+                    add(vector, -along, other);
+                }
+            }
+            let left = norm(vector);
+            if left > 1e-12 * length {
+                lower[row * k + row] = left;
+                for v in vector.iter_mut() {
+                    *v /= left;
+                }
+            } else {
+                // Held twice, or a function that does not change here.
+                vector.fill(0.0);
+            }
+            basis.push(vector.clone());
+        }
+        // The rest from the unit vectors that stick out most.
+        while basis.len() < n {
+            let mut best: Option<Vec<f64>> = None;
+            for j in 0..n {
+                let mut vector = unit(j);
+                for _ in 0..2 {
+                    for other in &basis {
+                        let along = dot(&vector, other);
+                        add(&mut vector, -along, other);
+                    }
+                }
+                if best.as_ref().is_none_or(|b| norm(&vector) > norm(b)) {
+                    best = Some(vector);
+                }
+            }
+            let mut vector = best.unwrap_or_default();
+            let length = norm(&vector);
+            if length > 0.0 {
+                for v in &mut vector {
+                    *v /= length;
+                }
+            }
+            basis.push(vector);
+        }
+        (basis, lower)
+    }
+
+    #[allow(clippy::too_many_lines)] // One loop, whose parts share all they have.
+    fn descend(&mut self, start: &[f64]) -> Solution {
+        let (n, k) = (start.len(), self.hold.len());
+        let wide = n + 1;
+        let free = n.saturating_sub(k);
+        let mut x = start.to_vec();
+        let mut chi2 = self.visit(&x);
+        let mut found = Solution {
+            x: x.clone(),
+            chi2,
+            iterations: 0,
+            converged: false,
+            held: false,
+            determined: false,
+            slopes: vec![0.0; k],
+        };
+        if !chi2.is_finite() {
+            return found;
+        }
+        let mut damping = 0.0_f64;
+        let mut penalty = vec![0.0_f64; k];
+        let mut next = vec![0.0; n];
+        let mut before = f64::INFINITY;
+        let (mut relax, mut last) = (1.0, vec![0.0; n]);
+        loop {
+            let reduced = self.reduce();
+            let missing = self.missing.clone();
+            // Along the first basis vectors: what brings the functions to their values.
+            let mut step = vec![0.0; n];
+            for i in 0..k {
+                let lower = &reduced.lower[i * k..][..=i];
+                let rest = missing[i] - dot(&lower[..i], &step[..i]);
+                step[i] = if lower[i] > 0.0 { rest / lower[i] } else { 0.0 };
+            }
+            // Along the others: the rows there, and what the first part leaves.
+            let narrow = free + 1;
+            let mut small = vec![0.0; wide.max(narrow) * narrow];
+            for i in 0..wide {
+                let row = &reduced.factor[i * wide..][..wide];
+                let line = &mut small[i * narrow..][..narrow];
+                line[..free].copy_from_slice(&row[k..n]);
+                line[free] = row[n] - dot(&row[..k], &step[..k]);
+            }
+            triangularize(&mut small, narrow, &mut vec![0.0; narrow]);
+            small.truncate(narrow * narrow);
+            let gain: f64 = (0..free).map(|i| small[i * narrow + free].powi(2)).sum();
+            // The multipliers after the whole step: at the first one chi2 may be level.
+            let tail = damped(&small, free, 0.0);
+            let slopes = slopes(&reduced, &[&step[..k], &tail].concat(), k);
+            // Steps that swing to and fro, or creep, are shortened or lengthened by the
+            // ratio of the last two (Aitken's relaxation, Irons & Tuck 1969).
+            let whole = along(&reduced.basis, k, &tail);
+            let size = dot(&last, &last);
+            if size > 0.0 {
+                let ratio = dot(&whole, &last) / size;
+                relax = if ratio < 0.9 {
+                    (relax / (1.0 - ratio)).clamp(0.3, 4.0)
+                } else {
+                    1.0
+                };
+            }
+            last.clone_from(&whole);
+            for (mu, slope) in penalty.iter_mut().zip(&slopes) {
+                *mu = (0.5 * *mu).max(2.0 * slope.abs());
+            }
+            found.determined = full_rank(&small, free);
+            let close = (0..k).all(|i| {
+                let (size, held) = (self.hold[i].1.abs(), missing[i].abs());
+                held <= 1e-12 * size || (reduced.lower[i * k + i] > 0.0 && step[i].abs() < 1e-7)
+            });
+            found.slopes = slopes;
+            found.held = close;
+            let tolerance = self.options.tolerance * self.options.tolerance;
+            // Below this, chi2 itself has no digits to tell.
+            let rounding = 1e-15 * chi2;
+            if found.determined && close && gain <= tolerance.max(1e-15 * rounding) {
+                found.converged = true;
+                break;
+            }
+            if !found.determined {
+                damping = damping.max(1e-9);
+            }
+            let merit = |chi2: f64, missing: &[f64]| {
+                chi2 + dot(
+                    &penalty,
+                    &missing.iter().map(|c| c.abs()).collect::<Vec<_>>(),
+                )
+            };
+            let old = merit(chi2, &missing);
+            let mut shrink = 1.0;
+            let taken = loop {
+                if found.iterations >= self.options.max_iterations {
+                    break false;
+                }
+                found.iterations += 1;
+                // Held functions: the whole step is cut, as its first part alone leads up.
+                let factor = match (k, damping == 0.0) {
+                    (0, true) => relax,
+                    (0, false) => 1.0,
+                    (_, true) => relax * shrink,
+                    (_, false) => shrink,
+                };
+                let mut tail = damped(&small, free, damping);
+                for t in &mut tail {
+                    *t *= factor;
+                }
+                let mut y = vec![0.0; n];
+                if k == 0 {
+                    y.copy_from_slice(&tail);
+                } else {
+                    for (part, vector) in step[..k]
+                        .iter()
+                        .map(|s| s * shrink)
+                        .chain(tail.iter().copied())
+                        .zip(&reduced.basis)
+                    {
+                        add(&mut y, part, vector);
+                    }
+                }
+                let mut moved = false;
+                for j in 0..n {
+                    next[j] = x[j] + y[j] * self.scale[j];
+                    moved |= next[j] != x[j];
+                }
+                if !moved {
+                    // Not one digit of the state would change.
+                    found.converged = close && (gain <= 1e-6 || damping == 0.0);
+                    break false;
+                }
+                let trial = self.visit(&next);
+                if trial.is_finite() && merit(trial, &self.missing) <= old + 1e-13 * (1.0 + chi2) {
+                    x.copy_from_slice(&next);
+                    chi2 = trial;
+                    break true;
+                }
+                if k == 0 || shrink < 1e-3 {
+                    damping = (damping * 8.0).max(1e-4);
+                }
+                relax = 1.0;
+                last.fill(0.0);
+                shrink *= 0.5;
+                if damping > 1e16 {
+                    found.converged = close && gain <= 1e-6;
+                    break false;
+                }
+            };
+            if !taken {
+                break;
+            }
+            // At the floor of rounding the gain stops falling.
+            if close && gain < 1e-10 && gain >= 0.5 * before && gain <= 1e-13 * (1.0 + chi2) {
+                found.converged = true;
+            }
+            before = gain;
+            damping = if damping < 1e-6 { 0.0 } else { damping * 0.125 };
+            if found.converged {
+                break;
+            }
+        }
+        found.x = x;
+        found.chi2 = chi2;
+        found
+    }
+}
+
+/// A step along the last vectors of a basis; along the states where there is none.
+fn along(basis: &[Vec<f64>], k: usize, tail: &[f64]) -> Vec<f64> {
+    if k == 0 {
+        return tail.to_vec();
+    }
+    let mut whole = vec![0.0; basis.len()];
+    for (part, vector) in tail.iter().zip(&basis[k..]) {
+        add(&mut whole, *part, vector);
+    }
+    whole
+}
+
+/// The multipliers after a step along the basis: the gradient of chi2 along its first
+/// vectors is that of the held functions times these.
+fn slopes(reduced: &Reduced, step: &[f64], k: usize) -> Vec<f64> {
+    let n = step.len();
+    let wide = n + 1;
+    let left: Vec<f64> = reduced
+        .factor
+        .chunks_exact(wide)
+        .map(|row| row[n] - dot(&row[..n], step))
+        .collect();
+    let mut slopes = vec![0.0; k];
+    for i in (0..k).rev() {
+        let column = reduced.factor.iter().skip(i).step_by(wide);
+        let along: f64 = -2.0 * column.zip(&left).map(|(r, l)| r * l).sum::<f64>();
+        let later: f64 = (i + 1..k)
+            .map(|j| reduced.lower[j * k + i] * slopes[j])
+            .sum();
+        let pivot = reduced.lower[i * k + i];
+        slopes[i] = if pivot > 0.0 {
+            (along - later) / pivot
+        } else {
+            0.0
+        };
+    }
+    slopes
+}
+
+/// Whether a triangular factor with the residuals as last column has full rank.
+fn full_rank(factor: &[f64], n: usize) -> bool {
+    let wide = n + 1;
+    (0..n).all(|j| {
+        let length = (0..=j)
+            .map(|i| factor[i * wide + j])
+            .fold(0.0_f64, f64::hypot);
+        factor[j * wide + j].abs() > 1e-13 * length
+    })
+}
+
+/// The step that minimises |R p - c|^2 + damping |p|^2, from the factor [R c].
+fn damped(factor: &[f64], n: usize, damping: f64) -> Vec<f64> {
+    let wide = n + 1;
+    let mut r = factor.to_vec();
+    if damping > 0.0 {
+        let mut row = vec![0.0; wide];
+        for j in 0..n {
+            row.fill(0.0);
+            row[j] = damping.sqrt();
+            rotate_in(&mut r, &mut row);
+        }
+    }
+    let mut p = vec![0.0; n];
+    for i in (0..n).rev() {
+        let later: f64 = (i + 1..n).map(|j| r[i * wide + j] * p[j]).sum();
+        let pivot = r[i * wide + i];
+        if pivot != 0.0 {
+            p[i] = (r[i * wide + n] - later) / pivot;
+        }
+    }
+    p
+}
+
+pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+pub(super) fn norm(a: &[f64]) -> f64 {
+    a.iter().fold(0.0, |sum: f64, &x| sum.hypot(x))
+}
+
+fn add(to: &mut [f64], factor: f64, from: &[f64]) {
+    for (to, from) in to.iter_mut().zip(from) {
+        *to += factor * from;
+    }
+}

@@ -1,0 +1,206 @@
+//! What is known beyond the measurements, as part of a model: priors as further rows,
+//! exact values as columns that are left out. Everything else then sees a plain model.
+
+use alloc::sync::Arc;
+use alloc::vec;
+use alloc::vec::Vec;
+
+use super::Model;
+
+/// A model whose states have independent normal priors.
+#[derive(Clone, Debug)]
+pub struct WithPrior<M> {
+    model: M,
+    /// State, mean and standard deviation of each.
+    known: Vec<(usize, f64, f64)>,
+}
+
+impl<M: Model> WithPrior<M> {
+    /// `sigma` is infinite for a state of which nothing is known.
+    pub fn new(model: M, mean: &[f64], sigma: &[f64]) -> Self {
+        let known = (0..model.states().min(mean.len()).min(sigma.len()))
+            .filter(|&k| sigma[k].is_finite())
+            .map(|k| (k, mean[k], sigma[k]))
+            .collect();
+        Self { model, known }
+    }
+}
+
+impl<M: Model> Model for WithPrior<M> {
+    type Error = M::Error;
+
+    fn states(&self) -> usize {
+        self.model.states()
+    }
+
+    fn measurements(&self) -> usize {
+        self.model.measurements() + self.known.len()
+    }
+
+    fn priors(&self) -> usize {
+        self.model.priors() + self.known.len()
+    }
+
+    fn linearize(
+        &self,
+        x: &[f64],
+        residuals: &mut [f64],
+        rows: Option<&mut [f64]>,
+    ) -> Result<(), M::Error> {
+        let (m, n) = (self.model.measurements(), x.len());
+        let (data, rest) = residuals.split_at_mut(m);
+        for (out, &(k, mean, sigma)) in rest.iter_mut().zip(&self.known) {
+            *out = (mean - x[k]) / sigma;
+        }
+        let Some(rows) = rows else {
+            return self.model.linearize(x, data, None);
+        };
+        let (above, below) = rows.split_at_mut(m * n);
+        below.fill(0.0);
+        for (row, &(k, _, sigma)) in below.chunks_exact_mut(n).zip(&self.known) {
+            row[k] = 1.0 / sigma;
+        }
+        self.model.linearize(x, data, Some(above))
+    }
+
+    fn difference(&self, a: &[f64], b: &[f64], out: &mut [f64]) -> Result<(), M::Error> {
+        let (data, rest) = out.split_at_mut(self.model.measurements());
+        for (out, &(k, _, sigma)) in rest.iter_mut().zip(&self.known) {
+            *out = (b[k] - a[k]) / sigma;
+        }
+        self.model.difference(a, b, data)
+    }
+
+    fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
+        self.model.symmetries(x, found);
+    }
+}
+
+/// A model some of whose states are known exactly.
+#[derive(Clone, Debug)]
+pub struct Held<M> {
+    model: M,
+    /// All states, the known ones at their values.
+    template: Vec<f64>,
+    free: Vec<usize>,
+}
+
+impl<M: Model> Held<M> {
+    /// `known` has a value for each state that is known, and `None` for the others.
+    pub fn new(model: M, known: &[Option<f64>]) -> Self {
+        let template = known.iter().map(|k| k.unwrap_or(0.0)).collect();
+        let free = (0..known.len()).filter(|&k| known[k].is_none()).collect();
+        Self {
+            model,
+            template,
+            free,
+        }
+    }
+
+    /// All states of the model inside.
+    pub fn whole(&self, x: &[f64]) -> Vec<f64> {
+        let mut whole = self.template.clone();
+        for (&k, &value) in self.free.iter().zip(x) {
+            whole[k] = value;
+        }
+        whole
+    }
+}
+
+impl<M: Model> Model for Held<M> {
+    type Error = M::Error;
+
+    fn states(&self) -> usize {
+        self.free.len()
+    }
+
+    fn measurements(&self) -> usize {
+        self.model.measurements()
+    }
+
+    fn priors(&self) -> usize {
+        self.model.priors()
+    }
+
+    fn linearize(
+        &self,
+        x: &[f64],
+        residuals: &mut [f64],
+        rows: Option<&mut [f64]>,
+    ) -> Result<(), M::Error> {
+        let whole = self.whole(x);
+        let Some(rows) = rows else {
+            return self.model.linearize(&whole, residuals, None);
+        };
+        let mut all = vec![0.0; residuals.len() * whole.len()];
+        self.model.linearize(&whole, residuals, Some(&mut all))?;
+        if x.is_empty() {
+            return Ok(());
+        }
+        for (out, row) in rows.chunks_exact_mut(x.len()).zip(all.chunks(whole.len())) {
+            for (out, &k) in out.iter_mut().zip(&self.free) {
+                *out = row[k];
+            }
+        }
+        Ok(())
+    }
+
+    fn difference(&self, a: &[f64], b: &[f64], out: &mut [f64]) -> Result<(), M::Error> {
+        self.model.difference(&self.whole(a), &self.whole(b), out)
+    }
+
+    fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
+        self.model.symmetries(&self.whole(x), &mut |other| {
+            // An image that changes what is known is none.
+            let near = |k: usize| {
+                let (given, image) = (self.template[k], other[k]);
+                (given - image).abs() <= 1e-9 * given.abs().max(1e-300)
+            };
+            if (0..other.len()).all(|k| self.free.contains(&k) || near(k)) {
+                let part: Vec<f64> = self.free.iter().map(|&k| other[k]).collect();
+                found(&part);
+            }
+        });
+    }
+}
+
+// What points to a model is a model too.
+macro_rules! pointer {
+    ($pointer:ty $(, $bound:ident)?) => {
+        impl<M: Model + ?Sized $(+ $bound)?> Model for $pointer {
+            type Error = M::Error;
+
+            fn states(&self) -> usize {
+                (**self).states()
+            }
+
+            fn measurements(&self) -> usize {
+                (**self).measurements()
+            }
+
+            fn priors(&self) -> usize {
+                (**self).priors()
+            }
+
+            fn linearize(
+                &self,
+                x: &[f64],
+                residuals: &mut [f64],
+                rows: Option<&mut [f64]>,
+            ) -> Result<(), M::Error> {
+                (**self).linearize(x, residuals, rows)
+            }
+
+            fn difference(&self, a: &[f64], b: &[f64], out: &mut [f64]) -> Result<(), M::Error> {
+                (**self).difference(a, b, out)
+            }
+
+            fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
+                (**self).symmetries(x, found);
+            }
+        }
+    };
+}
+
+pointer!(&M);
+pointer!(Arc<M>, Send);

@@ -1,0 +1,160 @@
+//! Where to start: points spread over a box or a prior, many starts, and the clusters of
+//! what they reach.
+
+use alloc::vec;
+use alloc::vec::Vec;
+
+use super::Model;
+use super::gauss_newton::{Options, Solution, minimize};
+use crate::batch::Stream;
+use crate::chi_square;
+
+/// Where states may be.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Spread {
+    /// Uniform between these.
+    Box {
+        /// The least value of each state.
+        low: Vec<f64>,
+        /// The largest value of each state.
+        high: Vec<f64>,
+    },
+    /// Independent and normal.
+    Normal {
+        /// Means.
+        mean: Vec<f64>,
+        /// Standard deviations.
+        sigma: Vec<f64>,
+    },
+}
+
+impl Spread {
+    /// Number of states.
+    pub fn states(&self) -> usize {
+        match self {
+            Self::Box { low, .. } => low.len(),
+            Self::Normal { mean, .. } => mean.len(),
+        }
+    }
+
+    /// Point `index` of a sequence that fills the spread evenly.
+    ///
+    /// # Source
+    /// Multiples of the powers of 1 / phi, phi^(n + 1) = phi + 1 (Roberts 2018), the
+    /// golden ratio's generalisation: a Kronecker sequence.
+    pub fn point(&self, index: usize) -> Vec<f64> {
+        let n = self.states();
+        let mut phi = 2.0_f64;
+        for _ in 0..60 {
+            phi = (1.0 + phi).powf(1.0 / (n as f64 + 1.0));
+        }
+        let mut power = 1.0;
+        self.map(|_| {
+            power /= phi;
+            (0.5 + (index as f64 + 1.0) * power).fract()
+        })
+    }
+
+    /// An independent point, that of `index` under `seed`.
+    pub fn random(&self, seed: u64, index: u64) -> Vec<f64> {
+        let mut stream = Stream::new(seed, index);
+        self.map(|_| stream.uniform())
+    }
+
+    /// The point at these fractions of the probability of each state.
+    fn map(&self, mut fraction: impl FnMut(usize) -> f64) -> Vec<f64> {
+        match self {
+            Self::Box { low, high } => (0..low.len())
+                .map(|k| low[k] + fraction(k) * (high[k] - low[k]))
+                .collect(),
+            Self::Normal { mean, sigma } => (0..mean.len())
+                .map(|k| mean[k] + normal_quantile(fraction(k)) * sigma[k])
+                .collect(),
+        }
+    }
+}
+
+/// The standard normal value that `p` of all lie below.
+fn normal_quantile(p: f64) -> f64 {
+    let tails = (2.0 * p.min(1.0 - p)).clamp(1e-300, 1.0);
+    let size = if tails >= 1.0 {
+        0.0
+    } else {
+        chi_square::critical(tails, 1.0).map_or(0.0, f64::sqrt)
+    };
+    if p < 0.5 { -size } else { size }
+}
+
+/// One of the places that starts reached.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cluster {
+    /// The best solution there.
+    pub solution: Solution,
+    /// How many starts reached it.
+    pub hits: usize,
+}
+
+/// Whether two states are one place: less than a tenth of a deviation apart, by the rows
+/// at either.
+pub fn same_place<M: Model + ?Sized>(model: &M, a: &[f64], b: &[f64]) -> bool {
+    let (m, n) = (model.measurements(), model.states());
+    let mut residuals = vec![0.0; m];
+    let mut rows = vec![0.0; m * n];
+    let change: Vec<f64> = a.iter().zip(b).map(|(a, b)| b - a).collect();
+    if change.iter().all(|&c| c == 0.0) {
+        return true;
+    }
+    for x in [a, b] {
+        if model.linearize(x, &mut residuals, Some(&mut rows)).is_err() {
+            return false;
+        }
+        let moved: f64 = rows
+            .chunks_exact(n.max(1))
+            .map(|row| super::gauss_newton::dot(row, &change).powi(2))
+            .sum();
+        if !(moved < 0.01) {
+            return false;
+        }
+    }
+    true
+}
+
+/// Puts a solution to the cluster it belongs to, or makes it a new one.
+pub fn gather<M: Model + ?Sized>(model: &M, clusters: &mut Vec<Cluster>, solution: Solution) {
+    let home = clusters
+        .iter_mut()
+        .find(|cluster| same_place(model, &cluster.solution.x, &solution.x));
+    match home {
+        Some(cluster) => {
+            cluster.hits += 1;
+            if solution.chi2 < cluster.solution.chi2 {
+                cluster.solution = solution;
+            }
+        }
+        None => clusters.push(Cluster { solution, hits: 1 }),
+    }
+}
+
+/// Follows each start, and returns the clusters of those that converged, the best first.
+/// The best of those that did not comes last, with no hits, where nothing converged.
+pub fn multi_start<M: Model + ?Sized>(
+    model: &M,
+    starts: impl Iterator<Item = Vec<f64>>,
+    options: Options,
+) -> Vec<Cluster> {
+    let mut clusters = Vec::new();
+    let mut lost: Option<Solution> = None;
+    for start in starts {
+        let solution = minimize(model, &start, &[], options);
+        if solution.converged {
+            gather(model, &mut clusters, solution);
+        } else if lost.as_ref().is_none_or(|best| solution.chi2 < best.chi2) {
+            lost = Some(solution);
+        }
+    }
+    if clusters.is_empty() {
+        clusters.extend(lost.map(|solution| Cluster { solution, hits: 0 }));
+    }
+    clusters.sort_by(|a, b| a.solution.chi2.total_cmp(&b.solution.chi2));
+    clusters
+}

@@ -1,0 +1,255 @@
+//! The parts together, on ranges to beacons, whose second solution is known.
+#![allow(clippy::unwrap_used)]
+
+use alloc::vec;
+use alloc::vec::Vec;
+
+use super::other_solutions::{Search, chance, other_solutions};
+use super::starts::Spread;
+use super::{Combination, Distance, Function, Model, Options, WithPrior, fit, minimize, region};
+
+/// Ranges to beacons in the plane.
+#[derive(Clone)]
+struct Beacons {
+    places: Vec<[f64; 2]>,
+    ranges: Vec<f64>,
+    sigma: f64,
+}
+
+impl Beacons {
+    fn exact(places: &[[f64; 2]], at: [f64; 2], sigma: f64) -> Self {
+        Self {
+            places: places.to_vec(),
+            ranges: places
+                .iter()
+                .map(|b| (at[0] - b[0]).hypot(at[1] - b[1]))
+                .collect(),
+            sigma,
+        }
+    }
+}
+
+impl Model for Beacons {
+    type Error = ();
+
+    fn states(&self) -> usize {
+        2
+    }
+
+    fn measurements(&self) -> usize {
+        self.places.len()
+    }
+
+    fn linearize(
+        &self,
+        x: &[f64],
+        residuals: &mut [f64],
+        mut rows: Option<&mut [f64]>,
+    ) -> Result<(), ()> {
+        for (i, place) in self.places.iter().enumerate() {
+            let offset = [x[0] - place[0], x[1] - place[1]];
+            let range = offset[0].hypot(offset[1]);
+            if range == 0.0 {
+                return Err(());
+            }
+            residuals[i] = (self.ranges[i] - range) / self.sigma;
+            if let Some(rows) = rows.as_deref_mut() {
+                rows[2 * i] = offset[0] / range / self.sigma;
+                rows[2 * i + 1] = offset[1] / range / self.sigma;
+            }
+        }
+        Ok(())
+    }
+
+    fn difference(&self, a: &[f64], b: &[f64], out: &mut [f64]) -> Result<(), ()> {
+        for (out, place) in out.iter_mut().zip(&self.places) {
+            let range = |x: &[f64]| (x[0] - place[0]).hypot(x[1] - place[1]);
+            *out = (range(b) - range(a)) / self.sigma;
+        }
+        Ok(())
+    }
+}
+
+const NEARLY_IN_LINE: [[f64; 2]; 3] = [[0.0, 0.0], [50.0, 1.0], [100.0, 0.0]];
+
+#[test]
+fn the_second_solution_of_three_beacons() {
+    let model = Beacons::exact(&NEARLY_IN_LINE, [40.0, 30.0], 0.5);
+    let best = minimize(&model, &[45.0, 25.0], &[], Options::default());
+    assert!(best.converged && best.determined);
+    for spread in [
+        None,
+        Some(Spread::Box {
+            low: vec![-200.0, -200.0],
+            high: vec![200.0, 200.0],
+        }),
+    ] {
+        let search = Search {
+            spread,
+            starts: 64,
+            seed: 1,
+            options: Options::default(),
+        };
+        let found = other_solutions(&model, &best, &search);
+        assert_eq!(found.others.len(), 1);
+        let other = &found.others[0];
+        assert!((other.solution.x[0] - 40.212_630_780_135_51).abs() < 1e-6);
+        assert!((other.solution.x[1] + 28.778_536_031_738_817).abs() < 1e-6);
+        assert!((other.solution.chi2 - 5.132_871_756_605_476).abs() < 1e-6);
+        assert!((chance(other.distance) - other.chance).abs() < 1e-15);
+        assert!((other.chance - 0.128_650_785_139_881_43).abs() < 1e-6);
+    }
+}
+
+#[test]
+fn a_held_function_stays_and_its_slope_is_that_of_the_profile() {
+    let model = Beacons::exact(&NEARLY_IN_LINE, [40.0, 30.0], 0.5);
+    let range = Distance {
+        states: vec![0, 1],
+        from: vec![10.0, -5.0],
+    };
+    let at = |value: f64| {
+        minimize(
+            &model,
+            &[40.0, 30.0],
+            &[(&range, value)],
+            Options::default(),
+        )
+    };
+    let (low, middle, high) = (at(46.99), at(47.0), at(47.01));
+    assert!(low.converged && middle.converged && high.converged);
+    assert!((range.value(&middle.x, &mut [0.0; 2]) - 47.0).abs() < 1e-9);
+    let slope = (high.chi2 - low.chi2) / 0.02;
+    assert!((slope / middle.slopes[0] - 1.0).abs() < 1e-4);
+}
+
+#[test]
+fn the_interval_ends_where_chi2_has_risen() {
+    let mut model = Beacons::exact(&NEARLY_IN_LINE, [40.0, 30.0], 0.5);
+    model.ranges[0] += 0.3;
+    model.ranges[1] -= 0.4;
+    let best = minimize(&model, &[40.0, 30.0], &[], Options::default());
+    let north = Combination(vec![0.0, 1.0]);
+    let found = region::interval(
+        &model,
+        &best,
+        &[],
+        &north,
+        3.841_458_820_694_124,
+        Options::default(),
+    );
+    assert_eq!(found.pieces.len(), 1);
+    for end in [found.pieces[0].low.unwrap(), found.pieces[0].high.unwrap()] {
+        // By brute force over the other state.
+        let least = (0..20_001)
+            .map(|i| {
+                let mut residuals = [0.0; 3];
+                let x = [38.0 + 2e-4 * f64::from(i), end];
+                model.linearize(&x, &mut residuals, None).unwrap();
+                residuals.iter().map(|r| r * r).sum::<f64>()
+            })
+            .fold(f64::INFINITY, f64::min);
+        assert!(
+            (least - best.chi2 - 3.841_458_820_694_124).abs() < 1e-5,
+            "{least}"
+        );
+    }
+}
+
+#[test]
+fn a_contour_closes_and_lies_on_the_limit() {
+    let model = Beacons::exact(&[[0.0, 0.0], [100.0, 0.0], [0.0, 100.0]], [40.0, 30.0], 0.5);
+    let best = minimize(&model, &[45.0, 25.0], &[], Options::default());
+    let (east, north) = (Combination(vec![1.0, 0.0]), Combination(vec![0.0, 1.0]));
+    let found = region::contours(
+        &model,
+        &best,
+        &[],
+        [&east, &north],
+        5.991,
+        Options::default(),
+    );
+    assert_eq!(found.len(), 1);
+    assert!(found[0].closed);
+    for point in &found[0].points {
+        let mut residuals = [0.0; 3];
+        model.linearize(point, &mut residuals, None).unwrap();
+        let chi2: f64 = residuals.iter().map(|r| r * r).sum();
+        assert!((chi2 - 5.991).abs() < 1e-5);
+    }
+}
+
+#[test]
+fn a_score_is_the_gain_of_the_fit_with_the_alternative() {
+    // Linear: a straight line through noise, and a parabola as alternative.
+    struct Line(Vec<f64>);
+    impl Model for Line {
+        type Error = ();
+        fn states(&self) -> usize {
+            2
+        }
+        fn measurements(&self) -> usize {
+            self.0.len()
+        }
+        fn linearize(&self, x: &[f64], r: &mut [f64], rows: Option<&mut [f64]>) -> Result<(), ()> {
+            for (i, (r, z)) in r.iter_mut().zip(&self.0).enumerate() {
+                *r = z - x[0] - x[1] * i as f64;
+            }
+            if let Some(rows) = rows {
+                for (i, row) in rows.chunks_exact_mut(2).enumerate() {
+                    row.copy_from_slice(&[1.0, i as f64]);
+                }
+            }
+            Ok(())
+        }
+        fn difference(&self, a: &[f64], b: &[f64], out: &mut [f64]) -> Result<(), ()> {
+            for (i, out) in out.iter_mut().enumerate() {
+                *out = b[0] - a[0] + (b[1] - a[1]) * i as f64;
+            }
+            Ok(())
+        }
+    }
+    let line = Line(
+        (0..20)
+            .map(|i| (1.7 * f64::from(i)).sin() + 0.02 * f64::from(i * i))
+            .collect(),
+    );
+    let found = minimize(&line, &[0.0, 0.0], &[], Options::default());
+    let fit = fit::Fit::new(&line, &found.x).unwrap();
+    assert_eq!(fit.dof(), 18);
+    let parabola: Vec<f64> = (0..20).map(|i| f64::from(i * i)).collect();
+    let trace = fit::noncentrality(0.001, 0.8);
+    assert!((trace - 17.07).abs() < 0.01);
+    let score = fit.score(&parabola, 1, trace);
+    // With the parabola's share taken out of the data the rest fits better by the score.
+    let size = score.size[0];
+    let without = Line((0..20).map(|i| line.0[i] - size * parabola[i]).collect());
+    let again = minimize(&without, &[0.0, 0.0], &[], Options::default());
+    assert!((found.chi2 - again.chi2 - score.statistic).abs() < 1e-9);
+    // What a parabola of the detectable size does to a fit.
+    let spoiled = Line(
+        (0..20)
+            .map(|i| line.0[i] + score.detectable * parabola[i])
+            .collect(),
+    );
+    let moved = minimize(&spoiled, &[0.0, 0.0], &[], Options::default());
+    for k in 0..2 {
+        assert!((moved.x[k] - found.x[k] - score.effect[k]).abs() < 1e-8);
+    }
+    // The columns of the model leave no trace.
+    let slope: Vec<f64> = (0..20).map(f64::from).collect();
+    assert_eq!(fit.score(&slope, 1, trace).detectable, f64::INFINITY);
+}
+
+#[test]
+fn a_prior_is_one_more_measurement() {
+    let model = Beacons::exact(&[[0.0, 0.0]], [40.0, 30.0], 1.0);
+    let mean = [41.0, 0.0];
+    let known = WithPrior::new(&model, &mean, &[0.1, f64::INFINITY]);
+    let found = minimize(&known, &[41.0, 20.0], &[], Options::default());
+    assert!(found.converged);
+    assert!((found.x[0] - 41.0).abs() < 1e-7);
+    assert!((found.x[0].hypot(found.x[1]) - 50.0).abs() < 1e-7);
+    // Without it one range does not tell a place.
+    assert!(!minimize(&model, &[41.0, 20.0], &[], Options::default()).determined);
+}
