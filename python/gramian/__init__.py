@@ -47,6 +47,7 @@ if _typing.TYPE_CHECKING:
     from gramian import monte_carlo as monte_carlo
     from gramian.models import bearings as bearings
     from gramian.models import dipole as dipole
+    from gramian.models import dynamics as dynamics
     from gramian.models import inertial as inertial
     from gramian.models import linear as linear
     from gramian.models import maneuver as maneuver
@@ -70,6 +71,7 @@ __all__ = [
     "choose",
     "crlb",
     "crlb_std",
+    "dynamics",
     "from_function",
     "gram",
     "io",
@@ -82,7 +84,7 @@ __all__.extend(_REGISTRY)
 
 def __getattr__(name: str) -> _ModuleType:
     # Imported when they are first used, so that the import of the package stays light.
-    if name in _REGISTRY:
+    if name in _REGISTRY or name == "dynamics":
         return _load(f"models.{name}")
     if name in ("choose", "io", "large", "monte_carlo"):
         return _load(name)

@@ -506,6 +506,29 @@ def inertial_segments(
     gravity_gradient: bool,
 ) -> tuple[tuple[_Array, _Array, _Array], _Array, NDArray[np.uintp]]: ...
 
+# dynamics
+_Many = Callable[[_Array, _Array], _Array]
+
+def dynamics_follow(
+    rate: _Many,
+    rate_jacobian: _Many | None,
+    output: _Many,
+    output_jacobian: _Many | None,
+    outputs: int,
+    scale: list[float],
+    x0: list[float],
+    times: list[float],
+    rtol: float | None,
+) -> tuple[_Array, _Array, _Array, _Array, int]: ...
+def dynamics_rows(transitions: ArrayLike, white: ArrayLike, first: int, last: int) -> _Array: ...
+def dynamics_windows(
+    transitions: ArrayLike,
+    white: ArrayLike,
+    width: int,
+    rtol: float | None,
+    basis: ArrayLike | None,
+) -> tuple[list[int], _Array, _Array, list[_Array]]: ...
+
 # linear
 def observability_matrix(a: ArrayLike, c: ArrayLike, order: int | None) -> _Array: ...
 def linear_levels(a: ArrayLike, c: ArrayLike, rtol: float | None) -> _Array: ...
@@ -517,6 +540,9 @@ def right_singular(rows: ArrayLike) -> tuple[_Array, _Array]: ...
 def piecewise_ranks(
     a: ArrayLike, c: ArrayLike, durations: ArrayLike, rtol: float | None
 ) -> tuple[NDArray[np.uintp], NDArray[np.uintp], NDArray[np.uintp], list[bool], _Array]: ...
+def linear_infinite(a: ArrayLike, c: ArrayLike, discrete: bool) -> _Array: ...
+def linear_hankel(observability: ArrayLike, reachability: ArrayLike) -> _Array: ...
+def linear_parts(a: ArrayLike, c: ArrayLike) -> list[tuple[_Array, _Array]]: ...
 def linear_balanced(a: ArrayLike, c: ArrayLike) -> tuple[_Array, _Array]: ...
 
 @final

@@ -9,6 +9,7 @@ mod choose;
 mod convert;
 mod dipole;
 mod dipole_record;
+mod dynamics;
 mod errors;
 mod inertial;
 mod linear;
@@ -39,6 +40,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     dipole::register(module)?;
     inertial::register(module)?;
     dipole_record::register(module)?;
+    dynamics::register(module)?;
     linear::register(module)?;
     maneuver::register(module)?;
     monte_carlo::register(module)?;

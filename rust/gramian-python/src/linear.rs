@@ -3,6 +3,7 @@
 use gramian::batch::simd::Path;
 use gramian::linear::analysis::Analysis;
 use gramian::linear::batch::{self, Span};
+use gramian::linear::infinite;
 use gramian::linear::pencil::Pencil;
 use gramian::linear::piecewise;
 use gramian::linear::unobservable::{self, Unobservable};
@@ -362,6 +363,56 @@ fn one_system<'py>(
     Ok((a, c, n))
 }
 
+/// The triangular factor (n, n) of the Gramian of an infinite window.
+#[pyfunction]
+fn linear_infinite<'py>(
+    py: Python<'py>,
+    a: &Bound<'py, PyAny>,
+    c: &Bound<'py, PyAny>,
+    discrete: bool,
+) -> PyResult<Matrix<'py>> {
+    let (a, c, n) = one_system(a, c)?;
+    let (a, c) = (a.slice()?, c.slice()?);
+    let factor = run::detached(py, |_| infinite::factor(a, c, n, discrete))?
+        .map_err(|error| errors::input_at("", error))?;
+    PyArray1::from_vec(py, factor).reshape([n, n])
+}
+
+/// Basis (n, k) and factor (k, k) of the stable and of the antistable part.
+#[pyfunction]
+fn linear_parts<'py>(
+    py: Python<'py>,
+    a: &Bound<'py, PyAny>,
+    c: &Bound<'py, PyAny>,
+) -> PyResult<[(Matrix<'py>, Matrix<'py>); 2]> {
+    let (a, c, n) = one_system(a, c)?;
+    let (a, c) = (a.slice()?, c.slice()?);
+    let found = run::detached(py, |_| infinite::parts(a, c, n))?
+        .map_err(|error| errors::input_at("", error))?;
+    let part = |(basis, factor): (Vec<f64>, Vec<f64>)| -> PyResult<_> {
+        let m = basis.len() / n;
+        let vectors: Vec<Vec<f64>> = basis.chunks_exact(n).map(<[f64]>::to_vec).collect();
+        Ok((
+            columns(py, &vectors, n)?,
+            PyArray1::from_vec(py, factor).reshape([m, m])?,
+        ))
+    };
+    Ok([part(found.stable)?, part(found.antistable)?])
+}
+
+/// Hankel singular values from the factors of both Gramians.
+#[pyfunction]
+fn linear_hankel<'py>(
+    py: Python<'py>,
+    observability: &Bound<'py, PyAny>,
+    reachability: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    let (r, s, n) = one_system(observability, reachability)?;
+    let values =
+        infinite::hankel(r.slice()?, s.slice()?, n).map_err(|error| errors::input_at("", error))?;
+    Ok(PyArray1::from_vec(py, values))
+}
+
 /// A (n, n) and C (p, n), balanced.
 #[pyfunction]
 fn linear_balanced<'py>(
@@ -541,6 +592,9 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(right_singular, module)?)?;
     module.add_function(wrap_pyfunction!(piecewise_ranks, module)?)?;
     module.add_function(wrap_pyfunction!(linear_balanced, module)?)?;
+    module.add_function(wrap_pyfunction!(linear_infinite, module)?)?;
+    module.add_function(wrap_pyfunction!(linear_hankel, module)?)?;
+    module.add_function(wrap_pyfunction!(linear_parts, module)?)?;
     module.add_class::<LinearPencil>()?;
     module.add_class::<LinearUnobservable>()?;
     module.add_class::<LinearAnalysis>()

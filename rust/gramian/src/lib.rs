@@ -67,8 +67,9 @@
 //! | [`dipole`] | field, Jacobians, running information of a magnetic dipole's pass |
 //! | [`registration`] | biases of sensors that see the same targets, the running degree |
 //! | [`tracks`] | any motion, any sensors, unknown biases; a streaming [`Tracker`](tracks::stream::Tracker) |
-//! | [`linear`] | at which derivative a state of a linear system is seen |
 //! | [`inertial`] | the error model of a strapdown navigator: at rest, moving, along a flight |
+//! | [`linear`] | at which derivative a state of a linear system is seen, and whether it is |
+//! | [`dynamics`] (`alloc`) | rows along a trajectory of a nonlinear system |
 //! | [`chi_square`], [`scalar`] | how likely a sum of squares is; the number types |
 //! | [`observability`] (`alloc`) | the whole answer for a size known at run time |
 //! | [`choose`] (`std`) | which measurements to add: greedy, exchange, relaxation with its gap |
@@ -114,6 +115,8 @@ pub mod solve;
 pub mod spine;
 
 pub use bounds::posterior;
+#[cfg(feature = "alloc")]
+pub use models::dynamics;
 pub use models::{bearings, dipole, inertial, linear, maneuver, registration, tracks};
 pub use numbers::{chi_square, scalar};
 #[cfg(feature = "alloc")]

@@ -12,6 +12,13 @@ SciPy or python-control (anything with attributes ``A`` and ``C``), or a `System
 """
 
 from gramian.models.linear._degrees import Degree, Information, degree, information
+from gramian.models.linear._infinite import (
+    Hankel,
+    SplitGramian,
+    gramian_factor,
+    hankel,
+    split_gramian,
+)
 from gramian.models.linear._levels import (
     BatchLevels,
     Levels,
@@ -27,22 +34,27 @@ __all__ = [
     "BatchLevels",
     "Degree",
     "Distance",
+    "Hankel",
     "Information",
     "Levels",
     "Mode",
     "Piecewise",
+    "SplitGramian",
     "System",
     "Unobservable",
     "batch_levels",
     "degree",
     "distance",
     "gramian",
+    "gramian_factor",
+    "hankel",
     "information",
     "levels",
     "observability_matrix",
     "piecewise",
     "problem",
     "rows",
+    "split_gramian",
     "transition",
     "unobservable",
 ]

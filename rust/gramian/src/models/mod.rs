@@ -2,6 +2,8 @@
 
 pub mod bearings;
 pub mod dipole;
+#[cfg(feature = "alloc")]
+pub mod dynamics;
 pub mod inertial;
 pub mod linear;
 pub mod maneuver;

@@ -21,6 +21,8 @@ pub mod analysis;
 #[cfg(feature = "std")]
 pub mod batch;
 #[cfg(feature = "alloc")]
+pub mod infinite;
+#[cfg(feature = "alloc")]
 pub mod pencil;
 #[cfg(feature = "alloc")]
 pub mod piecewise;
@@ -49,6 +51,12 @@ pub enum Error {
     /// No eigenvalues.
     #[error(transparent)]
     Pencil(#[from] pencil::Error),
+    /// A Gramian that does not exist.
+    #[error(
+        "A is not stable: its Gramian over an infinite window does not exist; take a finite \
+         window, a discount, or the parts of A apart"
+    )]
+    Unstable,
     /// A question about levels where they cannot be told.
     #[error("levels cannot be told in this precision: rounding grows {growth:.1e} times")]
     Levels {

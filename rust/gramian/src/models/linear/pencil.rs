@@ -483,6 +483,38 @@ pub(super) fn restricted(a: &[f64], n: usize, kernel: &[f64]) -> Vec<f64> {
     restricted
 }
 
+/// Orthonormal rows that span the invariant subspaces of the eigenvalues left and right
+/// of the imaginary axis.
+pub(super) fn halves(a: &[f64], n: usize) -> Result<[Vec<f64>; 2], Error> {
+    let form = Schur::new(a, n)?;
+    let half = |sign: f64| {
+        let mut sorted = form.clone();
+        let mut none = Matrix::zeros(0, n);
+        let chosen: Vec<usize> = (0..n)
+            .filter(|&i| sign * form.eigenvalue(i).re >= 0.0)
+            .collect();
+        for (place, &i) in chosen.iter().enumerate() {
+            for k in (place..i).rev() {
+                sorted.exchange(k, &mut none);
+            }
+        }
+        let mut basis = Vec::new();
+        real_span(&sorted.vectors, chosen.len(), n, &mut basis);
+        basis
+    };
+    let (stable, antistable) = (half(-1.0), half(1.0));
+    if stable.len() + antistable.len() != n * n {
+        // An eigenvalue of which the real part is exactly zero counts in both.
+        return Err(NumberError::OutOfRange {
+            name: "real part of an eigenvalue of A",
+            given: 0.0,
+            allowed: "different from 0",
+        }
+        .into());
+    }
+    Ok([stable, antistable])
+}
+
 /// A square yet to be looked at; the one with the lowest bound comes first.
 #[derive(Debug)]
 struct Cell {

@@ -144,8 +144,8 @@ impl<T: Real> Window<T> {
         for i in 0..n {
             identity[i * n + i] = T::one();
         }
-        let transition = solve(e11.clone(), identity, n).ok_or(Overflow)?;
-        let noise = solve(e11, e12, n).ok_or(Overflow)?;
+        let transition = solve(e11.clone(), identity, n, n).ok_or(Overflow)?;
+        let noise = solve(e11, e12, n, n).ok_or(Overflow)?;
         let mut window = Self {
             n,
             gramian: multiply(&e21, &transition, n),
@@ -183,8 +183,8 @@ impl<T: Real> Window<T> {
             for i in 0..n {
                 m[i * n + i] += T::one();
             }
-            through = solve(m.clone(), through, n).ok_or(Overflow)?;
-            noise = solve(m, noise, n).ok_or(Overflow)?;
+            through = solve(m.clone(), through, n, n).ok_or(Overflow)?;
+            noise = solve(m, noise, n, n).ok_or(Overflow)?;
         }
         let mut gramian = multiply(
             &transpose(&self.transition, n),
@@ -386,8 +386,13 @@ fn transpose<T: Real>(a: &[T], n: usize) -> Vec<T> {
     (0..n * n).map(|k| a[k % n * n + k / n]).collect()
 }
 
-/// M^-1 B by elimination with row pivots; `None` where M is singular.
-fn solve<T: Real>(mut m: Vec<T>, mut b: Vec<T>, n: usize) -> Option<Vec<T>> {
+/// M^-1 B by elimination with row pivots, B n x `columns`; `None` where M is singular.
+pub(crate) fn solve<T: Real>(
+    mut m: Vec<T>,
+    mut b: Vec<T>,
+    n: usize,
+    columns: usize,
+) -> Option<Vec<T>> {
     for k in 0..n {
         let mut pivot = k;
         for i in k + 1..n {
@@ -398,9 +403,13 @@ fn solve<T: Real>(mut m: Vec<T>, mut b: Vec<T>, n: usize) -> Option<Vec<T>> {
         if !(m[pivot * n + k].abs() > T::zero()) {
             return None;
         }
-        for j in 0..n {
-            m.swap(k * n + j, pivot * n + j);
-            b.swap(k * n + j, pivot * n + j);
+        if pivot != k {
+            for j in 0..n {
+                m.swap(k * n + j, pivot * n + j);
+            }
+            for j in 0..columns {
+                b.swap(k * columns + j, pivot * columns + j);
+            }
         }
         for i in 0..n {
             if i == k {
@@ -414,15 +423,15 @@ fn solve<T: Real>(mut m: Vec<T>, mut b: Vec<T>, n: usize) -> Option<Vec<T>> {
                 let x = m[k * n + j];
                 m[i * n + j] -= factor * x;
             }
-            for j in 0..n {
-                let x = b[k * n + j];
-                b[i * n + j] -= factor * x;
+            for j in 0..columns {
+                let x = b[k * columns + j];
+                b[i * columns + j] -= factor * x;
             }
         }
     }
     for i in 0..n {
-        for j in 0..n {
-            b[i * n + j] /= m[i * n + i];
+        for j in 0..columns {
+            b[i * columns + j] /= m[i * n + i];
         }
     }
     Some(b)

@@ -1,0 +1,148 @@
+"""The user's functions, called for several points at once, and their derivatives."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gramian.exceptions import InputError
+
+__all__ = ["Function", "complex_step", "derivative", "many"]
+
+Array = NDArray[np.float64]
+Function = Callable[..., Any]
+#: Of times (k,) and states (k, n).
+Many = Callable[[Array, Array], Array]
+
+
+def many(function: Function, name: str, size: int | None, vectorized: bool) -> Many:
+    """Return the function of times (k,) and states (k, n) with values (k, size)."""
+
+    def checked(value: Any, count: int) -> Array:
+        array = np.asarray(value, dtype=float)
+        if array.ndim == 0:
+            array = array[None]
+        wanted = (size, count) if vectorized else (size,)
+        if array.ndim != len(wanted) or (size is not None and array.shape != wanted):
+            shape = ", ".join("p" if w is None else str(w) for w in wanted)
+            raise InputError(f"{name} returned shape {array.shape}: must be ({shape})")
+        return array
+
+    def call(t: Array, x: Array) -> Array:
+        if vectorized:
+            return np.ascontiguousarray(checked(function(t, x.T), len(t)).T)
+        return np.array([checked(function(float(a), b), 1) for a, b in zip(t, x, strict=True)])
+
+    return call
+
+
+def given(function: Function, name: str, shape: tuple[int, int], vectorized: bool) -> Many:
+    """Return a given Jacobian as a function of times (k,) and states (k, n)."""
+
+    def call(t: Array, x: Array) -> Array:
+        if vectorized:
+            values = np.asarray(function(t, x.T), dtype=float)
+            if values.shape == shape:
+                values = np.broadcast_to(values[:, :, None], (*shape, len(t)))
+            if values.shape != (*shape, len(t)):
+                raise InputError(
+                    f"{name} returned shape {values.shape}: must be {(*shape, len(t))}"
+                )
+            return np.ascontiguousarray(np.moveaxis(values, -1, 0))
+        out = np.empty((len(t), *shape))
+        for k, (a, b) in enumerate(zip(t, x, strict=True)):
+            value = np.asarray(function(float(a), b), dtype=float)
+            if value.shape != shape:
+                raise InputError(f"{name} returned shape {value.shape}: must be {shape}")
+            out[k] = value
+        return out
+
+    return call
+
+
+def complex_step(function: Function, size: int, vectorized: bool) -> Many:
+    """Return the Jacobian by complex steps: exact to rounding where the code is analytic."""
+    step = 1e-30
+
+    def call(t: Array, x: Array) -> Array:
+        count, n = x.shape
+        points = np.repeat(x.astype(complex), n, axis=0)
+        points[np.arange(count * n), np.tile(np.arange(n), count)] += 1j * step
+        times = np.repeat(t, n)
+        if vectorized:
+            values = np.asarray(function(times, points.T)).T
+        else:
+            values = np.array(
+                [
+                    np.atleast_1d(np.asarray(function(float(a), b)))
+                    for a, b in zip(times, points, strict=True)
+                ]
+            )
+        derivative = np.imag(values).reshape(count, n, size) / step
+        return np.ascontiguousarray(np.swapaxes(derivative, 1, 2))
+
+    return call
+
+
+def by_jax(function: Function, vectorized: bool) -> Many:
+    """Return the Jacobian by forward differentiation of JAX."""
+    try:
+        jax: Any = importlib.import_module("jax")
+    except ImportError:
+        raise InputError('jacobian = "jax" needs JAX: pip install jax') from None
+    if vectorized:
+        raise InputError('jacobian = "jax" takes functions of one state: set vectorized=False')
+    jax.config.update("jax_enable_x64", True)
+    forward = jax.jit(jax.vmap(jax.jacfwd(lambda t, x: jax.numpy.asarray(function(t, x)), 1)))
+
+    def call(t: Array, x: Array) -> Array:
+        values: Array = np.ascontiguousarray(np.asarray(forward(t, x), dtype=float))
+        return values
+
+    return call
+
+
+def derivative(
+    function: Function,
+    jacobian: Any,
+    name: str,
+    shape: tuple[int, int],
+    vectorized: bool,
+    at: tuple[Array, Array],
+    scale: Array,
+) -> Many | None:
+    """Return how the Jacobian of a function is found; None for differences in the crate.
+
+    "auto" takes complex steps where they agree with a difference at `at`.
+    """
+    if callable(jacobian):
+        return given(jacobian, f"the Jacobian of {name}", shape, vectorized)
+    if jacobian == "differences":
+        return None
+    if jacobian == "jax":
+        return by_jax(function, vectorized)
+    found = complex_step(function, shape[0], vectorized)
+    if jacobian == "complex":
+        return found
+    if jacobian != "auto":
+        raise InputError(
+            f'jacobian = {jacobian!r}: must be "auto", "complex", "differences", "jax" '
+            "or two functions"
+        )
+    t, x = at
+    plain = many(function, name, shape[0], vectorized)
+    direction = scale * np.linspace(0.6, 1.0, x.shape[1])
+    try:
+        with np.errstate(all="ignore"):
+            exact = found(t, x)[0] @ direction
+    except (TypeError, ValueError, InputError, ArithmeticError, np.exceptions.ComplexWarning):
+        return None
+    step = 1e-4
+    rough = (plain(t, x + step * direction) - plain(t, x - step * direction))[0] / (2 * step)
+    size = np.abs(rough).max(initial=0.0) + np.abs(exact).max(initial=0.0)
+    agrees = np.isfinite(exact).all() and np.abs(exact - rough).max(initial=0.0) <= 1e-4 * size
+    return found if agrees else None

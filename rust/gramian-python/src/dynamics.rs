@@ -1,0 +1,228 @@
+//! Nonlinear systems along a trajectory: the user's functions are called back.
+
+use gramian::dynamics::{self, Failure, System};
+use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn};
+use pyo3::prelude::*;
+
+use crate::convert::Input;
+use crate::errors::{self, InputError};
+use crate::run;
+
+type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
+
+/// Functions of times (k) and states (k, n) that return float64 arrays.
+struct Functions<'py> {
+    py: Python<'py>,
+    rate: Bound<'py, PyAny>,
+    rate_jacobian: Option<Bound<'py, PyAny>>,
+    output: Bound<'py, PyAny>,
+    output_jacobian: Option<Bound<'py, PyAny>>,
+    scale: Vec<f64>,
+    outputs: usize,
+}
+
+fn call<'py>(
+    py: Python<'py>,
+    function: &Bound<'py, PyAny>,
+    t: &[f64],
+    x: &[f64],
+    out: &mut [f64],
+) -> PyResult<()> {
+    let times = PyArray1::from_slice(py, t);
+    let points = PyArray1::from_slice(py, x).reshape([t.len(), x.len() / t.len().max(1)])?;
+    let found: PyReadonlyArrayDyn<'py, f64> = function.call1((times, points))?.extract()?;
+    let found = found.as_slice()?;
+    if found.len() != out.len() {
+        return Err(InputError::new_err(format!(
+            "a function of the system returned {} numbers: must be {}",
+            found.len(),
+            out.len()
+        )));
+    }
+    out.copy_from_slice(found);
+    Ok(())
+}
+
+impl System for Functions<'_> {
+    type Error = PyErr;
+
+    fn states(&self) -> usize {
+        self.scale.len()
+    }
+
+    fn outputs(&self) -> usize {
+        self.outputs
+    }
+
+    fn rate(&mut self, t: &[f64], x: &[f64], out: &mut [f64]) -> PyResult<()> {
+        self.py.check_signals()?;
+        call(self.py, &self.rate, t, x, out)
+    }
+
+    fn rate_jacobian(&mut self, t: &[f64], x: &[f64], out: &mut [f64]) -> PyResult<()> {
+        let (py, n) = (self.py, self.scale.len());
+        if let Some(function) = &self.rate_jacobian {
+            return call(py, function, t, x, out);
+        }
+        let f = |t: &[f64], x: &[f64], out: &mut [f64]| call(py, &self.rate, t, x, out);
+        dynamics::differences(f, t, x, n, &self.scale, out)
+    }
+
+    fn output(&mut self, t: &[f64], x: &[f64], out: &mut [f64]) -> PyResult<()> {
+        call(self.py, &self.output, t, x, out)
+    }
+
+    fn output_jacobian(&mut self, t: &[f64], x: &[f64], out: &mut [f64]) -> PyResult<()> {
+        let py = self.py;
+        if let Some(function) = &self.output_jacobian {
+            return call(py, function, t, x, out);
+        }
+        let h = |t: &[f64], x: &[f64], out: &mut [f64]| call(py, &self.output, t, x, out);
+        dynamics::differences(h, t, x, self.outputs, &self.scale, out)
+    }
+}
+
+/// States (K, n), outputs (K, p), transitions (K - 1, n, n), output Jacobians (K, p, n) and
+/// the steps taken. Without `rtol` the system is a map.
+#[pyfunction]
+#[allow(clippy::too_many_arguments, clippy::needless_pass_by_value)] // Python's values.
+fn dynamics_follow<'py>(
+    py: Python<'py>,
+    rate: Bound<'py, PyAny>,
+    rate_jacobian: Option<Bound<'py, PyAny>>,
+    output: Bound<'py, PyAny>,
+    output_jacobian: Option<Bound<'py, PyAny>>,
+    outputs: usize,
+    scale: Vec<f64>,
+    x0: Vec<f64>,
+    times: Vec<f64>,
+    rtol: Option<f64>,
+) -> PyResult<(Array<'py>, Array<'py>, Array<'py>, Array<'py>, usize)> {
+    let n = scale.len();
+    let mut system = Functions {
+        py,
+        rate,
+        rate_jacobian,
+        output,
+        output_jacobian,
+        scale,
+        outputs,
+    };
+    let found = match rtol {
+        Some(rtol) => dynamics::integrate(&mut system, &x0, &times, rtol),
+        None => dynamics::iterate(&mut system, &x0, &times),
+    };
+    let found = found.map_err(|error| match error {
+        Failure::System(error) => error,
+        Failure::Number(error) => errors::input_at("", error),
+        Failure::Stuck { time, step } => InputError::new_err(format!(
+            "the trajectory cannot be followed beyond t = {time}: steps of {step:.1e} are not \
+             accurate enough: is f smooth and finite there?"
+        )),
+        Failure::Infinite { state, time } => {
+            InputError::new_err(format!("state {state} is not finite at t = {time}"))
+        }
+    })?;
+    let count = times.len();
+    let array = |data: Vec<f64>, shape: &[usize]| -> PyResult<Array<'py>> {
+        PyArray1::from_vec(py, data).reshape(shape.to_vec())
+    };
+    Ok((
+        array(found.states, &[count, n])?,
+        array(found.outputs, &[count, outputs])?,
+        array(found.transitions, &[count - 1, n, n])?,
+        array(found.jacobians, &[count, outputs, n])?,
+        found.steps,
+    ))
+}
+
+/// Rows (samples p, n) about the state at sample `first`, of the samples before `last`.
+#[pyfunction]
+fn dynamics_rows<'py>(
+    py: Python<'py>,
+    transitions: &Bound<'py, PyAny>,
+    white: &Bound<'py, PyAny>,
+    first: usize,
+    last: usize,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let (transitions, white, p, n) = matched(transitions, white)?;
+    let rows = dynamics::rows(transitions.slice()?, white.slice()?, n, p, first, last);
+    let count = rows.len() / n;
+    PyArray1::from_vec(py, rows).reshape([count, n])
+}
+
+type Windows<'py> = (
+    Vec<usize>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Vec<Bound<'py, PyArray2<f64>>>,
+);
+
+/// Ranks, deviations (windows, n), singular values (windows, m), null spaces (k, n) of
+/// windows of `width` samples. `basis` (K, n, m): the free directions.
+#[pyfunction]
+fn dynamics_windows<'py>(
+    py: Python<'py>,
+    transitions: &Bound<'py, PyAny>,
+    white: &Bound<'py, PyAny>,
+    width: usize,
+    rtol: Option<f64>,
+    basis: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Windows<'py>> {
+    let (transitions, white, p, n) = matched(transitions, white)?;
+    let basis = basis
+        .map(|basis| Input::new(basis, "tangent", 3))
+        .transpose()?;
+    let m = basis.as_ref().map_or(n, |basis| basis.core_shape()[2]);
+    let (transitions, white) = (transitions.slice()?, white.slice()?);
+    let basis = match &basis {
+        Some(basis) => Some((basis.slice()?, m)),
+        None => None,
+    };
+    let found = run::detached(py, |_| {
+        dynamics::windows(transitions, white, n, p, width, rtol, basis)
+    })?
+    .map_err(|error| errors::input_at("", error))?;
+    let count = found.len();
+    let std: Vec<f64> = found.iter().flat_map(|look| look.std.clone()).collect();
+    let values: Vec<f64> = found
+        .iter()
+        .flat_map(|look| look.singular_values.clone())
+        .collect();
+    let null_spaces = found
+        .iter()
+        .map(|look| {
+            PyArray1::from_vec(py, look.null_space.concat()).reshape([look.null_space.len(), n])
+        })
+        .collect::<PyResult<Vec<_>>>()?;
+    Ok((
+        found.iter().map(|look| look.rank).collect(),
+        PyArray1::from_vec(py, std).reshape([count, n])?,
+        PyArray1::from_vec(py, values).reshape([count, m])?,
+        null_spaces,
+    ))
+}
+
+/// Transitions (K - 1, n, n) and Jacobians (K, p, n).
+fn matched<'py>(
+    transitions: &Bound<'py, PyAny>,
+    white: &Bound<'py, PyAny>,
+) -> PyResult<(Input<'py>, Input<'py>, usize, usize)> {
+    let transitions = Input::new(transitions, "transitions", 3)?;
+    let white = Input::new(white, "jacobians", 3)?;
+    let (count, p, n) = {
+        let shape = white.core_shape();
+        (shape[0], shape[1], shape[2])
+    };
+    transitions.expect(
+        &[Some(count.saturating_sub(1)), Some(n), Some(n)],
+        "one between each two samples",
+    )?;
+    Ok((transitions, white, p, n))
+}
+
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_function(wrap_pyfunction!(dynamics_follow, module)?)?;
+    module.add_function(wrap_pyfunction!(dynamics_rows, module)?)?;
+    module.add_function(wrap_pyfunction!(dynamics_windows, module)?)
+}

@@ -1,0 +1,519 @@
+//! A trajectory and the transitions along it.
+
+use alloc::vec;
+use alloc::vec::Vec;
+
+use crate::linear::window::solve;
+use crate::scalar::{NumberError, all_finite, check_finite, check_length};
+
+/// A system given as functions, each called for several points at once: times (k), states
+/// (k x n, row-major). What they return they write to `out`.
+pub trait System {
+    /// What can go wrong in a call.
+    type Error;
+    /// Number of states.
+    fn states(&self) -> usize;
+    /// Number of outputs.
+    fn outputs(&self) -> usize;
+    /// f: k x n.
+    ///
+    /// # Errors
+    /// Whatever the function reports.
+    fn rate(&mut self, t: &[f64], x: &[f64], out: &mut [f64]) -> Result<(), Self::Error>;
+    /// df / dx: k x n x n.
+    ///
+    /// # Errors
+    /// Whatever the function reports.
+    fn rate_jacobian(&mut self, t: &[f64], x: &[f64], out: &mut [f64]) -> Result<(), Self::Error>;
+    /// h: k x p.
+    ///
+    /// # Errors
+    /// Whatever the function reports.
+    fn output(&mut self, t: &[f64], x: &[f64], out: &mut [f64]) -> Result<(), Self::Error>;
+    /// dh / dx: k x p x n.
+    ///
+    /// # Errors
+    /// Whatever the function reports.
+    fn output_jacobian(&mut self, t: &[f64], x: &[f64], out: &mut [f64])
+    -> Result<(), Self::Error>;
+}
+
+/// Why there is no trajectory.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Failure<E> {
+    /// An argument.
+    #[error(transparent)]
+    Number(#[from] NumberError),
+    /// A function of the system.
+    #[error("a function of the system failed")]
+    System(E),
+    /// A step that no halving made small enough.
+    #[error(
+        "the trajectory cannot be followed beyond t = {time}: steps of {step:.1e} are not accurate \
+         enough; is f smooth, and finite there?"
+    )]
+    Stuck {
+        /// Where.
+        time: f64,
+        /// The smallest step tried.
+        step: f64,
+    },
+    /// A state that is not finite.
+    #[error("state {state} is not finite at t = {time}")]
+    Infinite {
+        /// Which.
+        state: usize,
+        /// When.
+        time: f64,
+    },
+}
+
+/// States, outputs and their derivatives at K times.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trajectory {
+    /// K x n.
+    pub states: Vec<f64>,
+    /// K x p.
+    pub outputs: Vec<f64>,
+    /// d `x[k+1]` / d `x[k]`: K - 1 x n x n.
+    pub transitions: Vec<f64>,
+    /// dh / dx: K x p x n.
+    pub jacobians: Vec<f64>,
+    /// Steps of the integrator, all in all.
+    pub steps: usize,
+}
+
+/// Gauss-Legendre, three stages, order six.
+mod gauss {
+    const ROOT: f64 = 3.872_983_346_207_417; // sqrt(15)
+    pub const NODES: [f64; 3] = [0.5 - ROOT / 10.0, 0.5, 0.5 + ROOT / 10.0];
+    pub const WEIGHTS: [f64; 3] = [5.0 / 18.0, 4.0 / 9.0, 5.0 / 18.0];
+    pub const MATRIX: [[f64; 3]; 3] = [
+        [
+            5.0 / 36.0,
+            2.0 / 9.0 - ROOT / 15.0,
+            5.0 / 36.0 - ROOT / 30.0,
+        ],
+        [
+            5.0 / 36.0 + ROOT / 24.0,
+            2.0 / 9.0,
+            5.0 / 36.0 - ROOT / 24.0,
+        ],
+        [
+            5.0 / 36.0 + ROOT / 30.0,
+            2.0 / 9.0 + ROOT / 15.0,
+            5.0 / 36.0,
+        ],
+    ];
+}
+
+const STAGES: usize = 3;
+
+/// Follows x' = f(t, x) from `x0` at `times[0]` through all `times`.
+///
+/// Between two times there are as many equal steps as it takes: their number is doubled
+/// until state and transition change by less than `rtol` of their size.
+///
+/// # Errors
+/// [`Failure`].
+///
+/// # Source
+/// Hairer, Norsett & Wanner, Solving Ordinary Differential Equations I, II.7 (Gauss
+/// methods), I.14 (variational equations).
+pub fn integrate<S: System>(
+    system: &mut S,
+    x0: &[f64],
+    times: &[f64],
+    rtol: f64,
+) -> Result<Trajectory, Failure<S::Error>> {
+    let n = check(system, x0, times)?;
+    if !(rtol > 0.0 && rtol < 1.0) {
+        return Err(NumberError::OutOfRange {
+            name: "rtol",
+            given: rtol,
+            allowed: "between 0 and 1",
+        }
+        .into());
+    }
+    let (mut states, mut transitions) = (x0.to_vec(), Vec::new());
+    let (mut substeps, mut steps) = (1_usize, 0);
+    for pair in times.windows(2) {
+        let from = states.len() - n;
+        let x = states[from..].to_vec();
+        // What served before, or half of it.
+        substeps = (substeps / 2).max(1);
+        let mut coarse = leap(system, &x, pair[0], pair[1], substeps)?;
+        loop {
+            substeps *= 2;
+            if substeps > 1 << 14 {
+                return Err(Failure::Stuck {
+                    time: pair[0],
+                    step: (pair[1] - pair[0]) / substeps as f64,
+                });
+            }
+            let fine = leap(system, &x, pair[0], pair[1], substeps)?;
+            steps += substeps;
+            if let (Some(a), Some(b)) = (&coarse, &fine)
+                && close(&a.0, &b.0, rtol)
+                && close(&a.1, &b.1, rtol)
+            {
+                states.extend_from_slice(&b.0);
+                transitions.extend_from_slice(&b.1);
+                // The difference is that of the coarse one: these were enough.
+                substeps /= 2;
+                break;
+            }
+            coarse = fine;
+        }
+    }
+    look(system, states, transitions, times, steps)
+}
+
+/// Follows `x[k+1]` = f(t[k], `x[k]`).
+///
+/// # Errors
+/// [`Failure`].
+pub fn iterate<S: System>(
+    system: &mut S,
+    x0: &[f64],
+    times: &[f64],
+) -> Result<Trajectory, Failure<S::Error>> {
+    let n = check(system, x0, times)?;
+    let mut states = x0.to_vec();
+    let mut next = vec![0.0; n];
+    for (k, t) in times.iter().enumerate().take(times.len() - 1) {
+        system
+            .rate(
+                core::slice::from_ref(t),
+                &states[k * n..(k + 1) * n],
+                &mut next,
+            )
+            .map_err(Failure::System)?;
+        states.extend_from_slice(&next);
+    }
+    let count = times.len() - 1;
+    let mut transitions = vec![0.0; count * n * n];
+    system
+        .rate_jacobian(&times[..count], &states[..count * n], &mut transitions)
+        .map_err(Failure::System)?;
+    look(system, states, transitions, times, count)
+}
+
+fn check<S: System>(system: &S, x0: &[f64], times: &[f64]) -> Result<usize, NumberError> {
+    let n = system.states();
+    check_length("x0", x0.len(), n)?;
+    check_finite("x0", x0)?;
+    check_length("times", times.len(), times.len().max(1))?;
+    check_finite("times", times)?;
+    Ok(n)
+}
+
+fn look<S: System>(
+    system: &mut S,
+    states: Vec<f64>,
+    transitions: Vec<f64>,
+    times: &[f64],
+    steps: usize,
+) -> Result<Trajectory, Failure<S::Error>> {
+    let (n, p) = (system.states(), system.outputs());
+    if let Some(bad) = states.iter().position(|x| !x.is_finite()) {
+        return Err(Failure::Infinite {
+            state: bad % n,
+            time: times[bad / n],
+        });
+    }
+    let mut outputs = vec![0.0; times.len() * p];
+    let mut jacobians = vec![0.0; times.len() * p * n];
+    system
+        .output(times, &states, &mut outputs)
+        .and_then(|()| system.output_jacobian(times, &states, &mut jacobians))
+        .map_err(Failure::System)?;
+    check_finite("h", &outputs)?;
+    check_finite("dh/dx", &jacobians)?;
+    check_finite("df/dx", &transitions)?;
+    Ok(Trajectory {
+        states,
+        outputs,
+        transitions,
+        jacobians,
+        steps,
+    })
+}
+
+/// The derivative (k x m x n) of a function of k points (k x n) with m values each, by
+/// central differences at two steps, extrapolated: steps of `scale`/1000 and twice that,
+/// all points in one call.
+///
+/// # Errors
+/// What the function reports.
+pub fn differences<E>(
+    mut f: impl FnMut(&[f64], &[f64], &mut [f64]) -> Result<(), E>,
+    t: &[f64],
+    x: &[f64],
+    values: usize,
+    scale: &[f64],
+    out: &mut [f64],
+) -> Result<(), E> {
+    let n = scale.len();
+    let count = t.len();
+    let moves = [-2.0, -1.0, 1.0, 2.0];
+    let per_point = moves.len() * n;
+    let mut times = Vec::with_capacity(count * per_point);
+    let mut points = Vec::with_capacity(count * per_point * n);
+    for (&t, x) in t.iter().zip(x.chunks_exact(n)) {
+        for j in 0..n {
+            for factor in moves {
+                times.push(t);
+                let from = points.len();
+                points.extend_from_slice(x);
+                points[from + j] += factor * 1e-3 * scale[j];
+            }
+        }
+    }
+    let mut results = vec![0.0; times.len() * values];
+    f(&times, &points, &mut results)?;
+    for k in 0..count {
+        for j in 0..n {
+            let first = (k * n + j) * moves.len();
+            // The steps that were taken, after rounding.
+            let at = |m: usize| points[(first + m) * n + j];
+            let (narrow, wide) = (at(2) - at(1), at(3) - at(0));
+            for i in 0..values {
+                let y = |m: usize| results[(first + m) * values + i];
+                let (near, far) = ((y(2) - y(1)) / narrow, (y(3) - y(0)) / wide);
+                out[(k * values + i) * n + j] = near + (near - far) / 3.0;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Whether all differences are below `rtol` of the largest entry.
+fn close(a: &[f64], b: &[f64], rtol: f64) -> bool {
+    let top = b.iter().fold(f64::MIN_POSITIVE, |top, x| top.max(x.abs()));
+    a.iter().zip(b).all(|(x, y)| (x - y).abs() <= rtol * top)
+}
+
+type End = Option<(Vec<f64>, Vec<f64>)>;
+
+/// State and transition after `count` equal steps; `None` where a step has no solution.
+fn leap<S: System>(
+    system: &mut S,
+    x0: &[f64],
+    from: f64,
+    to: f64,
+    count: usize,
+) -> Result<End, Failure<S::Error>> {
+    let n = x0.len();
+    let h = (to - from) / count as f64;
+    let mut x = x0.to_vec();
+    let mut phi = vec![0.0; n * n];
+    for i in 0..n {
+        phi[i * n + i] = 1.0;
+    }
+    let mut local = vec![0.0; STAGES * n * n];
+    let mut first = true;
+    for k in 0..count {
+        let t = from + h * k as f64;
+        let stage_times = gauss::NODES.map(|c| t + c * h);
+        if first {
+            let here: Vec<f64> = x.iter().copied().cycle().take(STAGES * n).collect();
+            system
+                .rate_jacobian(&stage_times, &here, &mut local)
+                .map_err(Failure::System)?;
+            first = false;
+        }
+        let Some(rates) = stages(system, &x, &stage_times, h, &local)? else {
+            return Ok(None);
+        };
+        let points = stage_points(&x, &rates, h);
+        system
+            .rate_jacobian(&stage_times, &points, &mut local)
+            .map_err(Failure::System)?;
+        // d rates: (I - h A (x) J) dK = J.
+        let rhs = local.clone();
+        let Some(derivative) = all_finite(&local)
+            .then(|| solve_block(&local, h, n, rhs, n))
+            .flatten()
+        else {
+            return Ok(None);
+        };
+        let mut step = vec![0.0; n * n];
+        for i in 0..n {
+            step[i * n + i] = 1.0;
+        }
+        for (s, weight) in gauss::WEIGHTS.iter().enumerate() {
+            for i in 0..n {
+                x[i] += h * weight * rates[s * n + i];
+            }
+            for (y, d) in step.iter_mut().zip(&derivative[s * n * n..]) {
+                *y += h * weight * d;
+            }
+        }
+        phi = product(&step, &phi, n);
+    }
+    Ok((all_finite(&x) && all_finite(&phi)).then_some((x, phi)))
+}
+
+fn product(a: &[f64], b: &[f64], n: usize) -> Vec<f64> {
+    let mut out = vec![0.0; n * n];
+    for (row, line) in out.chunks_exact_mut(n).zip(a.chunks_exact(n)) {
+        for (&factor, b) in line.iter().zip(b.chunks_exact(n)) {
+            for (y, x) in row.iter_mut().zip(b) {
+                *y += factor * x;
+            }
+        }
+    }
+    out
+}
+
+fn stage_points(x: &[f64], rates: &[f64], h: f64) -> Vec<f64> {
+    let n = x.len();
+    let mut points = Vec::with_capacity(STAGES * n);
+    for row in &gauss::MATRIX {
+        for i in 0..n {
+            let sum: f64 = (0..STAGES).map(|s| row[s] * rates[s * n + i]).sum();
+            points.push(x[i] + h * sum);
+        }
+    }
+    points
+}
+
+/// The rates at the stages by Newton's method with the derivative at the beginning.
+fn stages<S: System>(
+    system: &mut S,
+    x: &[f64],
+    times: &[f64; STAGES],
+    h: f64,
+    jacobian: &[f64],
+) -> Result<Option<Vec<f64>>, Failure<S::Error>> {
+    let n = x.len();
+    let mut rates = vec![0.0; STAGES * n];
+    let mut values = vec![0.0; STAGES * n];
+    let mut before = f64::INFINITY;
+    for round in 0..20 {
+        let points = stage_points(x, &rates, h);
+        if !all_finite(&points) {
+            return Ok(None);
+        }
+        system
+            .rate(times, &points, &mut values)
+            .map_err(Failure::System)?;
+        if !all_finite(&values) {
+            return Ok(None);
+        }
+        let residual: Vec<f64> = values.iter().zip(&rates).map(|(f, k)| f - k).collect();
+        let size = residual.iter().fold(0.0_f64, |top, r| top.max(r.abs()));
+        let top = values.iter().fold(0.0_f64, |top, f| top.max(f.abs()));
+        if size <= 4.0 * f64::EPSILON * top || (round > 2 && size >= 0.5 * before) {
+            // Rounding does not let it go further; or it does not converge.
+            return Ok((size <= 1e-10 * top).then_some(values));
+        }
+        before = size;
+        if !all_finite(jacobian) {
+            return Ok(None);
+        }
+        let Some(step) = solve_block(jacobian, h, n, residual, 1) else {
+            return Ok(None);
+        };
+        for (k, d) in rates.iter_mut().zip(step) {
+            *k += d;
+        }
+    }
+    Ok(None)
+}
+
+/// Solves (I - h A (x) J) y = rhs, `columns` columns, for the three stages at once.
+fn solve_block(
+    jacobian: &[f64],
+    h: f64,
+    n: usize,
+    rhs: Vec<f64>,
+    columns: usize,
+) -> Option<Vec<f64>> {
+    let m = STAGES * n;
+    let mut matrix = vec![0.0; m * m];
+    for r in 0..STAGES {
+        for i in 0..n {
+            for s in 0..STAGES {
+                for j in 0..n {
+                    let entry = -h * gauss::MATRIX[r][s] * jacobian[(r * n + i) * n + j];
+                    matrix[(r * n + i) * m + s * n + j] = entry;
+                }
+            }
+            matrix[(r * n + i) * m + r * n + i] += 1.0;
+        }
+    }
+    solve(matrix, rhs, m, columns)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Pendulum;
+
+    impl System for Pendulum {
+        type Error = core::convert::Infallible;
+        fn states(&self) -> usize {
+            2
+        }
+        fn outputs(&self) -> usize {
+            1
+        }
+        fn rate(&mut self, _: &[f64], x: &[f64], out: &mut [f64]) -> Result<(), Self::Error> {
+            for (x, out) in x.chunks_exact(2).zip(out.chunks_exact_mut(2)) {
+                out.copy_from_slice(&[x[1], -x[0].sin()]);
+            }
+            Ok(())
+        }
+        fn rate_jacobian(
+            &mut self,
+            _: &[f64],
+            x: &[f64],
+            out: &mut [f64],
+        ) -> Result<(), Self::Error> {
+            for (x, out) in x.chunks_exact(2).zip(out.chunks_exact_mut(4)) {
+                out.copy_from_slice(&[0.0, 1.0, -x[0].cos(), 0.0]);
+            }
+            Ok(())
+        }
+        fn output(&mut self, _: &[f64], x: &[f64], out: &mut [f64]) -> Result<(), Self::Error> {
+            for (x, out) in x.chunks_exact(2).zip(out) {
+                *out = x[0];
+            }
+            Ok(())
+        }
+        fn output_jacobian(
+            &mut self,
+            _: &[f64],
+            _: &[f64],
+            out: &mut [f64],
+        ) -> Result<(), Self::Error> {
+            for out in out.chunks_exact_mut(2) {
+                out.copy_from_slice(&[1.0, 0.0]);
+            }
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn energy_stays_and_the_transition_is_symplectic_and_the_derivative() {
+        let times = [0.0, 1.0, 5.0, 6.0];
+        let follow = |x0: [f64; 2]| integrate(&mut Pendulum, &x0, &times, 1e-12).unwrap();
+        let found = follow([1.0, 0.3]);
+        let energy = |x: &[f64]| 0.5 * x[1] * x[1] - x[0].cos();
+        for x in found.states.chunks_exact(2) {
+            assert!((energy(x) - energy(&[1.0, 0.3])).abs() < 1e-12);
+        }
+        for phi in found.transitions.chunks_exact(4) {
+            assert!((phi[0] * phi[3] - phi[1] * phi[2] - 1.0).abs() < 1e-11);
+        }
+        let step = 1e-6;
+        let (high, low) = (follow([1.0 + step, 0.3]), follow([1.0 - step, 0.3]));
+        for i in 0..2 {
+            let difference = (high.states[2 + i] - low.states[2 + i]) / (2.0 * step);
+            assert!((difference - found.transitions[2 * i]).abs() < 1e-9);
+        }
+    }
+}

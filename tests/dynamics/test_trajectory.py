@@ -1,0 +1,211 @@
+"""Trajectories and their transitions: exact solutions, differences, constraints, bad input."""
+
+import itertools
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+import gramian as gm
+
+
+def pendulum(t, x):
+    return np.array([x[1], -np.sin(x[0]) - 0.1 * x[1]])
+
+
+def pendulum_jacobian(t, x):
+    return [[0, 1], [-np.cos(x[0]), -0.1]]
+
+
+def angle(t, x):
+    return x[:1]
+
+
+TIMES = np.array([0.0, 0.3, 1.0, 1.1, 2.5])
+
+
+def test_linear_systems_are_those_of_the_exponential():
+    rng = np.random.default_rng(1)
+    a, c = rng.normal(size=(4, 4)), rng.normal(size=(2, 4))
+    x0 = rng.normal(size=4)
+    found = gm.dynamics.from_ode(lambda t, x: a @ x, lambda t, x: c @ x, x0, TIMES, sigma=0.5)
+    for k, (before, after) in enumerate(itertools.pairwise(TIMES)):
+        expected = scipy.linalg.expm(a * (after - before))
+        assert np.abs(found.transitions[k] - expected).max() < 1e-9 * np.abs(expected).max()
+    rows = np.concatenate([2 * c @ scipy.linalg.expm(a * t) for t in TIMES])
+    assert np.abs(found.rows() - rows).max() < 1e-8 * np.abs(rows).max()
+    later = np.concatenate([2 * c @ scipy.linalg.expm(a * (t - 1.0)) for t in TIMES[2:]])
+    assert np.abs(found.rows(about=1.0) - later).max() < 1e-8 * np.abs(later).max()
+
+
+@pytest.mark.parametrize("jacobian", ["auto", "complex", "differences", "given"])
+def test_transitions_are_the_derivative_of_the_trajectory(jacobian):
+    given = (pendulum_jacobian, lambda t, x: [[1, 0]]) if jacobian == "given" else jacobian
+
+    def follow(x0):
+        return gm.dynamics.from_ode(pendulum, angle, x0, TIMES, rtol=1e-12, jacobian=given)
+
+    found = follow([1.0, 0.5])
+    step = 1e-5
+    for i, move in enumerate(step * np.eye(2)):
+        ends = [follow(np.array([1.0, 0.5]) + s * move).states for s in (1, -1)]
+        expected = (ends[0] - ends[1]) / (2 * step)
+        phi = np.eye(2)
+        for k, transition in enumerate(found.transitions):
+            phi = transition @ phi
+            assert np.abs(phi[:, i] - expected[k + 1]).max() < 1e-8
+
+
+def test_code_that_is_not_analytic_is_found_out():
+    def h(t, x):
+        return [abs(x[0]) * x[1]]
+
+    found = gm.dynamics.from_ode(lambda t, x: 0 * x, h, [-2.0, 3.0], [0.0, 1.0])
+    assert np.abs(found.jacobians[0] - [[-3.0, -2.0]]).max() < 1e-9
+
+
+def test_many_states_at_once_give_the_same():
+    def many(t, x):
+        return np.stack([x[1], -np.sin(x[0]) - 0.1 * x[1]])
+
+    one = gm.dynamics.from_ode(pendulum, angle, [1.0, 0.5], TIMES)
+    other = gm.dynamics.from_ode(many, lambda t, x: x[:1], [1.0, 0.5], TIMES, vectorized=True)
+    assert np.allclose(one.transitions, other.transitions, rtol=1e-13, atol=1e-15)
+    assert np.array_equal(one.states, other.states)
+
+
+def test_a_map_is_followed_step_by_step():
+    def logistic(t, x):
+        return np.array([x[1] * x[0] * (1 - x[0]), x[1]])
+
+    found = gm.dynamics.from_map(logistic, angle, [0.3, 3.1], np.arange(5.0), ["x", "r"])
+    x = 0.3
+    for k in range(4):
+        assert np.allclose(found.transitions[k], [[3.1 * (1 - 2 * x), x * (1 - x)], [0, 1]])
+        x = 3.1 * x * (1 - x)
+    assert gm.analyze(found.problem()).rank == 2
+
+
+def test_windows_are_the_analysis_of_their_rows():
+    found = gm.dynamics.from_ode(
+        pendulum, angle, [1.0, 0.5], np.linspace(0, 3, 13), ["angle", "rate"], sigma=0.01
+    )
+    windows = found.windows(1.0)
+    assert windows.samples == 5
+    for k in (0, 4, 8):
+        rows = found.rows(found.times[k], found.times[k + 4])
+        assert np.allclose(windows.std[k], gm.crlb_std(rows), rtol=1e-9)
+    assert windows.to_pandas().shape == (9, 4)
+    assert "all determined" in str(windows)
+    assert windows.plot() is not None
+
+
+def test_a_maneuver_shows_the_range():
+    """A bearing alone does not tell the range to a beacon until the vehicle turns."""
+
+    def drive(t, x):
+        return np.array([x[2], x[3], 0 * x[0], 0.5 * (t > 4) + 0 * x[0]])
+
+    def bearing(t, x):
+        return [np.arctan(x[0] / x[1])]
+
+    names = ["x", "y", "vx", "vy"]
+    times = np.arange(0, 10.5, 0.5)
+    found = gm.dynamics.from_ode(drive, bearing, [3.0, 40.0, 2.0, 0.5], times, names, sigma=1e-3)
+    windows = found.windows(3.0)
+    assert windows.rank[0] == 3
+    assert windows.null_combinations[0] == ("1 x + 13.33 y + 0.6667 vx + 0.1667 vy",)
+    assert windows.rank[-1] == 4
+    assert np.isinf(windows.std[0]).all()
+    assert np.isfinite(windows.std[-1]).all()
+
+
+def test_a_unit_quaternion_is_told_apart_from_what_is_not_measured():
+    rates = np.array([0.3, -0.2, 0.1])
+
+    def turn(t, q):
+        w, v = q[0], q[1:]
+        return 0.5 * np.array([-(rates @ v), *(w * rates + np.cross(v, rates))])
+
+    def north(t, q):
+        w, x, y, z = q
+        return np.array([w * w + x * x - y * y - z * z, 2 * (x * y + w * z), 2 * (x * z - w * y)])
+
+    times = np.linspace(0, 1, 5)
+    still = gm.dynamics.from_ode(
+        lambda t, q: 0 * q,
+        north,
+        [1.0, 0, 0, 0],
+        times,
+        ["w", "x", "y", "z"],
+        tangent=gm.dynamics.unit_norm(range(4)),
+    ).windows(1.0)
+    # One direction seen: the turn about it is not, and the length of q is no question.
+    assert (still.free, still.rank[0]) == (3, 2)
+    assert still.null_combinations[0] == ("1 x",)
+    assert still.std[0, 0] == 0
+    q = np.array([0.5, 0.5, -0.5, 0.5])
+    path = gm.dynamics.from_ode(turn, north, q, times)
+    assert np.allclose(np.linalg.norm(path.states, axis=1), 1, atol=1e-9)
+
+
+def test_the_empirical_gramian_becomes_the_information():
+    rows = gm.dynamics.from_ode(pendulum, angle, [1.0, 0.5], TIMES, sigma=0.1).rows()
+    errors = []
+    for step in (0.1, 0.01):
+        found = gm.dynamics.empirical_gramian(
+            pendulum, angle, [1.0, 0.5], TIMES, step=step, sigma=0.1, rtol=1e-12
+        )
+        errors.append(np.abs(found - rows.T @ rows).max())
+    assert errors[1] < 0.02 * errors[0]
+
+
+def test_the_posterior_bound_along_a_trajectory_is_that_of_its_transitions():
+    found = gm.dynamics.from_ode(pendulum, angle, [1.0, 0.5], TIMES, ["angle", "rate"], sigma=0.1)
+    bound = found.posterior(np.zeros((2, 2)), {"rate": 1.0})
+    phi = np.eye(2)
+    information = np.diag([0.0, 1.0])
+    for k in range(len(TIMES)):
+        if k:
+            phi = found.transitions[k - 1] @ phi
+        row = 10 * found.jacobians[k] @ phi
+        information = information + row.T @ row
+    expected = phi @ np.linalg.inv(information) @ phi.T
+    assert np.allclose(bound.std[-1], np.sqrt(np.diag(expected)), rtol=1e-9)
+
+
+BAD = [
+    ({"x0": [[1.0]]}, "x0 has shape"),
+    ({"x0": [np.nan, 0.0]}, r"x0\[0\] = nan"),
+    ({"times": [0.0]}, "times has shape"),
+    ({"times": [0.0, 1.0, 1.0]}, r"times\[2\] = 1.0: must be later"),
+    ({"names": ["a"]}, "names has 1 entries"),
+    ({"names": ["a", "a"]}, "names has 2 entries"),
+    ({"units": ["m"]}, "units has 1 entries"),
+    ({"sigma": 0.0}, r"sigma\[0\] = 0.0: must be > 0"),
+    ({"scale": [1.0, -1.0]}, r"scale\[1\] = -1.0"),
+    ({"rtol": 0.0}, "rtol = 0.0"),
+    ({"jacobian": "guess"}, "jacobian = 'guess'"),
+    ({"f": lambda t, x: x[:1]}, "f returned shape"),
+    ({"f": lambda t, x: x**2, "x0": [1.0, 1.0]}, "cannot be followed beyond t = 0.3"),
+    ({"tangent": lambda x: np.eye(3)}, "tangent returned shape"),
+    ({"jacobian": (lambda t, x: np.eye(3), "auto")}, "Jacobian of f returned shape"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), BAD)
+def test_bad_input_is_named(change, message):
+    options = {"f": pendulum, "h": angle, "x0": [1.0, 0.5], "times": TIMES} | change
+    call = [options.pop(key) for key in ("f", "h", "x0", "times")]
+    with pytest.raises(gm.InputError, match=message):
+        gm.dynamics.from_ode(*call, **options)
+
+
+def test_bad_windows_are_named():
+    found = gm.dynamics.from_ode(pendulum, angle, [1.0, 0.5], TIMES)
+    with pytest.raises(gm.InputError, match="width = 9"):
+        found.windows(9.0)
+    with pytest.raises(gm.InputError, match=r"about = 0\.5: must be one of the times"):
+        found.rows(about=0.5)
+    with pytest.raises(gm.InputError, match="no state is named 'z'"):
+        found.posterior(np.zeros((2, 2)), {"z": 1.0})
