@@ -15,6 +15,7 @@ use alloc::vec::Vec;
 
 use super::window::solve;
 use super::{Error, scaling};
+use crate::numbers::algebra::dot_slices as dot;
 use crate::observability::singular_values;
 use crate::scalar::{all_finite, check_finite, check_length};
 use crate::square_root::rotate_in;
@@ -112,7 +113,7 @@ pub fn hankel(observability: &[f64], reachability: &[f64], n: usize) -> Result<V
                 &observability[i * n..(i + 1) * n],
                 &reachability[j * n..(j + 1) * n],
             );
-            product[i * n + j] = scaling::dot(r, s);
+            product[i * n + j] = dot(r, s);
         }
     }
     Ok(singular_values(&product, n)?.0)
@@ -149,7 +150,7 @@ pub fn parts(a: &[f64], c: &[f64], n: usize) -> Result<Parts, Error> {
             .collect();
         let seen: Vec<f64> = c
             .chunks_exact(n)
-            .flat_map(|row| basis.chunks_exact(n).map(move |v| scaling::dot(row, v)))
+            .flat_map(|row| basis.chunks_exact(n).map(move |v| dot(row, v)))
             .collect();
         let factor = factor(&inner, &seen, m, false)?;
         Ok((basis, factor))
