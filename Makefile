@@ -7,7 +7,7 @@ export CARGO_TERM_COLOR ?= auto
 # As maturin sets it: else pyo3 is compiled anew whenever cargo and maturin take turns.
 export PYO3_PYTHON ?= $(abspath $(BIN)/python)
 
-.PHONY: demo test lint format rust-test python-test no-std-check fuzz bench bench-quick bench-check bench-record embedded-size package docs clean
+.PHONY: demo test lint format rust-test python-test no-std-check fuzz attack bench bench-quick bench-check bench-record embedded-size package docs clean
 
 # What the demo needs and no more, unless everything is there already.
 demo: $(if $(wildcard $(VENV)/.installed),$(VENV)/.installed,$(VENV)/.demo)
@@ -44,6 +44,10 @@ fuzz: export GRAMIAN_FUZZ ?= 1000000
 fuzz:
 	cargo test --release -p gramian --no-default-features --features libm,alloc --test fuzz
 	cargo test --release -p gramian-capi --test fuzz
+
+# 10^5 calls of every public function with arguments gone wrong; `make test` makes 3000.
+attack: $(VENV)/.installed
+	$(BIN)/python tests/attack/attack.py --calls $(or $(CALLS),100000)
 
 python-test: $(VENV)/.installed
 	$(BIN)/python -m pytest -n auto --dist worksteal

@@ -2,7 +2,7 @@
 # thin faces of the package; the docstrings are there.
 
 from collections.abc import Callable, Sequence
-from typing import Any, final
+from typing import Any, Self, TypedDict, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,7 +11,16 @@ _Array = NDArray[np.float64]
 
 __version__: str
 
+# the gate for numbers (`convert`): `name` is the argument's, for messages
+def as_float_array(value: ArrayLike, name: str) -> _Array: ...
+def as_finite_array(value: ArrayLike, name: str) -> _Array: ...
+def require_finite(values: _Array, name: str) -> _Array: ...
+
 # spine
+def above_rounding(rows: ArrayLike, noise: ArrayLike) -> tuple[_Array, float | None]: ...
+def representable(std: _Array) -> _Array: ...
+def rounding_of_columns(rows: ArrayLike, accuracy: ArrayLike, width: int) -> _Array: ...
+def empty_call() -> None: ...
 def gram(rows: ArrayLike, weights: ArrayLike | None) -> _Array: ...
 def crlb_std(rows: ArrayLike, rtol: float | None) -> _Array: ...
 def marginal_rows(rows: ArrayLike, eliminated: int, rtol: float | None) -> _Array: ...
@@ -177,12 +186,25 @@ def channels(values: ArrayLike) -> list[str]: ...
 def barankin(rows: ArrayLike, offsets: ArrayLike, differences: ArrayLike) -> _Array | None: ...
 
 # bearings
-def bearing_best_quadruple(times: ArrayLike, bearings: ArrayLike) -> _Array: ...
+class _Quadruple(TypedDict):
+    indices: _Array
+    value: _Array
+
+class _Gram(TypedDict):
+    gram: _Array
+    det: _Array
+
+class _MotionTest(TypedDict):
+    statistic: _Array
+    p_value: _Array
+    relative_motion: _Array
+
+def bearing_best_quadruple(times: ArrayLike, bearings: ArrayLike) -> _Quadruple: ...
 def bearing_discriminant(times: ArrayLike, bearings: ArrayLike, form: str) -> _Array: ...
 def bearing_discriminant_sum(
     times: ArrayLike, bearings: ArrayLike, weights: ArrayLike | None, method: str, order: int
 ) -> _Array: ...
-def bearing_gram(times: ArrayLike, bearings: ArrayLike, weights: ArrayLike | None) -> _Array: ...
+def bearing_gram(times: ArrayLike, bearings: ArrayLike, weights: ArrayLike | None) -> _Gram: ...
 def bearing_rows(
     times: ArrayLike,
     observer: ArrayLike,
@@ -200,21 +222,64 @@ def bearing_motion_rows(
     is_state: bool,
     several: bool,
 ) -> _Array: ...
-def bearing_test(times: ArrayLike, bearings: ArrayLike, sigma: ArrayLike) -> _Array: ...
+def bearing_frame(
+    times: ArrayLike,
+    observer: ArrayLike,
+    target: ArrayLike,
+    rows: ArrayLike,
+    is_state: bool,
+) -> tuple[_Array, float | None, dict[str, _Array]]: ...
+def bearing_test(times: ArrayLike, bearings: ArrayLike, sigma: ArrayLike) -> _MotionTest: ...
+
+class BearingMonitor:
+    def __new__(cls) -> Self: ...
+    def push(
+        self, time: float, bearing: float, sigma: float, distance: float | None = None
+    ) -> MonitorAnswer: ...
+    def answer(self) -> MonitorAnswer: ...
 
 @final
-class BearingMonitor:
-    def __new__(cls) -> BearingMonitor: ...
-    def push(self, time: float, bearing: float, sigma: float, distance: float | None) -> None: ...
-    def answer(self) -> tuple[int, int, _Array]: ...
+class MonitorAnswer:
+    @property
+    def count(self) -> int: ...
+    @property
+    def rank(self) -> int: ...
+    @property
+    def det(self) -> float: ...
+    @property
+    def logdet(self) -> float: ...
+    @property
+    def singular_value(self) -> float: ...
+    @property
+    def crlb_std(self) -> _Array: ...
+    @property
+    def statistic(self) -> float: ...
+    @property
+    def dof(self) -> float: ...
+    @property
+    def p_value(self) -> float: ...
+    @property
+    def relative_motion(self) -> _Array: ...
 
-# estimates from bearings. A record of `bearings_localize` holds the estimate
-# (n), the null direction (n), the covariance (n x n), then status, nullity,
-# iterations, chi2; one of `bearings_localize_trials` the error (n), the stated
-# deviations (n), then nees, chi2, status, iterations. Trial i there takes its
-# noise from (seed, first + i) alone, so a run may be cut anywhere. Statuses are
-# places in `gramian.bearings.STATUSES`; `gramian.bearings.localize_trials` is
-# the checked face.
+# estimates from bearings. Trial i takes its noise from (seed, first + i) alone, so a
+# run may be cut anywhere. A status is a place in `gramian.bearings.STATUSES`.
+class _Localized(TypedDict):
+    state: _Array
+    null_direction: _Array
+    covariance: _Array
+    status: _Array
+    nullity: _Array
+    iterations: _Array
+    chi2: _Array
+
+class _LocalizedTrials(TypedDict):
+    error: _Array
+    std: _Array
+    nees: _Array
+    chi2: _Array
+    status: _Array
+    iterations: _Array
+
 def bearings_localize(
     times: ArrayLike,
     observer: ArrayLike,
@@ -226,7 +291,7 @@ def bearings_localize(
     rtol: float | None,
     max_iterations: int,
     weak_ratio: float,
-) -> _Array: ...
+) -> _Localized: ...
 def bearings_localize_trials(
     times: ArrayLike,
     observer: ArrayLike,
@@ -240,9 +305,21 @@ def bearings_localize_trials(
     rtol: float | None,
     max_iterations: int,
     weak_ratio: float,
-) -> _Array: ...
+) -> _LocalizedTrials: ...
 
 # dipole
+class _DipoleLocalized(TypedDict):
+    state: _Array
+    mirror: _Array
+    cost: _Array
+    mirror_cost: _Array
+    sigma: _Array
+    converged: _Array
+    rounds: _Array
+    background: _Array
+    residuals: _Array
+    weights: _Array
+
 def dipole_field(position: ArrayLike, moment: ArrayLike) -> _Array: ...
 def dipole_jacobian(position: ArrayLike, moment: ArrayLike) -> _Array: ...
 def dipole_measure(
@@ -280,7 +357,7 @@ def dipole_localize(
     exact: Sequence[float],
     prior: Sequence[Sequence[float]],
     options: object,
-) -> _Array: ...
+) -> _DipoleLocalized: ...
 def dipole_localize_trials(
     times: ArrayLike,
     state: Sequence[float],
@@ -295,6 +372,15 @@ def dipole_localize_trials(
 ) -> _Array: ...
 
 # maneuver
+class _Path(TypedDict):
+    count: _Array
+    path: _Array
+    bearings: _Array
+    ranges: _Array
+    headings: _Array
+    information: _Array
+    det: _Array
+
 def maneuver_fisher(
     positions: ArrayLike, target: ArrayLike, sigma: ArrayLike, times: ArrayLike | None
 ) -> _Array: ...
@@ -318,7 +404,7 @@ def maneuver_trajectory(
     sigma: ArrayLike,
     standoff: ArrayLike,
     circles: bool,
-) -> _Array: ...
+) -> _Path: ...
 
 # maneuver: planner and closed loop
 @final
@@ -394,6 +480,10 @@ def moments(values: ArrayLike, ok: NDArray[np.bool_]) -> _Array: ...
 def merge_moments(d: int, left: ArrayLike, right: ArrayLike) -> _Array: ...
 
 # posterior
+class _Posterior(TypedDict):
+    std: _Array
+    roots: _Array
+
 def semidefinite_roots(covariance: ArrayLike) -> _Array: ...
 def posterior(
     root: ArrayLike,
@@ -403,10 +493,22 @@ def posterior(
     noise: ArrayLike,
     is_covariance: bool,
     every_root: bool,
-) -> _Array: ...
+) -> _Posterior: ...
 
 # registration: `extras` are gain, position, attitude; `settings` the linearisations
 # at most, the tolerance, the noise share and the bend
+class _Registered(TypedDict):
+    biases: _Array
+    covariance: _Array
+    directions: _Array
+    status: _Array
+    iterations: _Array
+    chi_square: _Array
+    nullity: _Array
+    noise_share: _Array
+    bend: _Array
+    positions: _Array
+
 def registration_rows(
     positions: ArrayLike,
     sensors: ArrayLike,
@@ -461,7 +563,7 @@ def registration_estimate(
     method: str,
     settings: tuple[int, float, float, float],
     keep_positions: bool,
-) -> _Array: ...
+) -> _Registered: ...
 def registration_estimate_trials(
     positions: ArrayLike,
     sensors: ArrayLike,
@@ -474,7 +576,7 @@ def registration_estimate_trials(
     seed: int,
     first: int,
     trials: int,
-) -> _Array: ...
+) -> _Registered: ...
 
 # inertial
 EARTH_RATE: float

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["describe_combination", "describe_null_space", "number", "plain"]
+__all__ = ["describe_combination", "describe_null_space", "number", "plain", "visible"]
 
 Array = NDArray[np.float64]
 
@@ -24,6 +25,26 @@ def number(value: float, digits: int = 4) -> str:
         text = f"{value:.{digits}g}"
         return f"{value:.0f}" if "e" in text else text
     return f"{value:.{digits - 1}e}"
+
+
+def visible(text: str) -> str:
+    r"""Return text from a file as it may go to a terminal: control characters are shown.
+
+    A terminal obeys them: an escape sequence can set its title.
+
+    Examples
+    --------
+    >>> print(visible("ship\x1b[31m"))
+    ship\x1b[31m
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        sign
+        if sign in "\n\t" or not unicodedata.category(sign).startswith(("Cc", "Cf"))
+        else sign.encode("unicode_escape").decode()
+        for sign in text
+    )
 
 
 def describe_null_space(null_space: Array, names: Sequence[str]) -> tuple[str, ...]:

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import as_float_array, number, representable
+from gramian import _options as options
+from gramian._arrays import number, real
 from gramian._registry import draw, load
 from gramian._text import describe_null_space, plain
 from gramian._text import number as readable
@@ -133,7 +134,7 @@ class Observability:
         sigma : float
             Its standard deviation; 0 for exactly.
         """
-        if not 0 <= sigma < np.inf:
+        if not number(sigma, "sigma") >= 0:
             raise InputError(f"sigma = {sigma}: must be >= 0 and finite")
         name = combination if isinstance(combination, str) else "combination"
         rank, std = self._analysis.knowing(self._direction(combination), float(sigma))
@@ -275,10 +276,10 @@ def analyze(
     if prior is not None:
         problem = problem.prior(prior)
     for label, threshold in (("weak_ratio", weak_ratio), ("weak_condition", weak_condition)):
-        if threshold != np.inf and not number(threshold, label) > 0:
+        if threshold is not np.inf and not real(threshold, label) > 0:
             raise InputError(f"{label} = {threshold}: must be > 0")
-    if rtol is not None and (np.shape(rtol) or not 0 < as_float_array(rtol, "rtol") < 1):
-        raise InputError(f"rtol = {rtol}: must be between 0 and 1")
+    if rtol is not None:
+        rtol = options.fraction(rtol, "rtol")
     if is_sparse(problem.rows):
         sparse: Observability = load("large").analyze_sparse(
             problem, weak_ratio=weak_ratio, weak_condition=weak_condition, rtol=rtol
@@ -289,7 +290,7 @@ def analyze(
     data_std = analysis.crlb_std()
     if problem.priors:
         data_std = _core.Analysis(at_least_one_row(problem.rows), tolerance).crlb_std()
-    crlb_std = representable(analysis.crlb_std(), problem.all_rows)
+    crlb_std = analysis.crlb_std()
     unit_values = analysis.singular_values()
     n, rank = problem.n, analysis.rank
     if rank < n:

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.resources import as_file, files
 from importlib.util import find_spec
 from json import dumps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 from rich.console import Console
 from rich.status import Status
 
+from gramian._files import write_whole
+from gramian._text import visible
 from gramian.exceptions import GramianError, InputError, ScenarioError, StorageError
 from gramian.report import Report
 from gramian.reproduce import PAPERS
@@ -176,7 +179,7 @@ def simulate(
         report = load(file).simulate(trials, seed, resume=resume, progress=not json)
     except KeyboardInterrupt as stop:
         for note in getattr(stop, "__notes__", ()):
-            Console(stderr=True, soft_wrap=True).print(_plain(note), highlight=False)
+            Console(emoji=False, stderr=True, soft_wrap=True).print(_plain(note), highlight=False)
         raise
     _finish(report, out, json)
 
@@ -190,7 +193,7 @@ def demo(
     """Analyse three ships that ship with the package: easy, hopeless, impossible."""
     from gramian.scenario import load
 
-    console = Console()
+    console = Console(emoji=False)
     scenarios = []
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -259,7 +262,7 @@ def import_(
     from gramian.scenario import Choices, draft
 
     recording = read(*file)
-    Console(soft_wrap=True).print(_plain(recording.summary()), highlight=False)
+    Console(emoji=False, soft_wrap=True).print(_plain(recording.summary()), highlight=False)
     if scenario is None:
         return
     if scenario.exists():
@@ -267,10 +270,10 @@ def import_(
     choices = Choices(observer, target, sensor, sigma_deg, start, duration, step)
     text = draft(recording, choices, scenario.parent)
     try:
-        scenario.write_text(text, encoding="utf-8")
+        write_whole(scenario, text.encode())
     except OSError as error:
         raise StorageError(f"cannot write {scenario}: {error}") from error
-    Console().print(f"\n{_plain(str(scenario))} written", highlight=False)
+    Console(emoji=False).print(f"\n{_plain(str(scenario))} written", highlight=False)
 
 
 @app.command()
@@ -321,7 +324,7 @@ def _in(file: Path) -> Iterator[None]:
 
 
 def _spinner(what: str, *, quiet: bool) -> Status:
-    return Console(stderr=True, quiet=quiet).status(what)
+    return Console(emoji=False, stderr=True, quiet=quiet).status(what)
 
 
 def _finish(report: Report, out: Path | None, json: bool) -> None:
@@ -329,7 +332,7 @@ def _finish(report: Report, out: Path | None, json: bool) -> None:
     if json:
         sys.stdout.write(report.to_json())
         return
-    console = Console()
+    console = Console(emoji=False)
     report.show(console)
     if written:
         console.print()
@@ -341,16 +344,29 @@ def main() -> None:
     run: Callable[[], None] = app
     try:
         run()
-    except GramianError as error:
-        Console(stderr=True, soft_wrap=True).print(
-            f"[bold red]error:[/] {_plain(str(error))}", highlight=False
-        )
+        sys.stdout.flush()
+    except (GramianError, MemoryError, RecursionError) as error:
+        _fail(str(error) or type(error).__name__)
+    except BrokenPipeError:
+        # Who read the output has gone: nothing is left to say, and nobody to say it to.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
+    except (OSError, ValueError) as error:
+        with suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _fail(str(error))
     except KeyboardInterrupt:
         sys.exit(130)
+
+
+def _fail(message: str) -> NoReturn:
+    Console(emoji=False, stderr=True, soft_wrap=True).print(
+        f"[bold red]error:[/] {_plain(message)}", highlight=False
+    )
+    sys.exit(1)
 
 
 def _plain(text: str) -> str:
     from rich.markup import escape
 
-    return escape(text)
+    return escape(visible(text))

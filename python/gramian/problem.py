@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian import _options as options
 from gramian._arrays import as_float_array, finite
 from gramian._registry import load
 from gramian.exceptions import InputError
@@ -95,15 +96,19 @@ class Problem:
                 f"rows has shape {array.shape}: must be (measurements, {n}), "
                 f"one column for each of the states {', '.join(names)}"
             )
+        if units is not None:
+            units = options.names(units, "units", "strings")
         if units is not None and len(units) != n:
             raise InputError(f"units has {len(units)} entries: must have {n}, one for each state")
         scales = np.full(n, np.nan) if scale is None else as_float_array(scale, "scale").copy()
         scales = _checked_scale(scales, names)
-        if rtol is not None and not 0 < rtol < 1:
-            raise InputError(f"rtol = {rtol}: must be between 0 and 1")
+        if rtol is not None:
+            rtol = options.fraction(rtol, "rtol")
         checked = {
             key: _combination(value, f"combinations[{key!r}]", n)
-            for key, value in (combinations or {}).items()
+            for key, value in options.mapping(
+                combinations, "combinations", "name to coefficients"
+            ).items()
         }
         if taken := set(checked) & set(names):
             raise InputError(f"combinations has {sorted(taken)[0]!r}: that is a state's name")
@@ -116,6 +121,28 @@ class Problem:
             priors=MappingProxyType({}),
             combinations=MappingProxyType(checked),
         )
+
+    @classmethod
+    def _of_parts(
+        cls,
+        rows: Array,
+        names: tuple[str, ...],
+        units: tuple[str, ...],
+        rtol: float | None,
+        combinations: dict[str, Array],
+    ) -> Problem:
+        """Make a problem of parts that a model made and that fit: no check, no copy."""
+        problem = object.__new__(cls)
+        problem._set(
+            rows=rows,
+            names=names,
+            units=units,
+            scale=np.full(len(names), np.nan),
+            rtol=rtol,
+            priors=MappingProxyType({}),
+            combinations=MappingProxyType(combinations),
+        )
+        return problem
 
     def _set(self, **values: object) -> None:
         for key, value in values.items():
@@ -140,20 +167,21 @@ class Problem:
         InputError
             If there is no such state.
         """
-        try:
+        if isinstance(name, str) and name in self.names:
             return self.names.index(name)
-        except ValueError:
-            raise InputError(
-                f"no state is named {name!r}: the states are {', '.join(self.names)}"
-            ) from None
+        raise InputError(
+            f"no state is named {options.given(name)}: the states are {', '.join(self.names)}"
+        )
 
     def direction(self, name: str) -> Array:
         """Return the coefficients (n,) of a state or named combination."""
+        if not isinstance(name, str):
+            self.index(name)
         if name in self.combinations:
             return self.combinations[name]
         if name not in self.names and self.combinations:
             raise InputError(
-                f"no state or combination is named {name!r}: "
+                f"no state or combination is named {options.given(name)}: "
                 f"there are {', '.join((*self.names, *self.combinations))}"
             )
         direction = np.zeros(self.n)
@@ -180,7 +208,7 @@ class Problem:
         if isinstance(scale, Mapping):
             values = self.scale.copy()
             for name, value in scale.items():
-                values[self.index(name)] = value
+                values[self.index(name)] = as_float_array(value, f"scale of {name}")
         else:
             values = as_float_array(scale, "scale").copy()
         return self._replaced(scale=_checked_scale(values, self.names))
@@ -206,14 +234,11 @@ class Problem:
             second prior of the same state is combined with the first.
         """
         priors = dict(self.priors)
-        for name, sigma in sigmas.items():
+        for name, sigma in options.deviations(sigmas, "prior").items():
             self.direction(name)
-            value = float(sigma)
-            if not 0 < value < np.inf:
-                raise InputError(f"prior of {name} = {sigma}: must be > 0 and finite")
-            if name in priors:
-                value = 1 / np.hypot(1 / value, 1 / priors[name])
-            priors[name] = value
+            before = priors.get(name)
+            both = sigma if before is None else 1 / np.hypot(1 / sigma, 1 / before)
+            priors[name] = float(both)
         return self._replaced(priors=MappingProxyType(priors))
 
     def marginalize(self, names: Iterable[str]) -> Problem:
@@ -230,7 +255,8 @@ class Problem:
         The rows are reduced by a pivoted orthogonal factorisation; the
         information left is the Schur complement, without forming it.
         """
-        out = self._indices([names] if isinstance(names, str) else list(names))
+        wanted = (names,) if isinstance(names, str) else names
+        out = self._indices(options.names(wanted, "names", "names of states"))
         keep = [i for i in range(self.n) if i not in out]
         if not keep:
             raise InputError("marginalize was given every state: at least one must be left")
@@ -402,6 +428,10 @@ def from_function(
     2
     """
     names = _checked_names(names)
+    options.function(h, "h")
+    options.choice(method, "method", ("central", "complex", "given"))
+    if jacobian is not None:
+        options.function(jacobian, "jacobian")
     state = _finite(x, "x")
     if state.shape != (len(names),):
         raise InputError(f"x has shape {state.shape}: must be ({len(names)},), one for each name")
@@ -506,11 +536,9 @@ def _central_differences(
 
 
 def _checked_names(names: Sequence[str]) -> tuple[str, ...]:
-    if isinstance(names, str):
-        raise InputError(f"names is the string {names!r}: must be a sequence of names")
-    checked = tuple(names)
+    checked = options.names(names, "names")
     for i, name in enumerate(checked):
-        if not isinstance(name, str) or not name:
+        if not name:
             raise InputError(f"names[{i}] = {name!r}: must be a non-empty string")
         if name in checked[:i]:
             raise InputError(f"names[{i}] = {name!r}: that name is taken by another state")

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from gramian._files import write_whole
 from gramian._text import number
 from gramian.exceptions import GramianError
 
@@ -166,8 +167,8 @@ class Report:
         text = self._page()
         try:
             out.mkdir(parents=True, exist_ok=True)
-            page.write_text(text, encoding="utf-8")
-            data.write_text(self.to_json(), encoding="utf-8")
+            write_whole(page, text.encode())
+            write_whole(data, self.to_json().encode())
         except OSError as error:
             raise GramianError(f"cannot write the report to {out}: {error}") from error
         return page, data

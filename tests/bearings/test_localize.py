@@ -249,7 +249,7 @@ def test_a_turning_target_shows_in_the_residuals():
         ({"times": np.zeros(20)}, r"times\[1\] = 0 s: must be later"),
         ({"sigma": np.full(19, 0.1)}, r"sigma has shape \(19,\): must be \(..., 20\)"),
         ({"sigma": -0.1}, r"sigma\[0\] = -0.1 rad: must be > 0"),
-        ({"bearings": [*np.zeros(19), np.nan]}, r"bearings\[19\] = NaN: must be finite"),
+        ({"bearings": [*np.zeros(19), np.nan]}, r"bearings\[19\] = nan: must be finite"),
         ({"observer": np.zeros((20, 3))}, r"observer has shape \(20, 3\)"),
         ({"order": 4}, r"order = 4: must be 0, 1, 2 or 3"),
         ({"prior": {"speed": (1, 2)}}, r"prior of 'speed': the states are x0, y0, vx, vy"),

@@ -131,7 +131,7 @@ def test_older_degrees_reorder_with_the_unit_of_time_and_levels_do_not():
 
 BAD = [
     (lambda: gm.linear.degree(A, C, "best", window=1.0, dt=1.0), "method = 'best'"),
-    (lambda: gm.linear.degree(A, C), "wants window and dt"),
+    (lambda: gm.linear.degree(A, C), "needs window and dt"),
     (lambda: gm.linear.degree(A, C, window=1.0, dt=1.0), "prior is missing for x0"),
     (lambda: gm.linear.degree(SINS, window=-1.0, dt=1.0), "window = -1"),
     (lambda: gm.linear.degree(SINS, window=1.0, dt=2.0), "dt = 2"),

@@ -115,7 +115,7 @@ def test_the_bound_is_that_of_the_problem():
         ({"times": [0.0, 1.0, 2.0]}, "a fixed one has none"),
         ({"target": [9.0, 9, 1, 1], "times": [0.0, 2.0, 1.0]}, r"times\[2\] = 1 s: must be later"),
         ({"path": np.zeros((0, 2))}, "must not be empty"),
-        ({"path": [[0.0, np.nan]]}, r"path\[0, 1\] = NaN: must be finite"),
+        ({"path": [[0.0, np.nan]]}, r"path\[0, 1\] = nan: must be finite"),
     ],
 )
 def test_bad_input_is_named(change, message):

@@ -174,7 +174,7 @@ def test_bad_input_of_a_trajectory_is_named(change, message):
         ((0.0, 10.0, 0.0), "step = 0 m: must be > 0"),
         ((0.0, 10.0, [1.0, 11.0]), r"at batch index \[1\]: .*the step, 11 m, is longer than"),
         ((0.0, 10.0, 21.0, "bearing_rate"), "longer than twice the range, 10 m"),
-        ((np.nan, 10.0, 1.0), "bearing = NaN: must be finite"),
+        ((np.nan, 10.0, 1.0), "bearing = nan: must be finite"),
     ],
 )
 def test_bad_input_of_a_heading_is_named(arguments, message):

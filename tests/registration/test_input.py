@@ -17,7 +17,7 @@ TRACK = np.stack([np.linspace(0, 50e3, 30), np.full(30, 20e3)], axis=1)
         (TRACK, [[0, 0], [0, 0]], SIGMA, r"sensors\[1\] is at the place of sensors\[0\]"),
         (TRACK, [[0, 0]], SIGMA, "2 or more"),
         ([[60e3, 0]], SENSORS, SIGMA, r"look 0 is on sensors\[1\]"),
-        ([[1, 2], [np.nan, 0]], SENSORS, SIGMA, r"positions\[1, 0\] = NaN: must be finite"),
+        ([[1, 2], [np.nan, 0]], SENSORS, SIGMA, r"positions\[1, 0\] = nan: must be finite"),
         (TRACK, SENSORS, (50.0, 0.0), r"sigma\[0, 1\] \(azimuth\) = 0 rad: must be > 0"),
         (TRACK, SENSORS, (50.0, -1.0), "must be > 0"),
         (TRACK, SENSORS, 50.0, r"sigma has shape \(\)"),

@@ -312,7 +312,7 @@ GOOD = {
         ({"transition": np.zeros((2, 2)), "form": "information"}, "transition has no inverse"),
         ({"transition": np.ones((5, 2, 2))}, "must be"),
         ({"rows": np.ones((3, 1, 3))}, r"rows has shape \(3, 1, 3\)"),
-        ({"rows": np.full((3, 1, 2), np.nan)}, r"rows\[0, 0, 0\] = NaN: must be finite"),
+        ({"rows": np.full((3, 1, 2), np.nan)}, r"rows\[0, 0, 0\] = nan: must be finite"),
         ({"rows": []}, "rows has shape"),
         ({"rows": [None, np.ones((1, 3))]}, r"rows\[1\] has shape \(1, 3\)"),
         ({"detection": 1.5}, "detection = 1.5: must be in"),

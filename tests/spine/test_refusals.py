@@ -28,7 +28,7 @@ def changed(array, index, value):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: gm.gram(changed(np.ones((2, 3, 4)), (1, 2, 3), np.nan)), r"rows\[1, 2, 3\] = NaN"),
+        (lambda: gm.gram(changed(np.ones((2, 3, 4)), (1, 2, 3), np.nan)), r"rows\[1, 2, 3\] = nan"),
         (lambda: gm.gram(changed(np.ones((3, 4)), (0, 1), -np.inf)), r"rows\[0, 1\] = -inf"),
         (lambda: gm.gram([1.0, 2.0]), r"rows has shape \(2,\): must have at least 2 axes"),
         (lambda: gm.gram(np.ones((0, 4))), r"rows has shape \(0, 4\): must not be empty"),

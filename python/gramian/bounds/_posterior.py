@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian import _options as options
 from gramian._arrays import as_float_array, finite
 from gramian.exceptions import InputError, UnobservableError
 
@@ -78,8 +79,8 @@ class Posterior:
             A deviation that is not positive, a matrix that is not a covariance, a
             form that cannot hold the prior.
         """
-        if form not in (None, "covariance", "information"):
-            raise InputError(f'form = {form!r}: must be "covariance" or "information"')
+        if form is not None:
+            options.choice(form, "form", ("covariance", "information"))
         given = as_float_array(prior, "prior")
         if given.ndim == 1:
             if (bad := np.flatnonzero(~(given > 0))).size:
@@ -154,7 +155,7 @@ class Posterior:
         """Bound (..., n) on each state; `inf` where it is not determined."""
         n = self.n
         nothing = np.zeros((1, 0, n))
-        packed = _core.posterior(
+        found = _core.posterior(
             self.root,
             nothing,
             np.zeros((0, 0, n)),
@@ -163,7 +164,7 @@ class Posterior:
             self.form == "covariance",
             False,
         )
-        return packed[..., :n]
+        return found["std"][..., 0, :]
 
     @property
     def covariance(self) -> Array:
@@ -178,7 +179,7 @@ class Posterior:
 
     def _run(self, root: Array, rows: Array, transition: Array, noise: Array) -> Posterior:
         steps = rows.shape[-3]
-        packed = _core.posterior(
+        found = _core.posterior(
             root,
             rows,
             np.zeros((steps - 1, 0, self.n)),
@@ -187,8 +188,7 @@ class Posterior:
             self.form == "covariance",
             False,
         )
-        n = self.n
-        return replace(self, root=packed[..., steps * n :].reshape(*packed.shape[:-1], n, n))
+        return replace(self, root=found["roots"][..., 0, :, :])
 
 
 @dataclass(frozen=True)
@@ -333,8 +333,7 @@ def posterior(
     >>> bound.rmse([1, 3])[[0, 20]]
     array([4.47213595, 0.63338613])
     """
-    if keep not in ("std", "all"):
-        raise InputError(f'keep = {keep!r}: must be "std" or "all"')
+    options.choice(keep, "keep", ("std", "all"))
     if isinstance(prior, Posterior):
         if form not in (None, prior.form):
             raise InputError(f'form = "{form}": the prior given is in form "{prior.form}"')
@@ -347,7 +346,7 @@ def posterior(
     weighted = _detected(stacked, detection)
     moved = _transition(transition, start.form, n)
     noise = _roots(process_noise, "process_noise")
-    packed = _core.posterior(
+    found = _core.posterior(
         start.root,
         weighted,
         np.zeros((steps - 1, 0, n)) if spread is None else spread,
@@ -356,12 +355,10 @@ def posterior(
         start.form == "covariance",
         keep == "all",
     )
-    batch = packed.shape[:-1]
-    std = packed[..., : steps * n].reshape(*batch, steps, n)
+    std, roots = found["std"], found["roots"]
     # The least of all is NaN where one is: one way over the numbers, no array between.
-    if np.isnan(packed.min(initial=0.0)):
+    if np.isnan(std.min(initial=0.0) + roots.min(initial=0.0)):
         raise InputError("a bound overflows float64: choose other units")
-    roots = packed[..., steps * n :].reshape(*batch, steps if keep == "all" else 1, n, n)
     return PosteriorBound(
         std=std,
         last=Posterior(np.ascontiguousarray(roots[..., -1, :, :]), start.form),

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import as_float_array, representable, require_finite
+from gramian._arrays import as_float_array
 from gramian._text import describe_null_space
 from gramian.exceptions import InputError, UnobservableError
 from gramian.problem import Problem, as_problem, at_least_one_row
@@ -48,7 +48,7 @@ def gram(rows: ArrayLike, weights: ArrayLike | None = None) -> Array:
     array([[1., 2.],
            [2., 5.]])
     """
-    return require_finite(_core.gram(rows, weights), "the Gram matrix")
+    return _core.gram(rows, weights)
 
 
 def crlb_std(
@@ -88,7 +88,7 @@ def crlb_std(
     if isinstance(rows_or_problem, Problem):
         problem = _with_prior(rows_or_problem, prior)
         known = at_least_one_row(problem.all_rows)
-        return representable(_core.crlb_std(known, problem.rtol), known)
+        return _core.crlb_std(known, problem.rtol)
     rows: ArrayLike = rows_or_problem
     if prior is not None:
         rows = as_float_array(rows, "rows")
@@ -97,7 +97,7 @@ def crlb_std(
         extra = _prior_rows(prior, rows.shape[-1])
         extra = np.broadcast_to(extra, (*rows.shape[:-2], *extra.shape))
         rows = np.concatenate([rows, extra], axis=-2)
-    return representable(_core.crlb_std(rows, None), rows)
+    return _core.crlb_std(rows, None)
 
 
 def crlb(
@@ -135,7 +135,6 @@ def crlb(
         if prior is not None:
             rows = np.vstack([rows, _prior_rows(prior, problem.n)])
     analysis = _core.Analysis(at_least_one_row(rows), problem.rtol)
-    representable(analysis.crlb_std(), rows)
     covariance = analysis.crlb()
     if covariance is None:
         combinations = describe_null_space(analysis.null_space(), problem.names)

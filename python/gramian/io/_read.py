@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 
+from gramian import _options as options
 from gramian.exceptions import InputError
 from gramian.io import _gpx, _kml, _nmea, _rep, _slips, _table
 from gramian.io._recording import Recording, merged
@@ -122,9 +123,18 @@ def unix_seconds(date: str) -> float:
 
     Raises
     ------
-    ValueError
+    InputError
+        What is no date.
+
+    Examples
+    --------
+    >>> unix_seconds("1970-01-02")
+    86400.0
     """
-    return unix(datetime.fromisoformat(date))
+    try:
+        return unix(datetime.fromisoformat(date))
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"date = {options.given(date)}: must be as ISO 8601 has it") from error
 
 
 def _one(

@@ -171,7 +171,7 @@ class SparseObservability(Observability):
     @cached_property
     def crlb_std(self) -> Array:
         """Bound on every state, priors included."""
-        return representable(self._sparse.crlb_std(), np.ones((1, len(self.names))))
+        return representable(self._sparse.crlb_std())
 
     @cached_property
     def data_std(self) -> Array:

@@ -10,18 +10,21 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import IO, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gramian._files import write_whole
 from gramian.exceptions import GramianError, InputError, StorageError
 from gramian.monte_carlo.chunks import MOST, Failure
 from gramian.monte_carlo.statistics import LEAF
+
+if TYPE_CHECKING:
+    from filelock import FileLock
 
 __all__ = ["Manifest", "Store", "arrow_table", "kept_chunk_size"]
 
@@ -64,9 +67,13 @@ class Store:
     def __init__(self, path: str | os.PathLike[str], manifest: Manifest) -> None:
         try:
             import pyarrow.parquet  # noqa: F401
+            from filelock import FileLock, Timeout
         except ImportError as error:  # pragma: no cover - without the extra
-            raise GramianError("resume needs pyarrow: pip install 'gramian[interop]'") from error
-        self._lock: IO[str] | None = None
+            raise GramianError(
+                "resume needs pyarrow and filelock: pip install 'gramian[interop]'"
+            ) from error
+        self._filelock, self._timeout = FileLock, Timeout
+        self._lock: FileLock | None = None
         if not (isinstance(path, (str, os.PathLike)) and str(path)) or "\0" in str(path):
             raise InputError(f"resume = {path!r}: must be the path of a directory")
         self.path = Path(path)
@@ -86,7 +93,7 @@ class Store:
     def close(self) -> None:
         """Let another run use the directory."""
         if self._lock is not None:
-            self._lock.close()
+            self._lock.release()
             self._lock = None
 
     def read(self, first: int, trials: int, dtype: np.dtype[np.void]) -> Any:
@@ -118,8 +125,12 @@ class Store:
         buffer = BytesIO()
         pq.write_table(arrow_table(table, {"gramian": json.dumps(notes)}), buffer)
         try:
-            _replace(self._file(first), buffer.getvalue())
+            write_whole(self._file(first), buffer.getvalue())
         except OSError as error:
+            if self._file(first).is_dir():
+                raise InputError(
+                    f"{self._file(first)} is a directory in the place of a chunk: remove it"
+                ) from error
             done = len(list(self.path.glob("chunk-*.parquet")))
             raise StorageError(
                 f"cannot write {self._file(first)}: {error.strerror or error}; the {done} chunks "
@@ -131,17 +142,14 @@ class Store:
         return self.path / f"chunk-{first:015d}.parquet"
 
     def _claim(self) -> None:
+        # A lock of the open file: it holds between threads and between processes, and
+        # falls with its holder, kill -9 included.
+        lock = self._filelock(self.path / "lock", timeout=0)
         try:
-            import fcntl
-        except ImportError:  # pragma: no cover - not on Windows
-            return
-        # A record lock falls with its process, kill -9 included, and is not
-        # inherited by workers.
-        self._lock = open(self.path / "lock", "a+", encoding="utf-8")  # noqa: SIM115
-        try:
-            fcntl.lockf(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+            lock.acquire()
+        except self._timeout:
             raise InputError(f"resume = {str(self.path)!r} is in use by another run") from None
+        self._lock = lock
 
     def _check(self, manifest: Manifest) -> None:
         file = self.path / "manifest.json"
@@ -155,7 +163,7 @@ class Store:
                     f"resume = {str(self.path)!r} holds {strangers[0].name!r} and no manifest of "
                     "a run: must be a new or empty directory, or that of a run"
                 ) from None
-            _replace(file, json.dumps(wanted, indent=2).encode())
+            write_whole(file, json.dumps(wanted, indent=2).encode())
             return
         except ValueError:
             found = None
@@ -191,27 +199,6 @@ def _digest(table: Table, failures: list[dict[str, Any]]) -> str:
     digest = hashlib.blake2b(table.tobytes(), digest_size=16)
     digest.update(json.dumps(failures).encode())
     return digest.hexdigest()
-
-
-def _replace(file: Path, content: bytes) -> None:
-    """Write a file whole or not at all, whenever the power goes."""
-    part = file.with_suffix(".part")
-    try:
-        with open(part, "wb") as stream:
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.replace(part, file)
-    except OSError:
-        with suppress(OSError):
-            part.unlink()
-        raise
-    if os.name == "posix":
-        directory = os.open(file.parent, os.O_RDONLY)
-        try:
-            os.fsync(directory)
-        finally:
-            os.close(directory)
 
 
 def arrow_table(table: Table, metadata: dict[str, str] | None = None) -> Any:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gramian import _options as options
 from gramian._registry import draw
 from gramian._text import plain
 from gramian.exceptions import InputError, UnobservableError
@@ -195,7 +196,8 @@ def sweep(
         raise InputError(
             f"parameters is a {type(parameters).__name__}: must be a mapping of name to values"
         )
-    grid = {name: _values(name, values) for name, values in parameters.items()}
+    given = options.mapping(parameters, "parameters", "name to values")
+    grid = {name: _values(name, values) for name, values in given.items()}
     if not 1 <= len(grid) <= 2:
         raise InputError(f"parameters has {len(grid)} entries: must have one or two")
     make = _maker(scenario, tuple(grid))

@@ -9,12 +9,16 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from gramian._files import read_whole
 from gramian._registry import REGISTRY
 from gramian.exceptions import InputError, ScenarioError
 from gramian.scenario.base import Scenario, scenario_class
 from gramian.scenario.validation_errors import describe
 
 __all__ = ["load", "parsed", "schema"]
+
+#: A scenario is written by hand, or nearly: bytes.
+SCENARIO_LIMIT = 1 << 24
 
 
 def load(path: Path | str) -> Scenario:
@@ -33,7 +37,7 @@ def load(path: Path | str) -> Scenario:
     path = Path(path)
     try:
         # With or without the byte order mark that some editors put in front.
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_whole(path, SCENARIO_LIMIT).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise ScenarioError(f"{path}: cannot be read: {error}") from error
     return parsed(text, path)
@@ -43,7 +47,9 @@ def parsed(text: str, path: Path) -> Scenario:
     """Return the scenario of a text, as if it had been read from a file."""
     try:
         values = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except RecursionError:
+        raise ScenarioError(f"{path}: is nested too deeply") from None
+    except ValueError as error:  # TOMLDecodeError, or an integer of thousands of digits
         raise ScenarioError(f"{path}: is not valid TOML: {error}") from error
     known = ", ".join(f'"{name}"' for name in REGISTRY)
     if "model" not in values:
@@ -56,6 +62,8 @@ def parsed(text: str, path: Path) -> Scenario:
         scenario = kind.model_validate_json(json.dumps(values, default=str))
     except ValidationError as error:
         raise ScenarioError(describe(error, kind, path, text)) from error
+    except (RecursionError, ValueError) as error:
+        raise ScenarioError(f"{path}: cannot be used: {error}") from error
     scenario.path = path
     return scenario
 

@@ -1,13 +1,17 @@
 //! Bearings-only target motion.
 
+use std::sync::OnceLock;
+
 use gramian::batch::Items;
 use gramian::batch::simd::Path;
 use gramian::bearings::batch::{self, GRAM_SIZE, Method, Quadruples, TEST_SIZE, Target};
-use gramian::bearings::{Error, Form, Monitor};
+use gramian::bearings::{Answer, Error, Form, Monitor};
 use numpy::{PyArray1, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
-use crate::convert::{Batch, Input};
+use crate::convert::{Input, number_text, real};
+use crate::output::Batch;
 use crate::{errors, run};
 
 /// Rows (..., m, 4). `positions` is None for a target state (..., 4).
@@ -32,36 +36,27 @@ fn bearing_rows<'py>(
     } else {
         target.expect(&[Some(m), Some(2)], "an east and a north for each time")?;
     }
-    let mut sigma = Input::new(sigma, "sigma", 1)?;
-    if sigma.core_shape() != [1] {
-        sigma.expect(&[Some(m)], "one standard deviation, or one for each time")?;
-    }
+    let mut sigma = Input::levels(sigma, "sigma")?;
+    sigma.expect_one_or(m, "one standard deviation, or one for each time")?;
     sigma.expect_positive("rad")?;
     let batch = Batch::of(&mut [&mut times, &mut observer, &mut target, &mut sigma])?;
-    let out = batch.zeros(py, &[m, 4]);
-    {
-        let (times, observer, sigma) = (times.items()?, observer.items()?, sigma.items()?);
-        let target = target.items()?;
-        let mut write = out.readwrite();
-        let write = write.as_slice_mut()?;
-        run::in_pieces(py, batch.len(), 10.0 * m as f64, |range, threads| {
-            let target = target.skip(range.start);
-            batch::bearing_rows(
-                times.skip(range.start),
-                observer.skip(range.start),
-                if is_state {
-                    Target::State(target)
-                } else {
-                    Target::Positions(target)
-                },
-                sigma.skip(range.start),
-                threads,
-                &mut write[range.start * m * 4..range.end * m * 4],
-            )
-            .map_err(|(trial, error)| errors::input_at(&batch.place(range.start + trial), error))
-        })?;
-    }
-    Ok(out)
+    let (times, observer, sigma) = (times.items()?, observer.items()?, sigma.items()?);
+    let target = target.items()?;
+    batch.fill(py, &[m, 4], 10.0 * m as f64, |range, threads, out| {
+        let target = target.skip(range.start);
+        batch::bearing_rows(
+            times.skip(range.start),
+            observer.skip(range.start),
+            if is_state {
+                Target::State(target)
+            } else {
+                Target::Positions(target)
+            },
+            sigma.skip(range.start),
+            threads,
+            out,
+        )
+    })
 }
 
 /// Times, bearings and weights that fit together.
@@ -136,23 +131,16 @@ fn bearing_discriminant<'py>(
     times.expect(&[Some(4)], "four instants")?;
     bearings.expect(&[Some(4)], "four bearings")?;
     let batch = Batch::of(&mut [&mut times, &mut bearings])?;
-    let out = batch.zeros(py, &[]);
-    {
-        let (times, bearings) = (times.items()?, bearings.items()?);
-        let mut write = out.readwrite();
-        let write = write.as_slice_mut()?;
-        run::in_pieces(py, batch.len(), 60.0, |range, threads| {
-            batch::discriminants(
-                times.skip(range.start),
-                bearings.skip(range.start),
-                form,
-                threads,
-                &mut write[range.clone()],
-            )
-            .map_err(|(trial, error)| errors::input_at(&batch.place(range.start + trial), error))
-        })?;
-    }
-    Ok(out)
+    let (times, bearings) = (times.items()?, bearings.items()?);
+    batch.fill(py, &[], 60.0, |range, threads, out| {
+        batch::discriminants(
+            times.skip(range.start),
+            bearings.skip(range.start),
+            form,
+            threads,
+            out,
+        )
+    })
 }
 
 /// Sums (...) of D^2 over all quadruples, or of sin^2 over all pairs.
@@ -173,22 +161,20 @@ fn bearing_discriminant_sum<'py>(
     };
     let track = Track::new(times, bearings, weights, 2 * (order + 1))?;
     let (m, batch) = (track.m, &track.batch);
-    let out = batch.zeros(py, &[]);
-    {
-        let (times, bearings) = (track.times.items()?, track.bearings.items()?);
-        let weights = track.weights()?;
-        let mut write = out.readwrite();
-        let write = write.as_slice_mut()?;
-        let at = |trial: usize, error: Error| errors::input_at(&batch.place(trial), error);
-        let cost = batch::discriminant_cost(m, method);
-        if order == 1 && method != Method::Qr && cost > 1e8 {
-            // One long sum: pieces of it, so that Ctrl-C is heard.
-            let mut sum = Quadruples::new(m, method, Path::Best);
-            let mut parts = vec![0.0; sum.parts()];
-            for (trial, out) in write.iter_mut().enumerate() {
+    let (times, bearings) = (track.times.items()?, track.bearings.items()?);
+    let weights = track.weights()?;
+    let cost = batch::discriminant_cost(m, method);
+    let out = if order == 1 && method != Method::Qr && cost > 1e8 {
+        // One long sum: pieces of it, so that Ctrl-C is noticed.
+        let mut sum = Quadruples::new(m, method, Path::Best);
+        let mut parts = vec![0.0; sum.parts()];
+        let out = batch.array(py, &[])?;
+        {
+            let mut write = out.readwrite();
+            for (trial, out) in write.as_slice_mut()?.iter_mut().enumerate() {
                 let weights = weights.map(|w| w.get(trial));
                 sum.load(times.get(trial), bearings.get(trial), weights)
-                    .map_err(|error| at(trial, error))?;
+                    .map_err(|error| errors::input_at(&batch.place(trial), error))?;
                 let part = 3.0 * cost / m as f64;
                 run::in_pieces(py, sum.parts(), part, |range, threads| {
                     sum.run(range.clone(), threads, &mut parts[range]);
@@ -196,21 +182,20 @@ fn bearing_discriminant_sum<'py>(
                 })?;
                 *out = sum.total(&parts);
             }
-        } else {
-            run::in_pieces(py, batch.len(), cost, |range, threads| {
-                let (times, bearings) = (times.skip(range.start), bearings.skip(range.start));
-                let weights = weights.map(|w| w.skip(range.start));
-                let out = &mut write[range.clone()];
-                if order == 0 {
-                    batch::fixed_target_sum(times, bearings, weights, method, threads, out)
-                } else {
-                    batch::discriminant_sum(times, bearings, weights, method, threads, out)
-                }
-                .map_err(|(trial, error)| at(range.start + trial, error))
-            })?;
         }
-        errors::refuse_overflow(batch, 1, write, "the sum of squares")?;
-    }
+        out
+    } else {
+        batch.fill(py, &[], cost, |range, threads, out| {
+            let (times, bearings) = (times.skip(range.start), bearings.skip(range.start));
+            let weights = weights.map(|w| w.skip(range.start));
+            if order == 0 {
+                batch::fixed_target_sum(times, bearings, weights, method, threads, out)
+            } else {
+                batch::discriminant_sum(times, bearings, weights, method, threads, out)
+            }
+        })?
+    };
+    errors::refuse_overflow(batch, 1, out.readonly().as_slice()?, "the sum of squares")?;
     Ok(out)
 }
 
@@ -220,26 +205,20 @@ fn bearing_best_quadruple<'py>(
     py: Python<'py>,
     times: &Bound<'py, PyAny>,
     bearings: &Bound<'py, PyAny>,
-) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+) -> PyResult<Bound<'py, PyDict>> {
     let track = Track::new(times, bearings, None, 4)?;
     let batch = &track.batch;
-    let out = batch.zeros(py, &[5]);
-    {
-        let (times, bearings) = (track.times.items()?, track.bearings.items()?);
-        let mut write = out.readwrite();
-        let write = write.as_slice_mut()?;
-        let cost = 4.0 * batch::discriminant_cost(track.m.min(200), Method::Direct);
-        run::in_pieces(py, batch.len(), cost, |range, threads| {
-            batch::best_quadruples(
-                times.skip(range.start),
-                bearings.skip(range.start),
-                threads,
-                &mut write[5 * range.start..5 * range.end],
-            )
-            .map_err(|(trial, error)| errors::input_at(&batch.place(range.start + trial), error))
-        })?;
-    }
-    Ok(out)
+    let (times, bearings) = (track.times.items()?, track.bearings.items()?);
+    let cost = 4.0 * batch::discriminant_cost(track.m.min(200), Method::Direct);
+    let records = batch.fill(py, &[5], cost, |range, threads, out| {
+        batch::best_quadruples(
+            times.skip(range.start),
+            bearings.skip(range.start),
+            threads,
+            out,
+        )
+    })?;
+    batch.named(&records, &[("indices", &[4]), ("value", &[])])
 }
 
 /// Gram matrices and determinants (..., 17).
@@ -250,7 +229,7 @@ fn bearing_gram<'py>(
     times: &Bound<'py, PyAny>,
     bearings: &Bound<'py, PyAny>,
     weights: Option<&Bound<'py, PyAny>>,
-) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+) -> PyResult<Bound<'py, PyDict>> {
     let mut times = Input::new(times, "times", 1)?;
     times.expect_entries()?;
     times.expect_increasing("s")?;
@@ -267,36 +246,29 @@ fn bearing_gram<'py>(
         Some(weights) => Batch::of(&mut [&mut times, &mut bearings, weights])?,
         None => Batch::of(&mut [&mut times, &mut bearings])?,
     };
-    let out = batch.zeros(py, &[GRAM_SIZE]);
     let mut finite = true;
-    {
-        let (times, angles) = (times.items()?, bearings.items()?);
-        let weights = weights.as_ref().map(Input::items).transpose()?;
-        let mut write = out.readwrite();
-        let write = write.as_slice_mut()?;
-        run::in_pieces(py, batch.len(), 1.2 * m as f64, |range, threads| {
-            let out = &mut write[range.start * GRAM_SIZE..range.end * GRAM_SIZE];
-            batch::bearing_gram(
-                times.skip(range.start),
-                angles.skip(range.start),
-                weights.map(|w| w.skip(range.start)),
-                threads,
-                Path::Best,
-                out,
-            );
-            // The determinant leaves double precision before the matrix does.
-            finite &= out
-                .chunks_exact(GRAM_SIZE)
-                .all(|o| o[0].is_finite() && o[GRAM_SIZE - 1].is_finite());
-            Ok(())
-        })?;
-    }
+    let (track, angles) = (times.items()?, bearings.items()?);
+    let weights = weights.as_ref().map(Input::items).transpose()?;
+    let out = batch.fill(py, &[GRAM_SIZE], 1.2 * m as f64, |range, threads, out| {
+        batch::bearing_gram(
+            track.skip(range.start),
+            angles.skip(range.start),
+            weights.map(|w| w.skip(range.start)),
+            threads,
+            Path::Best,
+            out,
+        );
+        // The determinant overflows before the matrix does.
+        finite &= out
+            .chunks_exact(GRAM_SIZE)
+            .all(|o| o[0].is_finite() && o[GRAM_SIZE - 1].is_finite());
+    })?;
     if !finite {
         bearings.check_finite()?;
         let read = out.readonly();
         errors::refuse_overflow(&batch, GRAM_SIZE, read.as_slice()?, "the Gram matrix")?;
     }
-    Ok(out)
+    batch.named(&out, &[("gram", &[4, 4]), ("det", &[])])
 }
 
 /// Statistic, p-value and relative motion (..., 6).
@@ -306,51 +278,43 @@ fn bearing_test<'py>(
     times: &Bound<'py, PyAny>,
     bearings: &Bound<'py, PyAny>,
     sigma: &Bound<'py, PyAny>,
-) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+) -> PyResult<Bound<'py, PyDict>> {
     let Track {
         mut times,
         mut bearings,
         m,
         ..
     } = Track::new(times, bearings, None, 4)?;
-    let mut sigma = Input::new(sigma, "sigma", 1)?;
-    if sigma.core_shape() != [1] {
-        sigma.expect(
-            &[Some(m)],
-            "one standard deviation, or one for each bearing",
-        )?;
-    }
+    let mut sigma = Input::levels(sigma, "sigma")?;
+    sigma.expect_one_or(m, "one standard deviation, or one for each bearing")?;
     sigma.expect_positive("rad")?;
     let batch = Batch::of(&mut [&mut times, &mut bearings, &mut sigma])?;
-    let out = batch.zeros(py, &[TEST_SIZE]);
-    {
-        let (times, bearings, sigma) = (times.items()?, bearings.items()?, sigma.items()?);
-        let mut write = out.readwrite();
-        let write = write.as_slice_mut()?;
-        run::in_pieces(
-            py,
-            batch.len(),
-            300.0 + 25.0 * m as f64,
-            |range, threads| {
-                batch::observability_tests(
-                    times.skip(range.start),
-                    bearings.skip(range.start),
-                    sigma.skip(range.start),
-                    threads,
-                    Path::Best,
-                    &mut write[range.start * TEST_SIZE..range.end * TEST_SIZE],
-                )
-                .map_err(|(trial, error)| {
-                    errors::input_at(&batch.place(range.start + trial), error)
-                })
-            },
-        )?;
-    }
-    Ok(out)
+    let (times, bearings, sigma) = (times.items()?, bearings.items()?, sigma.items()?);
+    let records = batch.fill(
+        py,
+        &[TEST_SIZE],
+        300.0 + 25.0 * m as f64,
+        |range, threads, out| {
+            batch::observability_tests(
+                times.skip(range.start),
+                bearings.skip(range.start),
+                sigma.skip(range.start),
+                threads,
+                Path::Best,
+                out,
+            )
+        },
+    )?;
+    let parts: [(&str, &[usize]); 3] = [
+        ("statistic", &[]),
+        ("p_value", &[]),
+        ("relative_motion", &[4]),
+    ];
+    batch.named(&records, &parts)
 }
 
 /// Observability while the bearings arrive.
-#[pyclass(module = "gramian._core")]
+#[pyclass(subclass, module = "gramian._core")]
 struct BearingMonitor(Monitor<f64>);
 
 #[pymethods]
@@ -360,28 +324,155 @@ impl BearingMonitor {
         Self(Monitor::new())
     }
 
-    #[pyo3(signature = (time, bearing, sigma, distance))]
-    fn push(&mut self, time: f64, bearing: f64, sigma: f64, distance: Option<f64>) -> PyResult<()> {
+    /// Take in a bearing and return what all so far say.
+    ///
+    /// Parameters
+    /// ----------
+    /// time : float
+    ///     Later than all before, seconds.
+    /// bearing : float
+    ///     Radians, wrapped or not.
+    /// sigma : float
+    ///     Its standard deviation, radians, > 0.
+    /// distance : float, optional
+    ///     The target's distance as far as it is known, metres, > 0; for all bearings
+    ///     or for none. With it the information is Fisher's and bounds are in metres;
+    ///     without, the range counts as 1.
+    ///
+    /// Returns
+    /// -------
+    /// MonitorAnswer
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     A time not later than the one before, a sigma or distance that is not positive,
+    ///     a distance that only some bearings have, a number that is not finite. The
+    ///     bearing is not taken in then.
+    #[pyo3(signature = (time, bearing, sigma, distance=None))]
+    #[allow(clippy::doc_markdown)] // The docstring is Python's.
+    fn push(
+        &mut self,
+        time: &Bound<'_, PyAny>,
+        bearing: &Bound<'_, PyAny>,
+        sigma: &Bound<'_, PyAny>,
+        distance: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<MonitorAnswer> {
+        let distance = distance
+            .map(|distance| real(distance, "distance"))
+            .transpose()?;
+        let (time, bearing) = (real(time, "time")?, real(bearing, "bearing")?);
         self.0
-            .push(time, bearing, sigma, distance)
-            .map_err(|error| errors::input_at("", error))
+            .push(time, bearing, real(sigma, "sigma")?, distance)
+            .map_err(|error| errors::input_at("", error))?;
+        Ok(self.answer())
     }
 
-    /// Count, rank, and det, logdet, singular value, statistic, dof, p-value,
-    /// bounds (4), relative motion (4).
-    fn answer<'py>(&self, py: Python<'py>) -> (u32, usize, Bound<'py, PyArray1<f64>>) {
-        let a = self.0.answer();
-        let mut numbers = vec![
-            a.determinant,
-            a.log_determinant,
-            a.singular_value,
-            a.statistic,
-            a.dof,
-            a.p_value,
-        ];
-        numbers.extend(a.crlb_std);
-        numbers.extend(a.relative_motion);
-        (a.count, a.rank, PyArray1::from_vec(py, numbers))
+    /// Return what the bearings so far say.
+    fn answer(&self) -> MonitorAnswer {
+        MonitorAnswer {
+            monitor: self.0,
+            found: OnceLock::new(),
+        }
+    }
+}
+
+/// What the bearings so far say.
+///
+/// It keeps the sums of its moment and works the answer out when first asked, so that a
+/// push costs little where nobody looks.
+///
+/// Attributes
+/// ----------
+/// count : int
+///     How many bearings there are.
+/// rank : int
+///     Rank of the rows with unit columns, of 4.
+/// det, logdet : float
+///     Determinant of the information and its logarithm.
+/// `singular_value` : float
+///     Smallest singular value of the rows with unit columns, at the first time.
+/// `crlb_std` : ndarray, shape (4,)
+///     Bounds on x0, y0, vx, vy at the first time, `inf` where there is none: metres
+///     where ranges were given, parts of the range where not.
+/// statistic, dof, `p_value` : float
+///     The test of `observability_test`, in its streaming form; 0, 0 and 1 below four
+///     bearings.
+/// `relative_motion` : ndarray, shape (4,)
+///     The relative motion that fits best, at unit range at the first time.
+#[pyclass(frozen, module = "gramian._core")]
+struct MonitorAnswer {
+    monitor: Monitor<f64>,
+    found: OnceLock<Answer<f64>>,
+}
+
+impl MonitorAnswer {
+    fn found(&self) -> &Answer<f64> {
+        self.found.get_or_init(|| self.monitor.answer())
+    }
+}
+
+#[pymethods]
+impl MonitorAnswer {
+    #[getter]
+    fn count(&self) -> u32 {
+        self.monitor.count()
+    }
+
+    #[getter]
+    fn rank(&self) -> usize {
+        self.found().rank
+    }
+
+    #[getter]
+    fn det(&self) -> f64 {
+        self.found().determinant
+    }
+
+    #[getter]
+    fn logdet(&self) -> f64 {
+        self.found().log_determinant
+    }
+
+    #[getter]
+    fn singular_value(&self) -> f64 {
+        self.found().singular_value
+    }
+
+    #[getter]
+    fn crlb_std<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, &self.found().crlb_std)
+    }
+
+    #[getter]
+    fn statistic(&self) -> f64 {
+        self.found().statistic
+    }
+
+    #[getter]
+    fn dof(&self) -> f64 {
+        self.found().dof
+    }
+
+    #[getter]
+    fn p_value(&self) -> f64 {
+        self.found().p_value
+    }
+
+    #[getter]
+    fn relative_motion<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, &self.found().relative_motion)
+    }
+
+    fn __repr__(&self) -> String {
+        let found = self.found();
+        format!(
+            "MonitorAnswer(count={}, rank={}, logdet={}, p_value={})",
+            self.monitor.count(),
+            found.rank,
+            number_text(found.log_determinant),
+            number_text(found.p_value)
+        )
     }
 }
 
@@ -392,5 +483,6 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(bearing_gram, module)?)?;
     module.add_function(wrap_pyfunction!(bearing_rows, module)?)?;
     module.add_function(wrap_pyfunction!(bearing_test, module)?)?;
-    module.add_class::<BearingMonitor>()
+    module.add_class::<BearingMonitor>()?;
+    module.add_class::<MonitorAnswer>()
 }

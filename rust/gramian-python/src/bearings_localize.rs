@@ -2,12 +2,12 @@
 
 use gramian::batch::simd::Path;
 use gramian::bearings::batch::localize::{self as kernel, Layout, Options, Prior, Track};
-use numpy::{PyArray2, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
-use crate::convert::{Batch, Input};
+use crate::convert::Input;
 use crate::errors::InputError;
-use crate::{errors, run};
+use crate::output::Batch;
 
 /// Times, observer, sigma and prior as they come from Python.
 struct Given<'py> {
@@ -40,10 +40,8 @@ impl<'py> Given<'py> {
         let m = times.core_shape()[0];
         let observer = Input::new(observer, "observer", 2)?;
         observer.expect(&[Some(m), Some(2)], "an east and a north for each time")?;
-        let sigma = Input::new(sigma, "sigma", 1)?;
-        if sigma.core_shape() != [1] {
-            sigma.expect(&[Some(m)], "one standard deviation, or one for each time")?;
-        }
+        let sigma = Input::levels(sigma, "sigma")?;
+        sigma.expect_one_or(m, "one standard deviation, or one for each time")?;
         sigma.expect_positive("rad")?;
         let prior = prior
             .map(|(mean, sigma)| {
@@ -115,7 +113,7 @@ fn bearings_localize<'py>(
     rtol: Option<f64>,
     max_iterations: u32,
     weak_ratio: f64,
-) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+) -> PyResult<Bound<'py, PyDict>> {
     let mut given = Given::new(times, observer, sigma, prior, states, several)?;
     let m = given.times.core_shape()[0];
     let mut bearings = Input::new(bearings, "bearings", 1)?;
@@ -127,26 +125,30 @@ fn bearings_localize<'py>(
         weak_ratio,
     };
     let size = Layout { states }.size();
-    let out = batch.zeros(py, &[size]);
-    {
-        let (track, bearings) = (given.track()?, bearings.items()?);
-        let mut write = out.readwrite();
-        let write = write.as_slice_mut()?;
-        let cost = kernel::cost(m, states);
-        run::in_pieces(py, batch.len(), cost, |range, threads| {
-            kernel::localize(
-                &from_trial(&track, range.start),
-                bearings.skip(range.start),
-                states,
-                options,
-                threads,
-                Path::Best,
-                &mut write[range.start * size..range.end * size],
-            );
-            Ok(())
-        })?;
-    }
-    Ok(out)
+    let (track, bearings) = (given.track()?, bearings.items()?);
+    let cost = kernel::cost(m, states);
+    let records = batch.fill(py, &[size], cost, |range, threads, out| {
+        kernel::localize(
+            &from_trial(&track, range.start),
+            bearings.skip(range.start),
+            states,
+            options,
+            threads,
+            Path::Best,
+            out,
+        );
+    })?;
+    let n = states;
+    let parts: [(&str, &[usize]); 7] = [
+        ("state", &[n]),
+        ("null_direction", &[n]),
+        ("covariance", &[n, n]),
+        ("status", &[]),
+        ("nullity", &[]),
+        ("iterations", &[]),
+        ("chi2", &[]),
+    ];
+    batch.named(&records, &parts)
 }
 
 /// Results (trials, size) as `Layout::trial_size` orders them, of the simulated
@@ -168,7 +170,7 @@ fn bearings_localize_trials<'py>(
     rtol: Option<f64>,
     max_iterations: u32,
     weak_ratio: f64,
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
+) -> PyResult<Bound<'py, PyDict>> {
     let mut truth = Input::new(truth, "truth", 1)?;
     let states = truth.core_shape()[0];
     let mut given = Given::new(times, observer, sigma, prior, states, several)?;
@@ -186,29 +188,30 @@ fn bearings_localize_trials<'py>(
         weak_ratio,
     };
     let size = Layout { states }.trial_size();
-    let out = PyArray2::zeros(py, [trials, size], false);
-    {
-        let (track, truth) = (given.track()?, truth.items()?);
-        let mut write = out.readwrite();
-        let write = write.as_slice_mut()?;
-        let cost = kernel::cost(m, states) + 15.0 * m as f64;
-        run::in_pieces(py, trials, cost, |range, threads| {
-            kernel::simulate_and_localize(
-                &from_trial(&track, range.start),
-                truth.skip(range.start),
-                seed,
-                first + range.start as u64,
-                options,
-                threads,
-                Path::Best,
-                &mut write[range.start * size..range.end * size],
-            )
-            .map_err(|(trial, error)| {
-                errors::input_at(&format!("in trial {}: ", range.start + trial), error)
-            })
-        })?;
-    }
-    Ok(out)
+    let (track, truth) = (given.track()?, truth.items()?);
+    let cost = kernel::cost(m, states) + 15.0 * m as f64;
+    let batch = Batch::trials(first, trials);
+    let records = batch.fill(py, &[size], cost, |range, threads, out| {
+        kernel::simulate_and_localize(
+            &from_trial(&track, range.start),
+            truth.skip(range.start),
+            seed,
+            first + range.start as u64,
+            options,
+            threads,
+            Path::Best,
+            out,
+        )
+    })?;
+    let parts: [(&str, &[usize]); 6] = [
+        ("error", &[states]),
+        ("std", &[states]),
+        ("nees", &[]),
+        ("chi2", &[]),
+        ("status", &[]),
+        ("iterations", &[]),
+    ];
+    batch.named(&records, &parts)
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -1,12 +1,15 @@
 //! Rows of targets of any order of motion, in the plane and in space.
 
 use gramian::bearings::batch::{Motion, motion_rows};
-use numpy::{PyArrayDyn, PyArrayMethods};
+use gramian::bearings::{Frame, Whereabouts, frame};
+use gramian::rounding;
+use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
-use crate::convert::{Batch, Input};
+use crate::convert::Input;
 use crate::errors::InputError;
-use crate::{errors, run};
+use crate::output::Batch;
 
 /// Rows (..., m, n) in the plane, (..., 2 m, n) in space; `sigma` holds there
 /// the deviations of azimuth and behind them those of elevation.
@@ -43,7 +46,7 @@ fn bearing_motion_rows<'py>(
     } else {
         target.expect(&[Some(m), Some(dimensions)], "a position for each time")?;
     }
-    let mut sigma = Input::new(sigma, "sigma", 1)?;
+    let mut sigma = Input::levels(sigma, "sigma")?;
     if sigma.core_shape() != [dimensions - 1] {
         sigma.expect(
             &[Some(m * (dimensions - 1))],
@@ -53,14 +56,14 @@ fn bearing_motion_rows<'py>(
     sigma.expect_positive("rad")?;
     let batch = Batch::of(&mut [&mut times, &mut observer, &mut target, &mut sigma])?;
     let lines = m * (dimensions - 1);
-    let out = batch.zeros(py, &[lines, n]);
-    {
-        let (times, observer, sigma) = (times.items()?, observer.items()?, sigma.items()?);
-        let target = target.items()?;
-        let mut write = out.readwrite();
-        let write = write.as_slice_mut()?;
-        let size = lines * n;
-        run::in_pieces(py, batch.len(), 10.0 * size as f64, |range, threads| {
+    let (times, observer, sigma) = (times.items()?, observer.items()?, sigma.items()?);
+    let target = target.items()?;
+    let size = lines * n;
+    batch.fill(
+        py,
+        &[lines, n],
+        10.0 * size as f64,
+        |range, threads, out| {
             let target = target.skip(range.start);
             motion_rows(
                 times.skip(range.start),
@@ -74,14 +77,79 @@ fn bearing_motion_rows<'py>(
                 dimensions,
                 order,
                 threads,
-                &mut write[range.start * size..range.end * size],
+                out,
             )
-            .map_err(|(trial, error)| errors::input_at(&batch.place(range.start + trial), error))
-        })?;
+        },
+    )
+}
+
+/// Rows (lines, n) of one track without columns that are rounding alone, their relative
+/// accuracy (None: that of plain rows), and by name the combinations (n,) of its frame.
+/// The arguments are those of the rows, which have checked them.
+#[pyfunction]
+fn bearing_frame<'py>(
+    py: Python<'py>,
+    times: &Bound<'py, PyAny>,
+    observer: &Bound<'py, PyAny>,
+    target: &Bound<'py, PyAny>,
+    rows: &Bound<'py, PyAny>,
+    is_state: bool,
+) -> PyResult<FramedRows<'py>> {
+    let times = Input::new(times, "times", 1)?;
+    let observer = Input::new(observer, "observer", 2)?;
+    let target = Input::new(target, "target", if is_state { 1 } else { 2 })?;
+    let rows = Input::new(rows, "rows", 2)?;
+    for input in [&times, &observer, &target, &rows] {
+        input.expect_single("a problem is one track")?;
     }
-    Ok(out)
+    let (m, dimensions) = (times.core_shape()[0], observer.core_shape()[1]);
+    let n = rows.core_shape()[1];
+    let target = target.slice()?;
+    let target = if is_state {
+        Whereabouts::State(target)
+    } else {
+        Whereabouts::Positions(target)
+    };
+    let (times, observer) = (times.slice()?, observer.slice()?);
+    let named = PyDict::new(py);
+    let accuracy = match dimensions {
+        2 => of_frame(&frame::<2>(times, observer, target), n, &named)?,
+        _ => of_frame(&frame::<3>(times, observer, target), n, &named)?,
+    };
+    let mut left = rows.slice()?.to_vec();
+    let noise = rounding::of_columns(&left, n, &accuracy, dimensions);
+    let rtol = rounding::remove(&mut left, n, &noise);
+    let left = PyArray1::from_vec(py, left).reshape([m * (dimensions - 1), n])?;
+    Ok((left, rtol, named))
+}
+
+type FramedRows<'py> = (Bound<'py, PyArray2<f64>>, Option<f64>, Bound<'py, PyDict>);
+
+/// The accuracy of each line; the combinations go into `named`.
+fn of_frame<const D: usize>(
+    frame: &Frame<D>,
+    n: usize,
+    named: &Bound<'_, PyDict>,
+) -> PyResult<Vec<f64>> {
+    let moving = n > D;
+    for (name, first, direction) in [
+        ("range", 0, Some(frame.range)),
+        ("bearing", 0, Some(frame.bearing)),
+        ("elevation", 0, frame.elevation),
+        ("speed", D, frame.speed.filter(|_| moving)),
+        ("course", D, frame.course.filter(|_| moving)),
+    ] {
+        if let Some(direction) = direction {
+            let mut wide = vec![0.0; n];
+            wide[first..first + D].copy_from_slice(&direction);
+            named.set_item(name, PyArray1::from_vec(named.py(), wide))?;
+        }
+    }
+    let lines = frame.accuracy.iter();
+    Ok(lines.flat_map(|x| std::iter::repeat_n(*x, D - 1)).collect())
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_function(wrap_pyfunction!(bearing_frame, module)?)?;
     module.add_function(wrap_pyfunction!(bearing_motion_rows, module)?)
 }

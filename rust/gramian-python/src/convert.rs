@@ -1,25 +1,39 @@
-//! Python values to slices and back. Shapes and finiteness are checked here,
-//! once; behind this module there are only plain slices.
+//! Python values to slices: the one gate for numbers. Types, masks, shapes and
+//! finiteness are checked here, once; behind this module there are only plain slices.
+//!
+//! Arrays of at most [`SMALL`] numbers are copied, so that another thread that writes
+//! to one cannot change it between the check and the kernel. Larger ones are read in
+//! place with the interpreter lock released: they must not be written to while the call
+//! runs, as with numpy's own functions.
 
 use gramian::batch::Items;
 use numpy::{PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use pyo3::types::{IntoPyDict, PyDict};
+use pyo3::types::{IntoPyDict, PyDict, PyFloat, PyInt, PyList, PyTuple};
 
 use crate::errors::InputError;
+use crate::output;
+
+/// Arrays up to this many numbers are copied.
+const SMALL: usize = 4096;
+
+enum Numbers<'py> {
+    Own(Vec<f64>),
+    Array(PyReadonlyArrayDyn<'py, f64>),
+}
 
 /// An array argument: float64, contiguous and finite. The last `core` axes are
 /// one item, the axes before them the batch.
 pub struct Input<'py> {
     name: &'static str,
-    array: PyReadonlyArrayDyn<'py, f64>,
+    numbers: Numbers<'py>,
+    shape: Vec<usize>,
     core: usize,
     shared: bool,
 }
 
 impl<'py> Input<'py> {
-    /// Takes anything that numpy can read as numbers. Copies only what is not
-    /// float64 and contiguous already.
+    /// Takes anything that numpy can read as real numbers.
     pub fn new(value: &Bound<'py, PyAny>, name: &'static str, core: usize) -> PyResult<Self> {
         let input = Self::unchecked(value, name, core)?;
         input.check_finite()?;
@@ -28,40 +42,71 @@ impl<'py> Input<'py> {
 
     /// The same where NaN and infinity have a meaning.
     pub fn unchecked(value: &Bound<'py, PyAny>, name: &'static str, core: usize) -> PyResult<Self> {
-        let array = contiguous(value, name)?;
-        if array.ndim() < core {
+        let (numbers, shape) = read(value, name)?;
+        if shape.len() < core {
             return Err(InputError::new_err(format!(
                 "{name} has shape {}: must have at least {core} {}",
-                shape_text(array.shape()),
+                shape_text(&shape),
                 if core == 1 { "axis" } else { "axes" },
             )));
         }
         Ok(Self {
             name,
-            array,
+            numbers,
+            shape,
             core,
             shared: false,
         })
     }
 
+    /// One number, or a line of them: a standard deviation for all or for each.
+    pub fn levels(value: &Bound<'py, PyAny>, name: &'static str) -> PyResult<Self> {
+        let mut input = Self::new(value, name, 0)?;
+        if input.shape.is_empty() {
+            input.shape.push(1);
+        }
+        input.core = 1;
+        Ok(input)
+    }
+
+    /// What a function goes by where an optional argument is absent: no numbers.
+    pub fn absent(name: &'static str) -> Self {
+        Self {
+            name,
+            numbers: Numbers::Own(Vec::new()),
+            shape: vec![0],
+            core: 1,
+            shared: false,
+        }
+    }
+
+    pub fn name(&self) -> &'static str {
+        self.name
+    }
+
+    pub fn shape(&self) -> &[usize] {
+        &self.shape
+    }
+
     /// The shape of one item.
     pub fn core_shape(&self) -> &[usize] {
-        let shape = self.array.shape();
-        &shape[shape.len() - self.core..]
+        &self.shape[self.shape.len() - self.core..]
     }
 
     /// The shape of the batch.
     pub fn batch_shape(&self) -> &[usize] {
-        let shape = self.array.shape();
-        &shape[..shape.len() - self.core]
+        &self.shape[..self.shape.len() - self.core]
     }
 
     /// All numbers, item after item.
     pub fn slice(&self) -> PyResult<&[f64]> {
-        Ok(self.array.as_slice()?)
+        Ok(match &self.numbers {
+            Numbers::Own(numbers) => numbers,
+            Numbers::Array(array) => array.as_slice()?,
+        })
     }
 
-    /// The items of a batch that [`Batch::of`] has matched.
+    /// The items of a batch that [`output::Batch::of`] has matched.
     pub fn items(&self) -> PyResult<Items<'_>> {
         let data = self.slice()?;
         Ok(if self.shared {
@@ -89,9 +134,17 @@ impl<'py> Input<'py> {
         Err(InputError::new_err(format!(
             "{} has shape {}: must be (..., {}): {meaning}",
             self.name,
-            shape_text(self.array.shape()),
+            shape_text(&self.shape),
             wanted.join(", "),
         )))
+    }
+
+    /// One number for all of `count`, or one for each.
+    pub fn expect_one_or(&self, count: usize, meaning: &str) -> PyResult<()> {
+        if self.core_shape() == [1] {
+            return Ok(());
+        }
+        self.expect(&[Some(count)], meaning)
     }
 
     /// Refuses an item without entries.
@@ -100,34 +153,53 @@ impl<'py> Input<'py> {
             return Err(InputError::new_err(format!(
                 "{} has shape {}: must not be empty",
                 self.name,
-                shape_text(self.array.shape()),
+                shape_text(&self.shape),
             )));
         }
         Ok(())
     }
 
+    /// Refuses leading axes; `meaning` says why there are none.
+    pub fn expect_single(&self, meaning: &str) -> PyResult<()> {
+        if self.batch_shape().is_empty() {
+            return Ok(());
+        }
+        Err(InputError::new_err(format!(
+            "{} has shape {}: must have no leading axes: {meaning}",
+            self.name,
+            shape_text(&self.shape),
+        )))
+    }
+
     /// Refuses numbers that are not above zero; `unit` goes into the message.
     pub fn expect_positive(&self, unit: &str) -> PyResult<()> {
-        match self.slice()?.iter().position(|&x| x <= 0.0) {
-            None => Ok(()),
-            Some(flat) => Err(InputError::new_err(format!(
-                "{}{} = {} {unit}: must be > 0",
-                self.name,
-                index_text(flat, self.array.shape()),
-                self.slice()?[flat],
-            ))),
-        }
+        self.refuse(|x| x <= 0.0, unit, "must be > 0")
     }
 
     /// Refuses numbers below zero.
     pub fn expect_nonnegative(&self) -> PyResult<()> {
-        match self.slice()?.iter().position(|&x| x < 0.0) {
+        self.refuse(|x| x < 0.0, "", "must be >= 0")
+    }
+
+    /// Refuses NaN and infinity.
+    pub fn check_finite(&self) -> PyResult<()> {
+        if all_finite(self.slice()?) {
+            return Ok(());
+        }
+        self.refuse(|x| !x.is_finite(), "", "must be finite")
+    }
+
+    /// Refuses the first number that is `bad`.
+    pub fn refuse(&self, bad: impl Fn(f64) -> bool, unit: &str, wanted: &str) -> PyResult<()> {
+        let data = self.slice()?;
+        match data.iter().position(|&x| bad(x)) {
             None => Ok(()),
             Some(flat) => Err(InputError::new_err(format!(
-                "{}{} = {}: must be >= 0",
+                "{}{} = {}{}{unit}: {wanted}",
                 self.name,
-                index_text(flat, self.array.shape()),
-                self.slice()?[flat],
+                index_text(flat, &self.shape),
+                number_text(data[flat]),
+                if unit.is_empty() { "" } else { " " },
             ))),
         }
     }
@@ -141,139 +213,174 @@ impl<'py> Input<'py> {
                 return Err(InputError::new_err(format!(
                     "{}{} = {} {unit}: must be later than the one before, {} {unit}",
                     self.name,
-                    index_text(line * length + i + 1, self.array.shape()),
-                    values[i + 1],
-                    values[i],
+                    index_text(line * length + i + 1, &self.shape),
+                    number_text(values[i + 1]),
+                    number_text(values[i]),
                 )));
             }
         }
         Ok(())
     }
 
-    /// Refuses NaN and infinity.
-    pub fn check_finite(&self) -> PyResult<()> {
-        let data = self.slice()?;
-        // The sum of zero products is NaN iff an entry is NaN or infinite; by
-        // lanes, so that it runs at the speed of memory.
-        let (chunks, rest) = data.as_chunks::<16>();
-        let mut lanes = [0.0; 16];
-        for chunk in chunks {
-            for (lane, x) in lanes.iter_mut().zip(chunk) {
-                *lane += x * 0.0;
-            }
-        }
-        let sum: f64 = lanes.iter().sum::<f64>() + rest.iter().map(|x| x * 0.0).sum::<f64>();
-        if sum == 0.0 {
+    /// Fits the leading axes to `shape`; what every trial shares is not copied.
+    pub fn broadcast(&mut self, shape: &[usize]) -> PyResult<()> {
+        let length: usize = self.batch_shape().iter().product();
+        if self.batch_shape() == shape && length != 1 {
             return Ok(());
         }
-        let flat = data.iter().position(|x| !x.is_finite()).unwrap_or(0);
-        Err(InputError::new_err(format!(
-            "{}{} = {}: must be finite",
-            self.name,
-            index_text(flat, self.array.shape()),
-            data[flat],
-        )))
-    }
-
-    fn broadcast(&mut self, shape: &[usize]) -> PyResult<()> {
-        let py = self.array.py();
+        if length == 1 {
+            self.shared = true;
+            return Ok(());
+        }
+        let size: usize = self.core_shape().iter().product();
+        let trials: usize = shape.iter().product();
+        let mut wide = output::reserved(trials.saturating_mul(size), self.name)?;
+        let own = self.batch_shape();
+        let first = shape.len() - own.len();
+        let data = self.slice()?;
+        for trial in 0..trials {
+            let (mut rest, mut step, mut source) = (trial, 1, 0);
+            for axis in (0..shape.len()).rev() {
+                let index = rest % shape[axis];
+                rest /= shape[axis];
+                if axis >= first {
+                    let length = own[axis - first];
+                    source += if length == 1 { 0 } else { index * step };
+                    step *= length;
+                }
+            }
+            wide.extend_from_slice(&data[source * size..(source + 1) * size]);
+        }
         let mut full = shape.to_vec();
         full.extend_from_slice(self.core_shape());
-        let numpy = py.import("numpy")?;
-        let view = numpy.call_method1("broadcast_to", (&*self.array, full))?;
-        self.array = contiguous(&view, self.name)?;
+        (self.numbers, self.shape) = (Numbers::Own(wide), full);
         Ok(())
     }
 }
 
-/// The common batch of several inputs.
-pub struct Batch {
-    shape: Vec<usize>,
+/// A number argument, finite; `name` is the argument's.
+pub fn real(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<f64> {
+    if let Ok(number) = value.cast_exact::<PyFloat>() {
+        let number = number.value();
+        if number.is_finite() {
+            return Ok(number);
+        }
+    }
+    let input = Input::new(value, name, 0)?;
+    input.expect_single("one number")?;
+    Ok(input.slice()?[0])
 }
 
-impl Batch {
-    /// Broadcasts the leading axes of the inputs against each other as numpy
-    /// does. An input that every trial shares is not copied.
-    pub fn of(inputs: &mut [&mut Input<'_>]) -> PyResult<Self> {
-        let rank = inputs
-            .iter()
-            .map(|i| i.batch_shape().len())
-            .max()
-            .unwrap_or(0);
-        let mut shape = vec![1; rank];
-        for input in inputs.iter() {
-            let given = input.batch_shape();
-            let offset = rank - given.len();
-            for (axis, &length) in given.iter().enumerate() {
-                let common = &mut shape[offset + axis];
-                if *common == 1 {
-                    *common = length;
-                } else if length != 1 && length != *common {
-                    let all: Vec<String> = inputs
-                        .iter()
-                        .map(|i| format!("{} {}", i.name, shape_text(i.array.shape())))
-                        .collect();
-                    return Err(InputError::new_err(format!(
-                        "leading axes do not match: {}",
-                        all.join(", ")
-                    )));
+/// Whether no number is NaN or infinite, at the speed of memory.
+pub fn all_finite(data: &[f64]) -> bool {
+    // The sum of zero products is NaN iff an entry is NaN or infinite.
+    let (chunks, rest) = data.as_chunks::<16>();
+    let mut lanes = [0.0; 16];
+    for chunk in chunks {
+        for (lane, x) in lanes.iter_mut().zip(chunk) {
+            *lane += x * 0.0;
+        }
+    }
+    lanes.iter().sum::<f64>() + rest.iter().map(|x| x * 0.0).sum::<f64>() == 0.0
+}
+
+/// The numbers of a value and their shape.
+fn read<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<(Numbers<'py>, Vec<usize>)> {
+    if let Some(array) = plain(value) {
+        let shape = array.shape().to_vec();
+        // A view into packed records may be at an odd address, and is copied below.
+        if array.is_c_contiguous() {
+            if array.len() > SMALL {
+                if let Ok(array) = array.try_readonly()
+                    && array.as_slice().is_ok()
+                {
+                    return Ok((Numbers::Array(array), shape));
                 }
+            } else if let Ok(numbers) = array.to_vec() {
+                return Ok((Numbers::Own(numbers), shape));
             }
         }
-        for input in inputs.iter_mut() {
-            let length: usize = input.batch_shape().iter().product();
-            if input.batch_shape() == shape && length != 1 {
-                continue;
-            }
-            if length == 1 {
-                input.shared = true;
-            } else {
-                input.broadcast(&shape)?;
-            }
+    } else {
+        let (mut numbers, mut shape) = (Vec::new(), Vec::new());
+        if nested(value, 0, &mut numbers, &mut shape).is_some() {
+            return Ok((Numbers::Own(numbers), shape));
         }
-        Ok(Self { shape })
     }
+    let array = converted(value, name)?;
+    let py = value.py();
+    let options: Bound<'py, PyDict> =
+        [("requirements", "CA".into_pyobject(py)?.into_any())].into_py_dict(py)?;
+    let array = py
+        .import("numpy")?
+        .call_method("require", (array,), Some(&options))?
+        .cast_into::<PyArrayDyn<f64>>()?;
+    let shape = array.shape().to_vec();
+    let array = array
+        .try_readonly()
+        .map_err(|error| unreadable(name, &error.to_string()))?;
+    Ok((Numbers::Array(array), shape))
+}
 
-    /// Number of trials.
-    pub fn len(&self) -> usize {
-        self.shape.iter().product()
+/// An array that is plain float64, of no subclass.
+fn plain<'a, 'py>(value: &'a Bound<'py, PyAny>) -> Option<&'a Bound<'py, PyArrayDyn<f64>>> {
+    value.cast_exact::<PyArrayDyn<f64>>().ok()
+}
+
+/// A number, or a short nest of lists of them, without numpy, which takes a microsecond.
+fn nested(
+    value: &Bound<'_, PyAny>,
+    depth: usize,
+    numbers: &mut Vec<f64>,
+    shape: &mut Vec<usize>,
+) -> Option<()> {
+    if let Ok(number) = value.cast::<PyFloat>() {
+        numbers.push(number.value());
+        return (shape.len() == depth).then_some(());
     }
-
-    /// A new array of zeros, `core` for each trial.
-    pub fn zeros<'py>(&self, py: Python<'py>, core: &[usize]) -> Bound<'py, PyArrayDyn<f64>> {
-        let mut shape = self.shape.clone();
-        shape.extend_from_slice(core);
-        PyArrayDyn::zeros(py, shape, false)
+    if value.is_exact_instance_of::<PyInt>() {
+        numbers.push(value.extract().ok()?);
+        return (shape.len() == depth).then_some(());
     }
-
-    /// A new array that a kernel will write the whole of, `core` for each trial: what
-    /// is in it before is left as it is, which saves a way over the memory.
-    pub fn unset<'py>(
-        &self,
-        py: Python<'py>,
-        core: &[usize],
-    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-        let mut shape = self.shape.clone();
-        shape.extend_from_slice(core);
-        let array = py.import("numpy")?.call_method1("empty", (shape,))?;
-        Ok(array.cast_into::<PyArrayDyn<f64>>()?)
+    if depth == 3 {
+        return None;
     }
-
-    /// "at batch index (2, 5): ", or nothing where there is no batch.
-    pub fn place(&self, trial: usize) -> String {
-        if self.shape.is_empty() {
-            return String::new();
+    let length = if let Ok(list) = value.cast_exact::<PyList>() {
+        list.len()
+    } else {
+        value.cast_exact::<PyTuple>().ok()?.len()
+    };
+    if length == 0 || numbers.len() + length > 256 {
+        return None;
+    }
+    if shape.len() == depth {
+        // The first at this depth says how long all are; none may follow a number.
+        if !numbers.is_empty() {
+            return None;
         }
-        let index = index_text(trial, &self.shape);
-        format!("at batch index {index}: ")
+        shape.push(length);
+    } else if shape[depth] != length {
+        return None;
     }
+    if let Ok(list) = value.cast_exact::<PyList>() {
+        for item in list {
+            nested(&item, depth + 1, numbers, shape)?;
+        }
+    } else if let Ok(tuple) = value.cast_exact::<PyTuple>() {
+        for item in tuple {
+            nested(&item, depth + 1, numbers, shape)?;
+        }
+    }
+    Some(())
+}
+
+fn unreadable(name: &str, reason: &str) -> PyErr {
+    InputError::new_err(format!(
+        "{name} cannot be read as an array of numbers: {reason}"
+    ))
 }
 
 /// The data under a mask must not pass for measurements.
-fn refuse_masked(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<()> {
-    if value.is_exact_instance_of::<PyArrayDyn<f64>>() {
-        return Ok(());
-    }
+fn refuse_masked(value: &Bound<'_, PyAny>, name: &str) -> PyResult<()> {
     let Ok(mask) = value.getattr("_mask") else {
         return Ok(());
     };
@@ -290,50 +397,129 @@ fn refuse_masked(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<()> {
     )))
 }
 
-fn contiguous<'py>(
-    value: &Bound<'py, PyAny>,
-    name: &'static str,
-) -> PyResult<PyReadonlyArrayDyn<'py, f64>> {
+/// What numpy makes of a value, refused where it would convert at a loss.
+fn converted<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let py = value.py();
     refuse_masked(value, name)?;
-    if let Ok(array) = value.cast::<PyArrayDyn<f64>>()
-        && array.is_c_contiguous()
-    {
-        let array = array.readonly();
-        // A view into packed records may be at an odd address, and is copied then.
-        if array.as_slice().is_ok() {
-            return Ok(array);
+    let refused = |error: PyErr| {
+        // What the value itself raises on Ctrl-C or a full memory is not its fault.
+        if error.is_instance_of::<pyo3::exceptions::PyException>(py)
+            && !error.is_instance_of::<pyo3::exceptions::PyMemoryError>(py)
+        {
+            unreadable(name, &error.value(py).to_string())
+        } else {
+            error
+        }
+    };
+    let numpy = py.import("numpy")?;
+    let array = numpy.call_method1("asarray", (value,)).map_err(refused)?;
+    let kind: String = array.getattr("dtype")?.getattr("kind")?.extract()?;
+    match kind.as_str() {
+        "f" | "i" | "u" | "b" => {}
+        "O" => {
+            for item in array.getattr("flat")?.try_iter()? {
+                let item = item?;
+                if item.is_none() {
+                    return Err(unreadable(name, "it holds None"));
+                }
+                if item.is_instance_of::<pyo3::types::PyString>()
+                    || item.is_instance_of::<pyo3::types::PyBytes>()
+                {
+                    return Err(unreadable(name, "it holds text"));
+                }
+            }
+        }
+        _ => {
+            let kind = array.getattr("dtype")?;
+            return Err(unreadable(name, &format!("its type is {kind}")));
         }
     }
-    let numpy = py.import("numpy")?;
-    let unreadable = |reason: String| {
-        InputError::new_err(format!(
-            "{name} cannot be read as an array of numbers: {reason}"
-        ))
-    };
     let array = numpy
-        .call_method1("asarray", (value,))
-        .map_err(|error| unreadable(error.value(py).to_string()))?;
-    let kind: String = array.getattr("dtype")?.getattr("kind")?.extract()?;
-    if !matches!(kind.as_str(), "f" | "i" | "u" | "b" | "O") {
-        return Err(unreadable(format!(
-            "its type is {}",
-            array.getattr("dtype")?
-        )));
+        .call_method1("asarray", (array, numpy.getattr("float64")?))
+        .map_err(refused)?;
+    Ok(array.cast_into::<PyArrayDyn<f64>>()?)
+}
+
+/// A value as an array of float64, the argument itself where it is one.
+#[pyfunction]
+pub fn as_float_array<'py>(
+    value: &Bound<'py, PyAny>,
+    name: &str,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    match plain(value) {
+        Some(array) => Ok(array.clone()),
+        None => converted(value, name),
     }
-    let options: Bound<'py, PyDict> = [
-        ("dtype", numpy.getattr("float64")?),
-        ("requirements", "CA".into_pyobject(py)?.into_any()),
-    ]
-    .into_py_dict(py)?;
-    let array = numpy
-        .call_method("require", (array,), Some(&options))
-        .map_err(|error| unreadable(error.value(py).to_string()))?;
-    array.extract()
+}
+
+/// The same, refused where a number is not finite.
+#[pyfunction]
+pub fn as_finite_array<'py>(
+    value: &Bound<'py, PyAny>,
+    name: &str,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let array = as_float_array(value, name)?;
+    match first_bad(&array, name)? {
+        None => Ok(array),
+        Some((index, number)) => Err(InputError::new_err(format!(
+            "{name}{index} = {}: must be finite",
+            number_text(number)
+        ))),
+    }
+}
+
+/// Computed numbers, refused where one is not finite: they overflowed on the way.
+#[pyfunction]
+pub fn require_finite<'py>(values: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyAny>> {
+    let array = as_float_array(values, name)?;
+    match first_bad(&array, name)? {
+        None => Ok(values.clone()),
+        Some((index, _)) => Err(InputError::new_err(format!(
+            "{name}{index} overflows float64: choose other units"
+        ))),
+    }
+}
+
+/// The place and value of the first number that is not finite.
+fn first_bad(array: &Bound<'_, PyArrayDyn<f64>>, name: &str) -> PyResult<Option<(String, f64)>> {
+    let (numbers, shape) = read(array.as_any(), name)?;
+    let data = match &numbers {
+        Numbers::Own(numbers) => numbers,
+        Numbers::Array(array) => array.as_slice()?,
+    };
+    if all_finite(data) {
+        return Ok(None);
+    }
+    let bad = data.iter().position(|x| !x.is_finite()).unwrap_or(0);
+    Ok(Some((index_text(bad, &shape), data[bad])))
+}
+
+/// A value as a message shows it: at most a line of it.
+pub fn value_text(value: &Bound<'_, PyAny>) -> String {
+    let text = value.repr().map_or_else(
+        |_| "what has no representation".to_owned(),
+        |text| text.to_string_lossy().into_owned(),
+    );
+    let line = text.split_whitespace().collect::<Vec<_>>().join(" ");
+    if line.chars().count() <= 80 {
+        return line;
+    }
+    line.chars().take(77).chain("...".chars()).collect()
+}
+
+/// A number as Python writes it, without the 300 digits of a large one.
+pub fn number_text(x: f64) -> String {
+    if x.is_nan() {
+        "nan".to_owned()
+    } else if x != 0.0 && x.is_finite() && !(1e-5..1e17).contains(&x.abs()) {
+        format!("{x:e}")
+    } else {
+        format!("{x}")
+    }
 }
 
 /// "(3, 4)", "(3,)" as Python writes a shape.
-fn shape_text(shape: &[usize]) -> String {
+pub fn shape_text(shape: &[usize]) -> String {
     let parts: Vec<String> = shape.iter().map(ToString::to_string).collect();
     match parts.as_slice() {
         [one] => format!("({one},)"),
@@ -342,7 +528,7 @@ fn shape_text(shape: &[usize]) -> String {
 }
 
 /// "[0, 3, 1]" for the place of a flat index; nothing for a scalar.
-fn index_text(flat: usize, shape: &[usize]) -> String {
+pub fn index_text(flat: usize, shape: &[usize]) -> String {
     if shape.is_empty() {
         return String::new();
     }

@@ -4,12 +4,13 @@ use gramian::batch::{Items, Threads, simd::Path};
 use gramian::dipole::batch::{self, Passes, Simulated};
 use gramian::dipole::localize::{Background, Knowledge, Loss, Options};
 use gramian::dipole::{Pass, Sensing};
-use numpy::{PyArray2, PyArrayDyn, PyArrayMethods};
+use numpy::PyArrayDyn;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
-use crate::convert::{Batch, Input};
+use crate::convert::Input;
 use crate::errors::InputError;
-use crate::{errors, run};
+use crate::output::Batch;
 
 /// Fields (..., 3).
 #[pyfunction]
@@ -18,7 +19,7 @@ fn dipole_field<'py>(
     position: &Bound<'py, PyAny>,
     moment: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-    over_places(py, position, moment, &[3], batch::dipole_field)
+    over_places(py, position, moment, &[3], "the field", batch::dipole_field)
 }
 
 /// Derivatives (..., 2, 3, 3): by position, then by moment.
@@ -28,7 +29,15 @@ fn dipole_jacobian<'py>(
     position: &Bound<'py, PyAny>,
     moment: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-    over_places(py, position, moment, &[2, 3, 3], batch::dipole_jacobian)
+    let core = [2, 3, 3];
+    over_places(
+        py,
+        position,
+        moment,
+        &core,
+        "the Jacobian",
+        batch::dipole_jacobian,
+    )
 }
 
 type OverPlaces =
@@ -39,26 +48,17 @@ fn over_places<'py>(
     position: &Bound<'py, PyAny>,
     moment: &Bound<'py, PyAny>,
     core: &[usize],
+    result: &'static str,
     kernel: OverPlaces,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let mut position = vector(position, "position")?;
     let mut moment = vector(moment, "moment")?;
-    let batch = Batch::of(&mut [&mut position, &mut moment])?;
-    let out = batch.zeros(py, core);
-    let size: usize = core.iter().product();
-    {
-        let (position, moment) = (position.items()?, moment.items()?);
-        let mut write = out.readwrite();
-        let write = write.as_slice_mut()?;
-        run::in_pieces(py, batch.len(), 20.0, |range, threads| {
-            let out = &mut write[range.start * size..range.end * size];
-            let (position, moment) = (position.skip(range.start), moment.skip(range.start));
-            kernel(position, moment, threads, out).map_err(|(trial, error)| {
-                errors::input_at(&batch.place(range.start + trial), error.at(0))
-            })
-        })?;
-    }
-    Ok(out)
+    let batch = Batch::of(&mut [&mut position, &mut moment])?.finite(result);
+    let (position, moment) = (position.items()?, moment.items()?);
+    batch.fill(py, core, 20.0, |range, threads, out| {
+        let (position, moment) = (position.skip(range.start), moment.skip(range.start));
+        kernel(position, moment, threads, out).map_err(|(trial, error)| (trial, error.at(0)))
+    })
 }
 
 fn vector<'py>(value: &Bound<'py, PyAny>, name: &'static str) -> PyResult<Input<'py>> {
@@ -92,12 +92,9 @@ impl<'py> PassInputs<'py> {
         let mut position = vector(position, "r0")?;
         let mut velocity = vector(velocity, "v")?;
         let mut moment = vector(moment, "m")?;
-        let mut sigma = sigma.map(|s| Input::new(s, "sigma", 1)).transpose()?;
+        let mut sigma = sigma.map(|s| Input::levels(s, "sigma")).transpose()?;
         if let Some(sigma) = &sigma {
-            if sigma.core_shape() != [1] {
-                let meaning = "one standard deviation, or one for each time";
-                sigma.expect(&[Some(samples)], meaning)?;
-            }
+            sigma.expect_one_or(samples, "one standard deviation, or one for each time")?;
             sigma.expect_positive("T")?;
         }
         let mut sensors = Input::new(sensors, "sensors", 2)?;
@@ -155,20 +152,10 @@ impl<'py> PassInputs<'py> {
         + Send
         + Sync,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-        let out = self.batch.zeros(py, core);
-        let size: usize = core.iter().product();
-        let (passes, batch) = (self.passes()?, &self.batch);
-        {
-            let mut write = out.readwrite();
-            let write = write.as_slice_mut()?;
-            run::in_pieces(py, self.batch.len(), cost, |range, threads| {
-                let out = &mut write[range.start * size..range.end * size];
-                kernel(&passes.skip(range.start), threads, out).map_err(|(trial, error)| {
-                    errors::input_at(&batch.place(range.start + trial), error)
-                })
-            })?;
-        }
-        Ok(out)
+        let passes = self.passes()?;
+        self.batch.fill(py, core, cost, |range, threads, out| {
+            kernel(&passes.skip(range.start), threads, out)
+        })
     }
 }
 
@@ -291,7 +278,7 @@ fn dipole_localize<'py>(
     exact: [f64; 11],
     prior: [[f64; 2]; 11],
     options: PyOptions,
-) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+) -> PyResult<Bound<'py, PyDict>> {
     let mut times = Input::new(times, "times", 1)?;
     times.expect_entries()?;
     times.expect_increasing("s")?;
@@ -301,27 +288,34 @@ fn dipole_localize<'py>(
     field.expect(&wanted, "three components for each time and sensor")?;
     let batch = Batch::of(&mut [&mut times, &mut field])?;
     let size = batch::dipole_localized_size(samples, sensors.len());
-    let out = batch.zeros(py, &[size]);
     let (knowledge, options) = (knowledge(exact, prior), options.options()?);
-    {
-        let (times, field) = (times.items()?, field.items()?);
-        let mut write = out.readwrite();
-        let write = write.as_slice_mut()?;
-        let cost = batch::localize_cost(field.size());
-        run::in_pieces(py, batch.len(), cost, |range, threads| {
-            batch::dipole_localize(
-                times.skip(range.start),
-                field.skip(range.start),
-                &sensors,
-                &knowledge,
-                &options,
-                threads,
-                &mut write[range.start * size..range.end * size],
-            )
-            .map_err(|(trial, error)| errors::input_at(&batch.place(range.start + trial), error))
-        })?;
-    }
-    Ok(out)
+    let (times, field) = (times.items()?, field.items()?);
+    let cost = batch::localize_cost(field.size());
+    let records = batch.fill(py, &[size], cost, |range, threads, out| {
+        batch::dipole_localize(
+            times.skip(range.start),
+            field.skip(range.start),
+            &sensors,
+            &knowledge,
+            &options,
+            threads,
+            out,
+        )
+    })?;
+    let count = sensors.len();
+    let parts: [(&str, &[usize]); 10] = [
+        ("state", &[9]),
+        ("mirror", &[9]),
+        ("cost", &[]),
+        ("mirror_cost", &[]),
+        ("sigma", &[]),
+        ("converged", &[]),
+        ("rounds", &[]),
+        ("background", &[count, 3]),
+        ("residuals", &[samples, count, 3]),
+        ("weights", &[samples, count, 3]),
+    ];
+    batch.named(&records, &parts)
 }
 
 /// Simulates and locates: (trials, 11), see `batch::dipole_localize_trials`.
@@ -339,36 +333,25 @@ fn dipole_localize_trials<'py>(
     seed: u64,
     first: u64,
     trials: usize,
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let times = Input::new(times, "times", 1)?;
     times.expect_entries()?;
     times.expect_increasing("s")?;
-    let out = PyArray2::zeros(py, [trials, 11], false);
     let (knowledge, options) = (knowledge(exact, prior), options.options()?);
     let pass = Pass::of(&state);
     let times = times.slice()?;
-    {
-        let mut write = out.readwrite();
-        let write = write.as_slice_mut()?;
-        let cost = batch::localize_cost(3 * times.len() * sensors.len());
-        run::in_pieces(py, trials, cost, |range, threads| {
-            let simulated = Simulated {
-                times,
-                pass: &pass,
-                sensors: &sensors,
-                sigma,
-                seed,
-                first: first + range.start as u64,
-            };
-            let out = &mut write[range.start * 11..range.end * 11];
-            batch::dipole_localize_trials(&simulated, &knowledge, &options, threads, out).map_err(
-                |(trial, error)| {
-                    errors::input_at(&format!("trial {}: ", range.start + trial), error)
-                },
-            )
-        })?;
-    }
-    Ok(out)
+    let cost = batch::localize_cost(3 * times.len() * sensors.len());
+    Batch::trials(first, trials).fill(py, &[11], cost, |range, threads, out| {
+        let simulated = Simulated {
+            times,
+            pass: &pass,
+            sensors: &sensors,
+            sigma,
+            seed,
+            first: first + range.start as u64,
+        };
+        batch::dipole_localize_trials(&simulated, &knowledge, &options, threads, out)
+    })
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -2,7 +2,7 @@
 
 use pyo3::{PyErr, PyResult};
 
-use crate::convert::Batch;
+use crate::output::Batch;
 
 pyo3::import_exception!(gramian.exceptions, InputError);
 pyo3::import_exception!(gramian.exceptions, UnobservableError);

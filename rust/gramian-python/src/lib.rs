@@ -16,6 +16,7 @@ mod linear;
 mod maneuver;
 mod maneuver_plan;
 mod monte_carlo;
+mod output;
 mod posterior;
 mod registration;
 mod run;

@@ -12,8 +12,9 @@ use gramian::observability::singular_values;
 use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 
-use crate::convert::{Batch, Input};
+use crate::convert::Input;
 use crate::errors::InputError;
+use crate::output::Batch;
 use crate::{errors, run};
 
 /// A (..., n, n) and C (..., p, n) that fit each other.
@@ -55,24 +56,20 @@ fn observability_matrix<'py>(
     let (mut a, mut c, n, p) = system(a, c)?;
     let order = order.unwrap_or(n - 1);
     let batch = Batch::of(&mut [&mut a, &mut c])?;
-    let out = batch.zeros(py, &[(order + 1) * p, n]);
-    {
-        let (a, c) = (a.items()?, c.items()?);
-        let mut write = out.readwrite();
-        let write = write.as_slice_mut()?;
-        let size = (order + 1) * p * n;
-        run::in_pieces(py, batch.len(), (size * n) as f64, |range, threads| {
+    let (a, c) = (a.items()?, c.items()?);
+    let lines = order.saturating_add(1).saturating_mul(p);
+    batch.fill(
+        py,
+        &[lines, n],
+        lines as f64 * (n * n) as f64,
+        |range, threads, out| {
             let (a, c) = (a.skip(range.start), c.skip(range.start));
-            let out = &mut write[range.start * size..range.end * size];
             batch::observability_matrix(a, c, n, order, threads, Path::Best, out).map_err(|trial| {
-                InputError::new_err(format!(
-                    "{}C A^{order} is not finite: levels do without powers of A",
-                    batch.place(range.start + trial)
-                ))
+                let power = format!("C A^{order} is not finite: levels do without powers of A");
+                (trial, power)
             })
-        })?;
-    }
-    Ok(out)
+        },
+    )
 }
 
 /// (..., 2, n): ranks of `O_0` .. `O_{n-1}`; levels of the states.
@@ -86,24 +83,16 @@ fn linear_levels<'py>(
     let (mut a, mut c, n, p) = system(a, c)?;
     expect_rtol(rtol)?;
     let batch = Batch::of(&mut [&mut a, &mut c])?;
-    let out = batch.zeros(py, &[2, n]);
-    {
-        let (a, c) = (a.items()?, c.items()?);
-        let mut write = out.readwrite();
-        let write = write.as_slice_mut()?;
-        run::in_pieces(
-            py,
-            batch.len(),
-            batch::linear_cost(n, p),
-            |range, threads| {
-                let (a, c) = (a.skip(range.start), c.skip(range.start));
-                let out = &mut write[range.start * 2 * n..range.end * 2 * n];
-                batch::linear_levels(a, c, n, rtol, threads, Path::Best, out);
-                Ok(())
-            },
-        )?;
-    }
-    Ok(out)
+    let (a, c) = (a.items()?, c.items()?);
+    batch.fill(
+        py,
+        &[2, n],
+        batch::linear_cost(n, p),
+        |range, threads, out| {
+            let (a, c) = (a.skip(range.start), c.skip(range.start));
+            batch::linear_levels(a, c, n, rtol, threads, Path::Best, out);
+        },
+    )
 }
 
 /// (..., n, n) of outputs whitened by the caller. `duration` is a time, or a
@@ -127,13 +116,13 @@ fn linear_gramian<'py>(
         None => Batch::of(&mut [&mut a, &mut c])?,
     };
     let span = samples.map_or(Span::Duration(duration), Span::Samples);
-    let out = batch.zeros(py, &[n, n]);
-    {
-        let (a, c) = (a.items()?, c.items()?);
-        let q = q.as_ref().map(Input::items).transpose()?;
-        let mut write = out.readwrite();
-        let write = write.as_slice_mut()?;
-        run::in_pieces(py, batch.len(), batch::gramian_cost(n), |range, threads| {
+    let (a, c) = (a.items()?, c.items()?);
+    let q = q.as_ref().map(Input::items).transpose()?;
+    batch.fill(
+        py,
+        &[n, n],
+        batch::gramian_cost(n),
+        |range, threads, out| {
             batch::linear_gramian(
                 a.skip(range.start),
                 c.skip(range.start),
@@ -142,12 +131,10 @@ fn linear_gramian<'py>(
                 span,
                 threads,
                 Path::Best,
-                &mut write[range.start * n * n..range.end * n * n],
+                out,
             )
-            .map_err(|(trial, error)| errors::input_at(&batch.place(range.start + trial), error))
-        })?;
-    }
-    Ok(out)
+        },
+    )
 }
 
 /// e^(A duration), (n, n).

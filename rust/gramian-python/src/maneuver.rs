@@ -3,12 +3,13 @@
 use gramian::batch::simd::Path;
 use gramian::maneuver::batch::{self, Determinant, Paths, Sightings};
 use gramian::maneuver::{AtStandoff, Law};
-use numpy::{PyArrayDyn, PyArrayMethods};
+use numpy::PyArrayDyn;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
-use crate::convert::{Batch, Input};
-use crate::errors::{self, InputError};
-use crate::run;
+use crate::convert::Input;
+use crate::errors::InputError;
+use crate::output::Batch;
 
 fn law(name: &str) -> PyResult<Law> {
     Ok(match name {
@@ -54,26 +55,19 @@ fn maneuver_heading<'py>(
     let mut side = Input::new(side, "side", 0)?;
     expect_sides(&side)?;
     let batch = Batch::of(&mut [&mut bearing, &mut range, &mut step, &mut side])?;
-    let out = batch.zeros(py, &[]);
-    {
-        let (bearing, range) = (bearing.items()?, range.items()?);
-        let (step, side) = (step.items()?, side.items()?);
-        let mut write = out.readwrite();
-        let write = write.as_slice_mut()?;
-        run::in_pieces(py, batch.len(), 50.0, |trials, threads| {
-            batch::headings(
-                bearing.skip(trials.start),
-                range.skip(trials.start),
-                step.skip(trials.start),
-                side.skip(trials.start),
-                law,
-                threads,
-                &mut write[trials.clone()],
-            )
-            .map_err(|(trial, error)| errors::input_at(&batch.place(trials.start + trial), error))
-        })?;
-    }
-    Ok(out)
+    let (bearing, range) = (bearing.items()?, range.items()?);
+    let (step, side) = (step.items()?, side.items()?);
+    batch.fill(py, &[], 50.0, |trials, threads, out| {
+        batch::headings(
+            bearing.skip(trials.start),
+            range.skip(trials.start),
+            step.skip(trials.start),
+            side.skip(trials.start),
+            law,
+            threads,
+            out,
+        )
+    })
 }
 
 /// Paths (..., 10 samples): see `gramian::maneuver::batch::path_size`.
@@ -90,7 +84,7 @@ fn maneuver_trajectory<'py>(
     sigma: &Bound<'py, PyAny>,
     standoff: &Bound<'py, PyAny>,
     circles: bool,
-) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+) -> PyResult<Bound<'py, PyDict>> {
     let law = self::law(law)?;
     let mut target = Input::new(target, "target", 1)?;
     target.expect(&[Some(2)], "east and north")?;
@@ -113,13 +107,13 @@ fn maneuver_trajectory<'py>(
         &mut standoff,
     ])?;
     let size = batch::path_size(samples);
-    let out = batch.zeros(py, &[size]);
-    {
-        let (target, start, step) = (target.items()?, start.items()?, step.items()?);
-        let (side, sigma, standoff) = (side.items()?, sigma.items()?, standoff.items()?);
-        let mut write = out.readwrite();
-        let write = write.as_slice_mut()?;
-        run::in_pieces(py, batch.len(), 15.0 * samples as f64, |trials, threads| {
+    let (target, start, step) = (target.items()?, start.items()?, step.items()?);
+    let (side, sigma, standoff) = (side.items()?, sigma.items()?, standoff.items()?);
+    let records = batch.fill(
+        py,
+        &[size],
+        15.0 * samples as f64,
+        |trials, threads, out| {
             let first = trials.start;
             let paths = Paths {
                 target: target.skip(first),
@@ -135,12 +129,19 @@ fn maneuver_trajectory<'py>(
                     AtStandoff::Stop
                 },
             };
-            let out = &mut write[first * size..trials.end * size];
             batch::trajectories(paths, samples, threads, Path::Best, out)
-                .map_err(|(trial, error)| errors::input_at(&batch.place(first + trial), error))
-        })?;
-    }
-    Ok(out)
+        },
+    )?;
+    let parts: [(&str, &[usize]); 7] = [
+        ("count", &[]),
+        ("path", &[samples, 2]),
+        ("bearings", &[samples]),
+        ("ranges", &[samples]),
+        ("headings", &[samples.saturating_sub(1)]),
+        ("information", &[samples, 2, 2]),
+        ("det", &[samples]),
+    ];
+    batch.named(&records, &parts)
 }
 
 /// The checked inputs of `maneuver_fisher` and `maneuver_fisher_det`.
@@ -154,20 +155,18 @@ struct Inputs<'py> {
 
 impl<'py> Inputs<'py> {
     fn new(
-        py: Python<'py>,
         positions: &Bound<'py, PyAny>,
         target: &Bound<'py, PyAny>,
         sigma: &Bound<'py, PyAny>,
         times: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Self> {
-        let inputs = Self::unchecked(py, positions, target, sigma, times)?;
+        let inputs = Self::unchecked(positions, target, sigma, times)?;
         inputs.positions.check_finite()?;
         Ok(inputs)
     }
 
     /// The same for a kernel that refuses positions that are not finite.
     fn unchecked(
-        py: Python<'py>,
         positions: &Bound<'py, PyAny>,
         target: &Bound<'py, PyAny>,
         sigma: &Bound<'py, PyAny>,
@@ -184,19 +183,10 @@ impl<'py> Inputs<'py> {
             times.expect_increasing("s")?;
             times
         } else {
-            Input::new(
-                PyArrayDyn::<f64>::zeros(py, vec![0], false).as_any(),
-                "times",
-                1,
-            )?
+            Input::absent("times")
         };
-        let mut sigma = Input::new(sigma, "sigma", 1)?;
-        if sigma.core_shape() != [1] {
-            sigma.expect(
-                &[Some(m)],
-                "one standard deviation, or one for each position",
-            )?;
-        }
+        let mut sigma = Input::levels(sigma, "sigma")?;
+        sigma.expect_one_or(m, "one standard deviation, or one for each position")?;
         sigma.expect_positive("rad")?;
         let batch = Batch::of(&mut [&mut positions, &mut target, &mut times, &mut sigma])?;
         Ok(Self {
@@ -232,24 +222,17 @@ fn maneuver_fisher<'py>(
     sigma: &Bound<'py, PyAny>,
     times: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-    let inputs = Inputs::unchecked(py, positions, target, sigma, times)?;
+    let inputs = Inputs::unchecked(positions, target, sigma, times)?;
     let sightings = inputs.sightings()?;
     let n = sightings.states();
-    let out = inputs.batch.zeros(py, &[n, n]);
-    {
-        let mut write = out.readwrite();
-        let write = write.as_slice_mut()?;
-        let cost = inputs.samples() as f64;
-        run::in_pieces(py, inputs.batch.len(), cost, |trials, threads| {
-            let out = &mut write[trials.start * n * n..trials.end * n * n];
-            batch::fisher(sightings.skip(trials.start), threads, Path::Best, out).map_err(
-                |(trial, error)| errors::input_at(&inputs.batch.place(trials.start + trial), error),
-            )
+    let cost = inputs.samples() as f64;
+    inputs
+        .batch
+        .fill(py, &[n, n], cost, |trials, threads, out| {
+            batch::fisher(sightings.skip(trials.start), threads, Path::Best, out)
         })
         // The kernel refuses what is not finite; here is where its place is known.
-        .or_else(|error| inputs.positions.check_finite().and(Err(error)))?;
-    }
-    Ok(out)
+        .or_else(|error| inputs.positions.check_finite().and(Err(error)))
 }
 
 /// Determinants (...,) of the information.
@@ -263,27 +246,18 @@ fn maneuver_fisher_det<'py>(
     times: Option<&Bound<'py, PyAny>>,
     pairs: bool,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-    let inputs = Inputs::new(py, positions, target, sigma, times)?;
+    let inputs = Inputs::new(positions, target, sigma, times)?;
     let sightings = inputs.sightings()?;
     let method = if pairs {
         Determinant::Pairs
     } else {
         Determinant::Root
     };
-    let out = inputs.batch.zeros(py, &[]);
-    {
-        let mut write = out.readwrite();
-        let write = write.as_slice_mut()?;
-        let m = inputs.samples() as f64;
-        let cost = if pairs { m * m } else { 40.0 * m };
-        run::in_pieces(py, inputs.batch.len(), cost, |trials, threads| {
-            let out = &mut write[trials.clone()];
-            batch::fisher_det(sightings.skip(trials.start), method, threads, out).map_err(
-                |(trial, error)| errors::input_at(&inputs.batch.place(trials.start + trial), error),
-            )
-        })?;
-    }
-    Ok(out)
+    let m = inputs.samples() as f64;
+    let cost = if pairs { m * m } else { 40.0 * m };
+    inputs.batch.fill(py, &[], cost, |trials, threads, out| {
+        batch::fisher_det(sightings.skip(trials.start), method, threads, out)
+    })
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -9,9 +9,9 @@ use gramian::maneuver::{Law, Side};
 use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 
-use crate::convert::{Batch, Input};
+use crate::convert::Input;
 use crate::errors::{self, InputError};
-use crate::run;
+use crate::output::Batch;
 
 /// The criterion of a path for 2 or 4 states, ready to be asked many times.
 #[pyclass(frozen, module = "gramian._core")]
@@ -117,20 +117,12 @@ impl PlanObjective {
         let mut headings = self.legs(headings, "headings")?;
         let mut lengths = self.legs(lengths, "lengths")?;
         let batch = Batch::of(&mut [&mut headings, &mut lengths])?;
-        let out = batch.zeros(py, &[]);
-        {
-            let (headings, lengths) = (headings.items()?, lengths.items()?);
-            let mut write = out.readwrite();
-            let write = write.as_slice_mut()?;
-            let cost = 100.0 * either!(self, objective => objective.samples()) as f64;
-            run::in_pieces(py, batch.len(), cost, |range, threads| {
-                let (headings, lengths) = (headings.skip(range.start), lengths.skip(range.start));
-                let write = &mut write[range];
-                either!(self, objective => objective.values(headings, lengths, threads, write));
-                Ok(())
-            })?;
-        }
-        Ok(out)
+        let (headings, lengths) = (headings.items()?, lengths.items()?);
+        let cost = 100.0 * either!(self, objective => objective.samples()) as f64;
+        batch.fill(py, &[], cost, |range, threads, out| {
+            let (headings, lengths) = (headings.skip(range.start), lengths.skip(range.start));
+            either!(self, objective => objective.values(headings, lengths, threads, out));
+        })
     }
 
     fn along<'py>(
@@ -360,41 +352,33 @@ fn plan_steered<'py>(
         }
     };
     let batch = Batch::of(&mut [&mut wanted])?;
-    let out = batch.zeros(py, &[steps + 1]);
-    {
-        let items = wanted.items()?;
-        let side = side_of(wanted.slice()?.first().copied().unwrap_or(1.0));
-        let mut point = [0.0; 4];
-        point.copy_from_slice(aim.slice()?);
-        let course = Course {
-            start,
-            dt,
-            lengths: lengths.slice()?,
-            first,
-            limits: Limits {
-                standoff,
-                targets: targets.slice()?.as_chunks().0,
-                keep_out: keep_out.slice()?.as_chunks().0,
-                max_turn,
-            },
+    let items = wanted.items()?;
+    let side = side_of(wanted.slice()?.first().copied().unwrap_or(1.0));
+    let mut point = [0.0; 4];
+    point.copy_from_slice(aim.slice()?);
+    let course = Course {
+        start,
+        dt,
+        lengths: lengths.slice()?,
+        first,
+        limits: Limits {
+            standoff,
+            targets: targets.slice()?.as_chunks().0,
+            keep_out: keep_out.slice()?.as_chunks().0,
+            max_turn,
+        },
+    };
+    let circles = targets.core_shape()[0] + keep_out.core_shape()[0];
+    let cost = (steps * (100 + 100 * circles)) as f64;
+    batch.fill(py, &[steps + 1], cost, |range, threads: Threads, out| {
+        let part: Items<'_> = items.skip(range.start);
+        let wish = match (kind, wish) {
+            (Some(law), _) => HeadingSource::Law(law, side, point),
+            (None, "headings") => HeadingSource::Headings(part),
+            _ => HeadingSource::Arcs(part, point),
         };
-        let mut write = out.readwrite();
-        let write = write.as_slice_mut()?;
-        let circles = targets.core_shape()[0] + keep_out.core_shape()[0];
-        let cost = (steps * (100 + 100 * circles)) as f64;
-        run::in_pieces(py, batch.len(), cost, |range, threads: Threads| {
-            let part: Items<'_> = items.skip(range.start);
-            let wish = match (kind, wish) {
-                (Some(law), _) => HeadingSource::Law(law, side, point),
-                (None, "headings") => HeadingSource::Headings(part),
-                _ => HeadingSource::Arcs(part, point),
-            };
-            let write = &mut write[range.start * (steps + 1)..range.end * (steps + 1)];
-            plan::steered(&course, wish, threads, write);
-            Ok(())
-        })?;
-    }
-    Ok(out)
+        plan::steered(&course, wish, threads, out);
+    })
 }
 
 /// Trials (..., steps + 1, 5): position, estimate, believed deviation. `guide` is
@@ -456,30 +440,22 @@ fn maneuver_closed_loop<'py>(
     };
     let side = side_of(wanted.slice()?.first().copied().unwrap_or(1.0));
     let batch = Batch::of(&mut [&mut noise, &mut lost, &mut wanted])?;
-    let size = (steps + 1) * PER_SAMPLE;
-    let out = batch.zeros(py, &[steps + 1, PER_SAMPLE]);
-    {
-        let (noise, lost, wanted) = (noise.items()?, lost.items()?, wanted.items()?);
-        let mut write = out.readwrite();
-        let write = write.as_slice_mut()?;
-        let cost = 50.0 * ((steps + 1) * (steps + 1)) as f64;
-        run::in_pieces(py, batch.len(), cost, |range, threads| {
-            let guide = match law {
-                Some(law) => Guidance::Law(law, side),
-                None => Guidance::Headings(wanted.skip(range.start)),
-            };
-            closed_loop::closed_loop(
-                &setting,
-                guide,
-                noise.skip(range.start),
-                lost.skip(range.start),
-                threads,
-                &mut write[range.start * size..range.end * size],
-            );
-            Ok(())
-        })?;
-    }
-    Ok(out)
+    let (noise, lost, wanted) = (noise.items()?, lost.items()?, wanted.items()?);
+    let cost = 50.0 * ((steps + 1) * (steps + 1)) as f64;
+    batch.fill(py, &[steps + 1, PER_SAMPLE], cost, |range, threads, out| {
+        let guide = match law {
+            Some(law) => Guidance::Law(law, side),
+            None => Guidance::Headings(wanted.skip(range.start)),
+        };
+        closed_loop::closed_loop(
+            &setting,
+            guide,
+            noise.skip(range.start),
+            lost.skip(range.start),
+            threads,
+            out,
+        );
+    })
 }
 
 fn law_named(name: &str) -> PyResult<Law> {

@@ -3,12 +3,13 @@
 use gramian::batch::simd::Path;
 use gramian::bounds::batch::{self, Recursion};
 use gramian::posterior::{Form, semidefinite_root};
-use numpy::{PyArrayDyn, PyArrayMethods};
+use numpy::PyArrayDyn;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
-use crate::convert::{Batch, Input};
-use crate::errors::{self, InputError};
-use crate::run;
+use crate::convert::Input;
+use crate::errors::InputError;
+use crate::output::Batch;
 
 /// Upper triangular factors (..., n, n) of covariances that may be singular.
 #[pyfunction]
@@ -21,17 +22,15 @@ fn semidefinite_roots<'py>(
     let n = covariance.core_shape()[1];
     covariance.expect(&[Some(n), Some(n)], "a covariance")?;
     let batch = Batch::of(&mut [&mut covariance])?;
-    let out = batch.zeros(py, &[n, n]);
-    {
-        let covariance = covariance.items()?;
-        let mut write = out.readwrite();
-        let write = write.as_slice_mut()?;
-        for (trial, out) in write.chunks_exact_mut(n * n).enumerate() {
-            semidefinite_root(covariance.get(trial), n, out)
-                .map_err(|error| errors::input_at(&batch.place(trial), error))?;
+    let covariance = covariance.items()?;
+    let cost = (n * n * n) as f64;
+    batch.fill(py, &[n, n], cost, |range, _, out| {
+        for (trial, out) in out.chunks_exact_mut(n * n).enumerate() {
+            semidefinite_root(covariance.get(range.start + trial), n, out)
+                .map_err(|error| (trial, error))?;
         }
-    }
-    Ok(out)
+        Ok::<_, (usize, _)>(())
+    })
 }
 
 /// Standard deviations (..., steps, n) and factors (..., steps or 1, n, n), side
@@ -47,7 +46,7 @@ fn posterior<'py>(
     noise: &Bound<'py, PyAny>,
     is_covariance: bool,
     every_root: bool,
-) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+) -> PyResult<Bound<'py, PyDict>> {
     let mut root = Input::new(root, "prior", 2)?;
     let n = root.core_shape()[1];
     root.expect(&[Some(n), Some(n)], "a triangular factor")?;
@@ -80,36 +79,30 @@ fn posterior<'py>(
         &mut noise,
     ])?;
     let core = steps * n + if every_root { steps } else { 1 } * n * n;
-    let out = batch.unset(py, &[core])?;
-    {
-        let (root, rows, after) = (root.items()?, rows.items()?, after.items()?);
-        let (transition, noise) = (transition.items()?, noise.items()?);
-        let mut write = out.readwrite();
-        let write = write.as_slice_mut()?;
-        let cost = 0.3 * (steps * n * n * n) as f64;
-        run::in_pieces(py, batch.len(), cost, |trials, threads| {
-            let first = trials.start;
-            let recursion = Recursion {
-                form: if is_covariance {
-                    Form::Covariance
-                } else {
-                    Form::Information
-                },
-                states: n,
-                steps,
-                root: root.skip(first),
-                rows: rows.skip(first),
-                after: after.skip(first),
-                transition: transition.skip(first),
-                noise: noise.skip(first),
-                every_root,
-            };
-            let out = &mut write[first * core..trials.end * core];
-            batch::posterior(recursion, threads, Path::Best, out);
-            Ok(())
-        })?;
-    }
-    Ok(out)
+    let (root, rows, after) = (root.items()?, rows.items()?, after.items()?);
+    let (transition, noise) = (transition.items()?, noise.items()?);
+    let cost = 0.3 * (steps * n * n * n) as f64;
+    let records = batch.fill(py, &[core], cost, |trials, threads, out| {
+        let first = trials.start;
+        let recursion = Recursion {
+            form: if is_covariance {
+                Form::Covariance
+            } else {
+                Form::Information
+            },
+            states: n,
+            steps,
+            root: root.skip(first),
+            rows: rows.skip(first),
+            after: after.skip(first),
+            transition: transition.skip(first),
+            noise: noise.skip(first),
+            every_root,
+        };
+        batch::posterior(recursion, threads, Path::Best, out);
+    })?;
+    let roots = if every_root { steps } else { 1 };
+    batch.named(&records, &[("std", &[steps, n]), ("roots", &[roots, n, n])])
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {

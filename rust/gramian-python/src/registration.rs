@@ -4,12 +4,13 @@ use gramian::batch::simd::Path;
 use gramian::registration::batch::{self, Degree, Scene};
 use gramian::registration::estimate::{Method, Question};
 use gramian::registration::{Dimension, Layout};
-use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
+use numpy::{PyArray1, PyArrayDyn};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
-use crate::convert::{Batch, Input};
-use crate::errors::{InputError, input_at};
-use crate::run;
+use crate::convert::Input;
+use crate::errors::InputError;
+use crate::output::Batch;
 
 /// Sensors, noise, biases and targets as they come from Python.
 struct Given<'py> {
@@ -117,19 +118,10 @@ impl<'py> Given<'py> {
         + Send,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let batch = self.batch()?;
-        let out = batch.zeros(py, core);
-        let size: usize = core.iter().product();
-        {
-            let scene = self.scene()?;
-            let mut write = out.readwrite();
-            let write = write.as_slice_mut()?;
-            run::in_pieces(py, batch.len(), cost(&scene), |range, threads| {
-                let out = &mut write[range.start * size..range.end * size];
-                kernel(scene.skip(range.start), threads, out)
-                    .map_err(|(trial, error)| input_at(&batch.place(range.start + trial), error))
-            })?;
-        }
-        Ok(out)
+        let scene = self.scene()?;
+        batch.fill(py, core, cost(&scene), |range, threads, out| {
+            kernel(scene.skip(range.start), threads, out)
+        })
     }
 }
 
@@ -319,13 +311,8 @@ impl<'py> Asked<'py> {
         let sigma = Input::new(sigma, "sigma", 2)?;
         let wanted = [Some(layout.sensors), Some(layout.size())];
         sigma.expect(&wanted, "one line for each sensor")?;
-        for (input, name) in [(&sensors, "sensors"), (&sigma, "sigma")] {
-            if !input.batch_shape().is_empty() {
-                return Err(InputError::new_err(format!(
-                    "{name} has leading axes: estimates share their {name}"
-                )));
-            }
-        }
+        sensors.expect_single("all estimates share them")?;
+        sigma.expect_single("all estimates share them")?;
         let prior = prior
             .map(|value| Input::unchecked(value, "prior", 1))
             .transpose()?;
@@ -361,6 +348,29 @@ impl<'py> Asked<'py> {
     }
 }
 
+/// What a record of `answer_size` holds, by name.
+fn named_answer<'py>(
+    batch: &Batch,
+    records: &Bound<'py, PyArrayDyn<f64>>,
+    layout: &Layout,
+    looks: usize,
+) -> PyResult<Bound<'py, PyDict>> {
+    let n = layout.states();
+    let parts: [(&str, &[usize]); 10] = [
+        ("biases", &[n]),
+        ("covariance", &[n, n]),
+        ("directions", &[n, n]),
+        ("status", &[]),
+        ("iterations", &[]),
+        ("chi_square", &[]),
+        ("nullity", &[]),
+        ("noise_share", &[]),
+        ("bend", &[]),
+        ("positions", &[looks, layout.size()]),
+    ];
+    batch.named(records, &parts)
+}
+
 /// Answers (..., size) from reports (..., K, N, d): see
 /// `gramian::registration::batch::answer_size`.
 #[pyfunction]
@@ -376,7 +386,7 @@ fn registration_estimate<'py>(
     method: &str,
     settings: Settings,
     keep_positions: bool,
-) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+) -> PyResult<Bound<'py, PyDict>> {
     let asked = Asked::new(sensors, sigma, extras, prior, method, settings)?;
     let layout = asked.layout;
     let mut reports = Input::new(reports, "reports", 3)?;
@@ -386,23 +396,22 @@ fn registration_estimate<'py>(
     let looks = reports.core_shape()[0];
     let size = batch::answer_size(&layout, if keep_positions { looks } else { 0 });
     let trials = Batch::of(&mut [&mut reports])?;
-    let out = trials.zeros(py, &[size]);
-    {
-        let (question, reports) = (asked.question()?, reports.items()?);
-        let mut write = out.readwrite();
-        let write = write.as_slice_mut()?;
-        run::in_pieces(py, trials.len(), 3000.0 * looks as f64, |range, threads| {
-            batch::estimate(
-                &question,
-                reports.skip(range.start),
-                keep_positions,
-                threads,
-                &mut write[range.start * size..range.end * size],
-            )
-            .map_err(|(trial, error)| input_at(&trials.place(range.start + trial), error))
-        })?;
-    }
-    Ok(out)
+    let (question, reports) = (asked.question()?, reports.items()?);
+    let records = trials.fill(py, &[size], 3000.0 * looks as f64, |range, threads, out| {
+        batch::estimate(
+            &question,
+            reports.skip(range.start),
+            keep_positions,
+            threads,
+            out,
+        )
+    })?;
+    named_answer(
+        &trials,
+        &records,
+        &layout,
+        if keep_positions { looks } else { 0 },
+    )
 }
 
 /// Answers (trials, size) of trials `first..first + trials` under `seed`:
@@ -423,7 +432,7 @@ fn registration_estimate_trials<'py>(
     seed: u64,
     first: u64,
     trials: usize,
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
+) -> PyResult<Bound<'py, PyDict>> {
     let asked = Asked::new(sensors, sigma, extras, prior, method, settings)?;
     let layout = asked.layout;
     let positions = Input::new(positions, "positions", 2)?;
@@ -431,35 +440,18 @@ fn registration_estimate_trials<'py>(
     positions.expect_entries()?;
     let biases = Input::new(biases, "biases", 1)?;
     biases.expect(&[Some(layout.states())], "the biases of all sensors")?;
-    if !(positions.batch_shape().is_empty() && biases.batch_shape().is_empty()) {
-        return Err(InputError::new_err(
-            "positions and biases have leading axes: all trials share them",
-        ));
-    }
+    positions.expect_single("all trials share them")?;
+    biases.expect_single("all trials share them")?;
     let size = batch::answer_size(&layout, 0);
-    let out = PyArray2::zeros(py, [trials, size], false);
-    {
-        let question = asked.question()?;
-        let (positions, biases) = (positions.slice()?, biases.slice()?);
-        let mut write = out.readwrite();
-        let write = write.as_slice_mut()?;
-        let cost = 3000.0 * positions.len() as f64;
-        run::in_pieces(py, trials, cost, |range, threads| {
-            batch::estimate_trials(
-                &question,
-                positions,
-                biases,
-                (seed, first + range.start as u64),
-                threads,
-                &mut write[range.start * size..range.end * size],
-            )
-            .map_err(|(trial, error)| {
-                let place = format!("in trial {}: ", first + (range.start + trial) as u64);
-                input_at(&place, error)
-            })
-        })?;
-    }
-    Ok(out)
+    let question = asked.question()?;
+    let (positions, biases) = (positions.slice()?, biases.slice()?);
+    let cost = 3000.0 * positions.len() as f64;
+    let batch = Batch::trials(first, trials);
+    let records = batch.fill(py, &[size], cost, |range, threads, out| {
+        let streams = (seed, first + range.start as u64);
+        batch::estimate_trials(&question, positions, biases, streams, threads, out)
+    })?;
+    named_answer(&batch, &records, &layout, 0)
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {

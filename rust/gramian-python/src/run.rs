@@ -7,12 +7,17 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use gramian::batch::Threads;
 use pyo3::prelude::*;
+use pyo3::types::{PyBool, PyInt};
 use rayon::ThreadPool;
 
+use crate::convert;
 use crate::errors::InputError;
 
 /// How long the interpreter may go without a look at its signals, nanoseconds.
 const PIECE: f64 = 1e8;
+
+/// Work so short that releasing the interpreter lock costs more, nanoseconds.
+const BRIEF: f64 = 5e3;
 
 struct Setting {
     /// 0: as many as there are cores.
@@ -46,17 +51,30 @@ pub fn be_worker(alone: bool, check: Py<PyAny>) {
     WORKER.set(Some(Worker { alone, check }));
 }
 
+/// More threads than this are refused: each takes memory, and none helps.
+const MOST_THREADS: usize = 1024;
+
 /// Sets how many threads kernels may use; 0 for as many as there are cores.
 /// Returns the setting before.
 #[pyfunction]
-pub fn set_threads(threads: usize) -> usize {
+pub fn set_threads(threads: &Bound<'_, PyAny>) -> PyResult<usize> {
+    let whole = threads.is_instance_of::<PyInt>() && !threads.is_instance_of::<PyBool>();
+    let threads = match threads.extract::<usize>() {
+        Ok(threads) if whole && threads <= MOST_THREADS => threads,
+        _ => {
+            return Err(InputError::new_err(format!(
+                "threads = {}: must be a whole number from 0 to {MOST_THREADS}",
+                convert::value_text(threads)
+            )));
+        }
+    };
     let mut setting = SETTING.lock().unwrap_or_else(PoisonError::into_inner);
     let before = setting.threads;
     if before != threads {
         setting.threads = threads;
         discard(setting.pool.take());
     }
-    before
+    Ok(before)
 }
 
 /// How many threads kernels may use now.
@@ -126,8 +144,12 @@ pub fn in_pieces(
 ) -> PyResult<()> {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let piece = ((PIECE / cost.max(1.0)) as usize).max(1);
+    let work = cost * trials as f64;
+    if work <= BRIEF {
+        return kernel(0..trials, Threads::One);
+    }
     // Entering the pool would take longer than it saves, or than the work.
-    let small = cost * trials as f64 <= Threads::LEAST_WORK;
+    let small = work <= Threads::LEAST_WORK;
     let mut first = 0;
     while first < trials {
         let range = first..trials.min(first + piece);

@@ -1,14 +1,16 @@
 //! `gram`, `crlb_std`, and the analysis of one problem.
 
 use gramian::batch::{self, simd::Path};
+use gramian::rounding;
 
 use gramian::observability::{Observability, marginal_rows as marginal};
 
 use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 
-use crate::convert::{Batch, Input};
+use crate::convert::{self, Input, all_finite};
 use crate::errors::{InputError, input_at};
+use crate::output::{self, Batch, expect_representable};
 use crate::run;
 
 #[pyfunction]
@@ -30,29 +32,28 @@ fn gram<'py>(
         Some(weights) => Batch::of(&mut [&mut rows, weights])?,
         None => Batch::of(&mut [&mut rows])?,
     };
-    let out = batch.unset(py, &[n, n])?;
-    {
-        let items = rows.items()?;
-        let weights = weights.as_ref().map(Input::items).transpose()?;
-        let mut write = out.readwrite();
-        let write = write.as_slice_mut()?;
-        let cost = (count * n * n) as f64;
-        run::in_pieces(py, batch.len(), cost, |range, threads| {
-            gramian::spine::batch_gram::gram(
-                items.skip(range.start),
-                weights.map(|w| w.skip(range.start)),
-                n,
-                threads,
-                Path::Best,
-                &mut write[range.start * n * n..range.end * n * n],
-            );
-            Ok(())
-        })?;
-        // A row that is not finite makes a square that is not: the rows, many more
-        // numbers, need a look only then.
-        if !write.iter().all(|x| x.is_finite()) {
-            rows.check_finite()?;
-        }
+    let items = rows.items()?;
+    let weights = weights.as_ref().map(Input::items).transpose()?;
+    let cost = (count * n * n) as f64;
+    let mut finite = true;
+    let out = batch.fill(py, &[n, n], cost, |range, threads, out| {
+        gramian::spine::batch_gram::gram(
+            items.skip(range.start),
+            weights.map(|w| w.skip(range.start)),
+            n,
+            threads,
+            Path::Best,
+            out,
+        );
+        finite &= all_finite(out);
+    })?;
+    // A row that is not finite makes a square that is not: the rows, many more
+    // numbers, need a look only then.
+    if !finite {
+        rows.check_finite()?;
+        return Err(InputError::new_err(
+            "the Gram matrix overflows float64: choose other units",
+        ));
     }
     Ok(out)
 }
@@ -68,26 +69,19 @@ fn crlb_std<'py>(
     rows.expect_entries()?;
     let (count, n) = (rows.core_shape()[0], rows.core_shape()[1]);
     let batch = Batch::of(&mut [&mut rows])?;
-    let out = batch.unset(py, &[n])?;
-    {
-        let rows = rows.items()?;
-        let mut write = out.readwrite();
-        let write = write.as_slice_mut()?;
-        let cost = (count * n * n + 100 * n * n * n) as f64;
-        run::in_pieces(py, batch.len(), cost, |range, threads| {
-            let out = &mut write[range.start * n..range.end * n];
-            gramian::bounds::batch::crlb_std(
-                rows.skip(range.start),
-                n,
-                rtol,
-                threads,
-                Path::Best,
-                out,
-            );
-            Ok(())
-        })?;
-    }
-    Ok(out)
+    let rows = rows.items()?;
+    let cost = (count * n * n + 100 * n * n * n) as f64;
+    let mut refused = None;
+    let out = batch.fill(py, &[n], cost, |range, threads, out| {
+        let rows = rows.skip(range.start);
+        gramian::bounds::batch::crlb_std(rows, n, rtol, threads, Path::Best, out);
+        for (trial, std) in out.chunks_exact(n).enumerate() {
+            if refused.is_none() {
+                refused = expect_representable(std, rows.get(trial), n).err();
+            }
+        }
+    })?;
+    refused.map_or(Ok(out), Err)
 }
 
 /// Standard normal numbers (trials, count) of the streams `first..first + trials`.
@@ -98,18 +92,11 @@ fn normals(
     first: u64,
     trials: usize,
     count: usize,
-) -> PyResult<Bound<'_, PyArray2<f64>>> {
-    let out = PyArray2::zeros(py, [trials, count], false);
-    {
-        let mut write = out.readwrite();
-        let write = write.as_slice_mut()?;
-        run::in_pieces(py, trials, 10.0 * count as f64, |range, threads| {
-            let out = &mut write[range.start * count..range.end * count];
-            batch::normals(seed, first + range.start as u64, count, threads, out);
-            Ok(())
-        })?;
-    }
-    Ok(out)
+) -> PyResult<Bound<'_, PyArrayDyn<f64>>> {
+    let cost = 10.0 * count as f64;
+    Batch::trials(first, trials).fill(py, &[count], cost, |range, threads, out| {
+        batch::normals(seed, first + range.start as u64, count, threads, out);
+    })
 }
 
 /// The rows that are left for the columns from `eliminated` on.
@@ -132,6 +119,44 @@ fn marginal_rows<'py>(
     Ok(PyArray2::from_vec2(py, &left)?)
 }
 
+/// How much of each column (n,) of rows is rounding: see `gramian::rounding::of_columns`.
+#[pyfunction]
+fn rounding_of_columns<'py>(
+    py: Python<'py>,
+    rows: &Bound<'py, PyAny>,
+    accuracy: &Bound<'py, PyAny>,
+    width: usize,
+) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    let rows = Input::new(rows, "rows", 2)?;
+    let n = rows.core_shape()[1];
+    let accuracy = Input::new(accuracy, "accuracy", 1)?;
+    accuracy.expect(&[Some(rows.core_shape()[0])], "one for each row")?;
+    let noise = rounding::of_columns(rows.slice()?, n, accuracy.slice()?, width);
+    Ok(PyArray1::from_vec(py, noise))
+}
+
+/// Rows (K, n) without columns that are rounding alone, and the relative accuracy of
+/// the others: see `gramian::rounding::remove`.
+#[pyfunction]
+fn above_rounding<'py>(
+    py: Python<'py>,
+    rows: &Bound<'py, PyAny>,
+    noise: &Bound<'py, PyAny>,
+) -> PyResult<(Bound<'py, PyArray2<f64>>, Option<f64>)> {
+    let rows = Input::new(rows, "rows", 2)?;
+    rows.expect_single("one problem")?;
+    let shape = [rows.core_shape()[0], rows.core_shape()[1]];
+    let noise = Input::new(noise, "noise", 1)?;
+    noise.expect(&[Some(shape[1])], "one for each column")?;
+    let mut left = rows.slice()?.to_vec();
+    let rtol = rounding::remove(&mut left, shape[1], noise.slice()?);
+    Ok((PyArray1::from_vec(py, left).reshape(shape)?, rtol))
+}
+
+/// Does nothing: what a call costs in itself, for `benches/bench_small_calls.py`.
+#[pyfunction]
+fn empty_call() {}
+
 /// One problem, reduced: see `gramian::observability::Observability`.
 #[pyclass(frozen, name = "Analysis", module = "gramian._core")]
 struct Analysis(Observability<f64>);
@@ -143,18 +168,14 @@ impl Analysis {
     fn new(py: Python<'_>, rows: &Bound<'_, PyAny>, rtol: Option<f64>) -> PyResult<Self> {
         let rows = Input::new(rows, "rows", 2)?;
         rows.expect_entries()?;
-        if !rows.batch_shape().is_empty() {
-            return Err(InputError::new_err(format!(
-                "rows has {} leading axes: must be one array (rows, states)",
-                rows.batch_shape().len()
-            )));
-        }
+        rows.expect_single("one array (rows, states)")?;
         let n = rows.core_shape()[1];
         let data = rows.slice()?;
         // One factorisation uses one thread: it does not enter the pool.
         let found = py
             .detach(|| Observability::new(data, n, rtol))
             .map_err(|error| input_at("", error))?;
+        expect_representable(&found.crlb_std(), data, n)?;
         Ok(Self(found))
     }
 
@@ -253,7 +274,14 @@ impl Analysis {
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(gram, module)?)?;
     module.add_function(wrap_pyfunction!(crlb_std, module)?)?;
+    module.add_function(wrap_pyfunction!(above_rounding, module)?)?;
+    module.add_function(wrap_pyfunction!(empty_call, module)?)?;
     module.add_function(wrap_pyfunction!(normals, module)?)?;
+    module.add_function(wrap_pyfunction!(output::representable, module)?)?;
+    module.add_function(wrap_pyfunction!(rounding_of_columns, module)?)?;
+    module.add_function(wrap_pyfunction!(convert::as_finite_array, module)?)?;
+    module.add_function(wrap_pyfunction!(convert::as_float_array, module)?)?;
+    module.add_function(wrap_pyfunction!(convert::require_finite, module)?)?;
     module.add_function(wrap_pyfunction!(marginal_rows, module)?)?;
     module.add_function(wrap_pyfunction!(run::set_threads, module)?)?;
     module.add_function(wrap_pyfunction!(run::threads, module)?)?;

@@ -11,8 +11,9 @@ use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyInt};
 
-use crate::convert::{Batch, Input};
+use crate::convert::Input;
 use crate::errors::{InputError, input_at};
+use crate::output::Batch;
 use crate::run;
 
 /// An array and a matrix beside it.
@@ -257,7 +258,7 @@ impl TrackScene {
         let mut states = Input::new(states, "state", 1)?;
         states.expect(&[Some(n)], "one number for each state")?;
         let batch = Batch::of(&mut [&mut states])?;
-        let out = batch.unset(py, &[m, n])?;
+        let out = batch.array(py, &[m, n])?;
         {
             let states = states.items()?;
             let mut write = out.readwrite();
@@ -293,7 +294,7 @@ impl TrackScene {
         let mut states = Input::new(states, "state", 1)?;
         states.expect(&[Some(n)], "one number for each state")?;
         let batch = Batch::of(&mut [&mut states])?;
-        let out = batch.unset(py, &[m])?;
+        let out = batch.array(py, &[m])?;
         {
             let states = states.items()?;
             let mut write = out.readwrite();
@@ -517,7 +518,7 @@ impl TrackScene {
         ];
         for (name, shape) in parts {
             let width: usize = shape.iter().product();
-            let array = batch.zeros(py, shape);
+            let array = batch.array(py, shape)?;
             {
                 let mut write = array.readwrite();
                 for (out, from) in write

@@ -121,6 +121,8 @@ pub use models::{bearings, dipole, inertial, linear, maneuver, registration, tra
 pub use numbers::{chi_square, scalar};
 #[cfg(feature = "alloc")]
 pub use spine::observability;
+#[cfg(feature = "std")]
+pub use spine::rounding;
 pub use spine::{bound, information, rows, spectrum, square_root};
 
 /// The examples of the readme run as tests.

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian import _options as options
 from gramian._arrays import as_float_array, number
 from gramian.exceptions import InputError
 
@@ -70,7 +71,7 @@ def discriminant(times: ArrayLike, bearings: ArrayLike, form: Form = "15") -> Ar
     >>> abs(discriminant(t, straight)) < 1e-15, round(float(discriminant(t, turned)), 6)
     (np.True_, -0.282843)
     """
-    return _core.bearing_discriminant(times, bearings, _one_of("form", form, get_args(Form)))
+    return _core.bearing_discriminant(times, bearings, options.choice(form, "form", get_args(Form)))
 
 
 def discriminant_sum(
@@ -143,9 +144,9 @@ def discriminant_sum(
     >>> [f"{s:.9f}" for s in sums]
     ['0.997004390', '0.997004390', '0.997004390']
     """
-    if order not in (0, 1):
+    if options.choice(order, "order", (0, 1)) not in (0, 1):
         raise InputError(f"order = {order}: must be 0, a fixed target, or 1, constant velocity")
-    how = _one_of("method", method, get_args(Method))
+    how = options.choice(method, "method", get_args(Method))
     return _core.bearing_discriminant_sum(times, bearings, weights, how, order)
 
 
@@ -198,7 +199,7 @@ def best_quadruple(times: ArrayLike, bearings: ArrayLike) -> Quadruple:
     (array([0, 1, 3, 4]), -0.1785)
     """
     found = _core.bearing_best_quadruple(times, bearings)
-    return Quadruple(found[..., :4].astype(np.int64), found[..., 4])
+    return Quadruple(found["indices"].astype(np.int64), found["value"])
 
 
 def gram(times: ArrayLike, bearings: ArrayLike, weights: ArrayLike | None = None) -> Array:
@@ -276,7 +277,7 @@ def gram_det(
     ((4, 4), 0.99700439)
     """
     both = _core.bearing_gram(times, bearings, weights)
-    return both[..., :16].reshape(*both.shape[:-1], 4, 4), both[..., 16]
+    return both["gram"], both["det"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -418,10 +419,3 @@ def _relative_motion(t: Array, b: Array) -> Array:
         scale = np.hypot(*position.T).max()
     motion: Array = np.concatenate([position[0], c[2:]]) / scale
     return motion
-
-
-def _one_of(name: str, value: str, choices: tuple[str, ...]) -> str:
-    if value not in choices:
-        listed = ", ".join(repr(choice) for choice in choices)
-        raise InputError(f"{name} = {value!r}: must be one of {listed}")
-    return value

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import SEED_MOST, as_float_array, finite, whole, wrap_angles
+from gramian import _options as options
+from gramian._arrays import SEED_MOST, as_float_array, finite, number, whole, wrap_angles
 from gramian._text import describe_combination, plain
 from gramian.exceptions import InputError, UnobservableError
 from gramian.models.bearings._rows import check_index, state_names
@@ -232,16 +233,17 @@ def localize(
     """
     names, units = state_names(order)
     n = len(names)
+    known = _prior(prior, names)
     seen = as_float_array(bearings, "bearings")
     _check_options(weak_ratio, max_iterations, rtol)
     known = _prior(prior, names)
     _check_count(seen.shape[-1] if seen.ndim else 0, order, len(prior or {}))
     check_index(times, observer_index)
-    record = _core.bearings_localize(
+    found = _core.bearings_localize(
         times,
         observer,
         seen,
-        np.atleast_1d(as_float_array(sigma, "sigma")),
+        sigma,
         n,
         known,
         observer_index is not None,
@@ -249,16 +251,15 @@ def localize(
         max_iterations,
         weak_ratio,
     )
-    tail = record[..., 2 * n + n * n :]
     answer = Localization(
-        state=record[..., :n],
-        covariance=record[..., 2 * n : 2 * n + n * n].reshape(*record.shape[:-1], n, n),
-        code=tail[..., 0].astype(np.int8),
-        chi2=tail[..., 3],
+        state=found["state"],
+        covariance=found["covariance"],
+        code=found["status"].astype(np.int8),
+        chi2=found["chi2"],
         dof=seen.shape[-1] + len(prior or {}) - n,
-        iterations=tail[..., 2].astype(np.int32),
-        nullity=tail[..., 1].astype(np.int32),
-        null_direction=record[..., n : 2 * n],
+        iterations=found["iterations"].astype(np.int32),
+        nullity=found["nullity"].astype(np.int32),
+        null_direction=found["null_direction"],
         names=names,
         units=units,
     )
@@ -330,11 +331,11 @@ def localize_trials(
     when = as_float_array(times, "times")
     _check_count(when.shape[-1] if when.ndim else 0, n // 2 - 1, len(prior or {}))
     check_index(when, observer_index)
-    record = _core.bearings_localize_trials(
+    found = _core.bearings_localize_trials(
         when,
         observer,
         truth,
-        np.atleast_1d(as_float_array(sigma, "sigma")),
+        sigma,
         seed,
         first,
         trials,
@@ -345,12 +346,12 @@ def localize_trials(
         weak_ratio,
     )
     return Trials(
-        error=record[:, :n],
-        std=record[:, n : 2 * n],
-        nees=record[:, 2 * n],
-        chi2=record[:, 2 * n + 1],
-        code=record[:, 2 * n + 2].astype(np.int8),
-        iterations=record[:, 2 * n + 3].astype(np.int32),
+        error=found["error"],
+        std=found["std"],
+        nees=found["nees"],
+        chi2=found["chi2"],
+        code=found["status"].astype(np.int8),
+        iterations=found["iterations"].astype(np.int32),
     )
 
 
@@ -407,26 +408,30 @@ def _check_count(count: int, order: int, known: int) -> None:
 
 
 def _check_options(weak_ratio: float, max_iterations: int, rtol: float | None) -> None:
-    if not weak_ratio > 0:
+    if not number(weak_ratio, "weak_ratio") > 0:
         raise InputError(f"weak_ratio = {weak_ratio}: must be > 0")
     whole(max_iterations, "max_iterations", 1, 2**31)
-    if rtol is not None and not 0 < rtol < 1:
-        raise InputError(f"rtol = {rtol}: must be between 0 and 1")
+    if rtol is not None:
+        options.fraction(rtol, "rtol")
 
 
 def _prior(
     prior: Mapping[str, tuple[float, float]] | None, names: tuple[str, ...]
 ) -> tuple[Array, Array] | None:
-    if not prior:
+    if prior is None or not options.mapping(prior, "prior", "name to (mean, sigma)"):
         return None
     mean, sigma = np.zeros(len(names)), np.full(len(names), np.inf)
     for name, given in prior.items():
         if name not in names:
             raise InputError(f"prior of {name!r}: the states are {', '.join(names)}")
         try:
-            value, deviation = (float(x) for x in given)
+            value, deviation = given
         except (TypeError, ValueError):
             raise InputError(f"prior of {name} = {given!r}: must be (mean, sigma)") from None
+        value, deviation = (
+            float(as_float_array(x, f"prior of {name}").reshape(())) if np.ndim(x) == 0 else np.nan
+            for x in (value, deviation)
+        )
         if not (np.isfinite(value) and 0 < deviation < np.inf):
             raise InputError(
                 f"prior of {name} = ({value}, {deviation}): "

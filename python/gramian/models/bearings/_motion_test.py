@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import as_float_array, number
-from gramian.exceptions import InputError
+from gramian import _options as options
 
 __all__ = ["ObservabilityTest", "observability_test"]
 
@@ -150,10 +149,10 @@ def observability_test(
     not shown observable 57 True
     observable 57 False
     """
-    if not 0 < number(level, "level") < 1:
-        raise InputError(f"level = {level}: must be between 0 and 1")
-    noise = as_float_array(sigma, "sigma")
-    found = _core.bearing_test(times, bearings, noise[None] if noise.ndim == 0 else noise)
+    level = options.fraction(level, "level")
+    found = _core.bearing_test(times, bearings, sigma)
     dof = np.shape(bearings)[-1] - 3
-    p_value = found[..., 1]
-    return ObservabilityTest(found[..., 0], dof, p_value, level, p_value < level, found[..., 2:])
+    p_value = found["p_value"]
+    return ObservabilityTest(
+        found["statistic"], dof, p_value, level, p_value < level, found["relative_motion"]
+    )

@@ -8,17 +8,18 @@ metres per second at the first time; x is east, y is north.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian import _options as options
 from gramian._arrays import (
     SEED_MOST,
-    above_rounding,
     as_float_array,
+    finite,
     require_finite,
-    rounding_of_columns,
     whole,
     wrap_angles,
 )
@@ -57,10 +58,12 @@ def state_names(order: int = 1, dimensions: int = 2) -> tuple[tuple[str, ...], t
     >>> state_names(1, 3)[0]
     ('x0', 'y0', 'z0', 'vx', 'vy', 'vz')
     """
-    if order not in (0, 1, 2, 3):
-        raise InputError(f"order = {order}: must be 0, 1, 2 or 3")
-    if dimensions not in _AXES:
-        raise InputError(f"dimensions = {dimensions}: must be 2 or 3")
+    options.choice(order, "order", (0, 1, 2, 3))
+    return _states(order, options.choice(dimensions, "dimensions", (2, 3)))
+
+
+@cache
+def _states(order: int, dimensions: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
     axes = _AXES[dimensions]
     kinds = _ORDERS[: order + 1]
     names = tuple(f"{head}{axis}{tail}" for head, tail, _ in kinds for axis in axes)
@@ -142,17 +145,19 @@ def rows(
     """
     place = as_float_array(target, "target")
     path = as_float_array(observer, "observer")
-    noise = np.atleast_1d(as_float_array(sigma, "sigma"))
     dimensions = path.shape[-1] if path.ndim >= 2 and path.shape[-1] == 3 else 2
     order, is_state = _target_kind(place, dimensions, order)
     if dimensions == 2 and sigma_elevation is not None:
         raise InputError("sigma_elevation was given for an observer in the plane: (..., m, 3)")
     check_index(times, observer_index)
     if dimensions == 2 and order == 1 and observer_index is None:
-        result = _core.bearing_rows(times, path, place, noise, is_state)
+        result = _core.bearing_rows(times, path, place, sigma, is_state)
     else:
+        noise = np.atleast_1d(as_float_array(sigma, "sigma"))
         if dimensions == 3:
-            up = noise if sigma_elevation is None else np.atleast_1d(np.asarray(sigma_elevation))
+            up = noise
+            if sigma_elevation is not None:
+                up = np.atleast_1d(finite(sigma_elevation, "sigma_elevation"))
             m = path.shape[-2]
             if noise.shape[-1] != up.shape[-1]:
                 noise, up = (
@@ -260,9 +265,12 @@ def merge(*tracks: Sequence[ArrayLike]) -> tuple[Array, ...]:
     """
     if not tracks:
         raise InputError("merge was given no track")
-    arrays = [
-        [as_float_array(part, f"track {k}") for part in track] for k, track in enumerate(tracks)
-    ]
+    for k, track in enumerate(tracks):
+        if not isinstance(track, (list, tuple)):
+            raise InputError(
+                f"track {k} = {options.given(track)}: must be a tuple of times, positions, ..."
+            )
+    arrays = [[finite(part, f"track {k}") for part in track] for k, track in enumerate(tracks)]
     for k, track in enumerate(arrays):
         if len(track) != len(arrays[0]) or not track:
             raise InputError(
@@ -327,60 +335,12 @@ def problem(
     )
     if values.ndim != 2:
         raise InputError(f"the rows have shape {values.shape}: a problem is one track, (m, n)")
-    t, path = as_float_array(times, "times"), as_float_array(observer, "observer")
+    dimensions = 3 if len(values) == 2 * len(times) else 2  # type: ignore[arg-type]
     place = as_float_array(target, "target")
-    dimensions = path.shape[-1]
     order, is_state = _target_kind(place, dimensions, order)
-    names, units = state_names(order, dimensions)
-    positions = _positions(t, place, dimensions) if is_state else place
-    offsets = positions - path
-    ranges = np.linalg.norm(offsets, axis=1)
-    # Offsets between large coordinates carry the rounding of those coordinates,
-    # and those at times counted from long ago the rounding of the times.
-    size = np.abs(positions) + np.abs(path)
-    if is_state:
-        size += np.abs(place[:dimensions])
-    size = size.max(axis=1)
-    if (span := float(np.ptp(t))) > 0:
-        change = np.linalg.norm(offsets - offsets[0], axis=1).max()
-        size += change / span * np.abs(t).max()
-    accuracy = 8 * np.finfo(float).eps * size / ranges
-    noise = rounding_of_columns(values, np.repeat(accuracy, dimensions - 1), dimensions)
-    values, rtol = above_rounding(values, noise)
-    combinations = {"range": offsets[0] / ranges[0]}
-    level = float(np.hypot(*offsets[0][:2]))
-    east, north = offsets[0][:2] / level
-    combinations["bearing"] = np.array([north, -east, 0.0])[:dimensions] / level
-    if dimensions == 3:
-        up = offsets[0][2] / ranges[0]
-        combinations["elevation"] = (
-            np.array([-up * east, -up * north, level / ranges[0]]) / ranges[0]
-        )
-    wide = {name: _padded(value, 0, len(names)) for name, value in combinations.items()}
-    if order:
-        if is_state:
-            velocity = place[dimensions : 2 * dimensions]
-        else:
-            velocity = np.polyfit(t - t[0], place, 1)[0] if np.ptp(t) > 0 else np.zeros(dimensions)
-        speed, level_speed = float(np.linalg.norm(velocity)), float(np.hypot(*velocity[:2]))
-        if speed > 0:
-            wide["speed"] = _padded(velocity / speed, dimensions, len(names))
-        if level_speed > 0:
-            along = velocity[:2] / level_speed / level_speed
-            wide["course"] = _padded(np.array([along[1], -along[0]]), dimensions, len(names))
-    return Problem(
-        values,
-        names,
-        units=units,
-        rtol=rtol,
-        combinations=wide,
-    )
-
-
-def _padded(value: Array, first: int, size: int) -> Array:
-    wide = np.zeros(size)
-    wide[first : first + value.size] = value
-    return wide
+    values, rtol, combinations = _core.bearing_frame(times, observer, place, values, is_state)
+    names, units = _states(order, dimensions)
+    return Problem._of_parts(values, names, units, rtol, combinations)
 
 
 def simulate(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian import _options as options
 from gramian._arrays import as_float_array, wrap_angles
 from gramian.exceptions import InputError
 from gramian.models.bearings import _rows
@@ -88,7 +89,7 @@ class Bearings(Experiment):
         for name, value in given.items():
             # Own copies: what is given may change, an experiment may not.
             object.__setattr__(self, name, as_float_array(value, name).copy())
-        object.__setattr__(self, "prior", dict(prior or {}))
+        object.__setattr__(self, "prior", options.deviations(prior, "prior"))
         if self.target.shape != (4,):
             raise InputError(f"target has shape {self.target.shape}: must be (4,), x0, y0, vx, vy")
         if unknown := set(self.prior) - set(self.names):
@@ -153,7 +154,7 @@ class Bearings(Experiment):
             self.times,
             self.observer,
             self.target,
-            np.atleast_1d(self.sigma),
+            self.sigma,
             seed,
             first,
             trials,
@@ -163,14 +164,12 @@ class Bearings(Experiment):
             50,
             0.5,
         )
-        status = found[:, 10].astype(np.int16)
+        status = found["status"].astype(np.int16)
         # A weak estimate is an estimate: its error counts like any other.
         return Estimates(
-            found[:, :4], found[:, 8], np.where(status == 1, 0, status), _BEARINGS_FAILURES
+            found["error"], found["nees"], np.where(status == 1, 0, status), _BEARINGS_FAILURES
         )
 
     def quantity(self, name: str, seed: int, first: int, trials: int) -> Array:
         """Return the log determinants."""
-        return _core.bearing_log_det_trials(
-            self.times, self.exact, np.atleast_1d(self.sigma), seed, first, trials
-        )
+        return _core.bearing_log_det_trials(self.times, self.exact, self.sigma, seed, first, trials)

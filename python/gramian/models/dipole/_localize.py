@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import SEED_MOST, as_float_array, finite, whole
+from gramian import _options as options
+from gramian._arrays import SEED_MOST, as_float_array, finite, number, whole
 from gramian._text import describe_null_space
 from gramian.analysis import analyze
 from gramian.exceptions import InputError, UnobservableError
@@ -148,12 +149,12 @@ def localize(
         start, end = window
         keep = (t >= start) & (t <= end)
         t, y = t[keep], y[keep]
-    elif window not in (None, "pass"):
-        raise InputError(f'window = {window!r}: must be "pass", (start, end) or None')
+    elif window is not None and not (isinstance(window, str) and window == "pass"):
+        raise InputError(f'window = {options.given(window)}: must be "pass", (start, end) or None')
     setup.enough(t, "in the window" if window is not None else "")
     raw = setup.run(t, y, inner)
     if window == "pass":
-        keep = _of_the_pass(raw[:9], t - origin, setup.sensors)
+        keep = _of_the_pass(raw["state"], t - origin, setup.sensors)
         if keep.sum() * 3 * len(setup.sensors) >= 4 * setup.unknowns:
             t, y = t[keep], y[keep]
             raw = setup.run(t, y, inner)
@@ -210,15 +211,15 @@ def localize_many(
         )
     if sensors is None:
         y = y[..., None, :]
-    setup.enough(np.empty(np.shape(times)[-1:]))
+    setup.enough(np.empty(as_float_array(times, "times").shape[-1:]))
     out = setup.run(times, y, setup.options(background or "none", None))
     return Localizations(
-        states=out[..., :9],
-        costs=out[..., 18],
-        mirrors=out[..., 9:18],
-        mirror_costs=out[..., 19],
-        sigmas=out[..., 20],
-        converged=out[..., 21] == 1,
+        states=out["state"],
+        costs=out["cost"],
+        mirrors=out["mirror"],
+        mirror_costs=out["mirror_cost"],
+        sigmas=out["sigma"],
+        converged=out["converged"] == 1,
     )
 
 
@@ -303,10 +304,11 @@ class _Setup:
         starts: int,
     ) -> None:
         self.known = {
-            _name(key): _number(value, f"known[{key!r}]") for key, value in (known or {}).items()
+            _name(key): _number(value, f"known[{key!r}]")
+            for key, value in options.mapping(known, "known").items()
         }
         self.prior = {}
-        for key, value in (prior or {}).items():
+        for key, value in options.mapping(prior, "prior", "name to (mean, sigma)").items():
             try:
                 mean, deviation = value
             except (TypeError, ValueError):
@@ -328,13 +330,12 @@ class _Setup:
             given = self.known.get(name, self.prior.get(name, (1.0,))[0])
             if not given > 0:
                 raise InputError(f"{name} = {given}: must be > 0")
-        if background not in (None, "median", "fit"):
-            raise InputError(f'background = {background!r}: must be "median", "fit" or None')
-        if loss not in ("gaussian", "huber"):
-            raise InputError(f'loss = {loss!r}: must be "gaussian" or "huber"')
-        if sigma is not None and not 0 < sigma < np.inf:
+        if background is not None:
+            options.choice(background, "background", ("median", "fit"))
+        options.choice(loss, "loss", ("gaussian", "huber"))
+        if sigma is not None and not number(sigma, "sigma") > 0:
             raise InputError(f"sigma = {sigma} T: must be > 0 and finite")
-        starts = whole(starts, "starts", 1)
+        starts = whole(starts, "starts", 1, 10_000)
         self.one_sensor = sensors is None
         self.sensors = (
             np.zeros((1, 3)) if sensors is None else as_float_array(sensors, "sensors").copy()
@@ -365,8 +366,7 @@ class _Setup:
                 f"field has shape {np.shape(field)} for {t.size} times: must be {wanted}, "
                 "three components for each time" + ("" if self.one_sensor else " and sensor")
             )
-        if missing not in ("raise", "drop"):
-            raise InputError(f'missing = {missing!r}: must be "raise" or "drop"')
+        options.choice(missing, "missing", ("raise", "drop"))
         if not np.isfinite(t).all():
             raise InputError(f"times[{np.argmin(np.isfinite(t))}] must be finite")
         bad = ~np.isfinite(y).all(axis=(1, 2))
@@ -401,14 +401,14 @@ class _Setup:
                 + f" give {numbers} numbers for {self.unknowns} unknowns: too few"
             )
 
-    def run(self, times: ArrayLike, field: Array, options: _Options) -> Array:
+    def run(self, times: ArrayLike, field: Array, options: _Options) -> _core._DipoleLocalized:
         return _core.dipole_localize(
             times, field, self.sensors.tolist(), self.exact, self.priors, options
         )
 
 
 def _answer(
-    raw: Array,
+    raw: _core._DipoleLocalized,
     t: Array,
     y: Array,
     offsets: Array,
@@ -416,13 +416,9 @@ def _answer(
     dropped: int,
     setup: _Setup,
 ) -> Localization:
-    count, channels = len(t), y.shape[1:]
-    size = y.size
-    state, mirror = raw[:9], raw[9:18]
-    cost, mirror_cost, sigma = (float(x) for x in raw[18:21])
-    fitted = raw[23 : 23 + y[0].size].reshape(channels)
-    residuals = raw[23 + y[0].size : 23 + y[0].size + size].reshape(count, *channels)
-    weights = raw[23 + y[0].size + size :].reshape(count, *channels)
+    state, mirror, fitted = raw["state"], raw["mirror"], raw["background"]
+    cost, mirror_cost, sigma = float(raw["cost"]), float(raw["mirror_cost"]), float(raw["sigma"])
+    residuals, weights = raw["residuals"], raw["weights"]
     covariance = _covariance(state, t, origin, sigma, weights, setup)
     signal = y - fitted
     good = weights > 0
@@ -447,7 +443,7 @@ def _answer(
         explained=float(1 - (residuals[good] ** 2).sum() / (signal[good] ** 2).sum()),
         spikes=int((~good).any(axis=-1).sum()),
         dropped=dropped,
-        converged=bool(raw[21]),
+        converged=bool(raw["converged"]),
         closest=closest,
         known=setup.known,
         prior=setup.prior,

@@ -84,7 +84,7 @@ def field(position: ArrayLike, moment: ArrayLike) -> Array:
     >>> field([2.0, 0.0, 0.0], [4.0, 0.0, 0.0])
     array([1.e-07, 0.e+00, 0.e+00])
     """
-    return require_finite(_core.dipole_field(position, moment), "the field")
+    return _core.dipole_field(position, moment)
 
 
 def jacobian(position: ArrayLike, moment: ArrayLike) -> Jacobian:

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import as_float_array
+from gramian import _options as options
+from gramian._arrays import as_float_array, number
 from gramian.exceptions import InputError
 from gramian.models.dipole import _localize, _model
 from gramian.monte_carlo.experiment import Estimates, Experiment
@@ -79,8 +80,8 @@ class Dipole(Experiment):
     ) -> None:
         for name, value in {"r0": r0, "v": v, "m": m, "times": times}.items():
             object.__setattr__(self, name, as_float_array(value, name).copy())
-        object.__setattr__(self, "sigma", float(sigma))
-        object.__setattr__(self, "known", tuple(known))
+        object.__setattr__(self, "sigma", number(sigma, "sigma"))
+        object.__setattr__(self, "known", options.names(known, "known"))
         places = None if sensors is None else as_float_array(sensors, "sensors").copy()
         object.__setattr__(self, "sensors", places)
         knowable = (*_model.NAMES, "speed", "moment")

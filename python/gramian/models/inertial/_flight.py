@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian import _options as options
 from gramian._arrays import number
 from gramian.exceptions import InputError
 from gramian.models.inertial._earth import EARTH_RATE
@@ -42,6 +43,12 @@ class Leg:
     turn: float = 0.0
     speed_change: float = 0.0
     bank: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("duration", "turn", "speed_change", "bank"):
+            object.__setattr__(self, name, number(getattr(self, name), name))
+        if not self.duration > 0:
+            raise InputError(f"duration = {self.duration} s: must be > 0")
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,8 +154,12 @@ def segments(
     >>> quarter.durations.sum(), round(math.degrees(quarter.heading[-1]), 1)
     (np.float64(90.0), 88.5)
     """
+    if not isinstance(legs, (list, tuple)) or not all(isinstance(leg, Leg) for leg in legs):
+        raise InputError(f"legs = {options.given(legs)}: must be a sequence of Leg")
     if len(legs) == 0:
         raise InputError("legs is empty: a flight needs one")
+    speed, heading = number(speed, "speed"), number(heading, "heading")
+    longitude = number(longitude, "longitude")
     positive(step=step, largest_turn=largest_turn)
     for name in ("specific_force", "velocity", "attitude", "angular_rate"):
         if name in model:

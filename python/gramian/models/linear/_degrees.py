@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import as_float_array, number
+from gramian import _options as options
+from gramian._arrays import as_float_array, finite, number
 from gramian._registry import draw
 from gramian._text import describe_combination, plain
 from gramian.exceptions import InputError
@@ -245,6 +246,7 @@ def degree(
     >>> degree(example(36.0), C, "eigenvalue").states[-1]
     'x2'
     """
+    options.choice(method, "method", ("information", "order", "eigenvalue", "singular_value"))
     if method == "information":
         if window is None or dt is None:
             raise InputError(
@@ -254,11 +256,7 @@ def degree(
         return information(
             A, C, window=window, dt=dt, R=R, Q=Q, prior=prior, names=names, time=time
         )
-    if method not in ("eigenvalue", "singular_value", "order"):
-        raise InputError(
-            f'method = {method!r}: must be "information", "order", "eigenvalue" or "singular_value"'
-        )
-    if not 0 <= threshold < 1:
+    if not 0 <= number(threshold, "threshold") < 1:
         raise InputError(f"threshold = {threshold}: must be at least 0 and below 1")
     if not 0 <= number(tolerance, "tolerance") < 1:
         raise InputError(f"tolerance = {tolerance}: must be at least 0 and below 1")
@@ -370,6 +368,13 @@ def information(
     if prior is not None and not isinstance(prior, Mapping):
         given = as_float_array(prior, "prior")
         if given.ndim == 2:
+            given = finite(given, "prior")
+            if given.shape[0] != given.shape[1] or not np.allclose(
+                given, given.T, rtol=1e-10, atol=0
+            ):
+                raise InputError(
+                    f"prior has shape {given.shape}: a covariance must be square and symmetric"
+                )
             covariance, prior = given, np.sqrt(np.abs(np.diagonal(given)))
     system = system_of(A, C, names, None, prior, R)
     std = system.prior

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import finite, whole
+from gramian import _options as options
+from gramian._arrays import finite, number, whole
 from gramian._registry import draw
 from gramian._text import describe_combination
 from gramian.exceptions import InputError
@@ -177,8 +178,8 @@ class Levels:
         """
         if self.reason is not None:
             raise InputError(self.reason)
-        if tolerance is not None and not 0 < tolerance < 1:
-            raise InputError(f"tolerance = {tolerance}: must be between 0 and 1")
+        if tolerance is not None:
+            tolerance = options.fraction(tolerance, "tolerance")
         return self._analysis.level_of(coefficients(combination, self.names), tolerance)
 
     def to_dict(self) -> dict[str, Any]:
@@ -289,10 +290,13 @@ def levels(
       never seen: 1 b
     """
     system = system_of(A, C, names)
+    if rtol is not None:
+        rtol = options.fraction(rtol, "rtol")
     analysis = _core.LinearAnalysis(system.A, system.C, rtol)
+    given = options.mapping(combinations, "combinations", "name to coefficients")
     wanted = {
         name: coefficients(value, system.names)
-        for name, value in (dict(system.combinations) | dict(combinations or {})).items()
+        for name, value in (dict(system.combinations) | dict(given)).items()
     }
     ranks, states = analysis.ranks(), analysis.state_levels()
     told = ranks is not None and states is not None
@@ -340,6 +344,8 @@ def batch_levels(
     array([1, 1, 1, 1])
     """
     a, c = matrices(A, C)
+    if rtol is not None:
+        rtol = options.fraction(rtol, "rtol")
     both = _core.linear_levels(a, c, rtol)
     ranks = np.nan_to_num(both[..., 0, :], nan=-1.0).astype(np.int64)
     return BatchLevels(ranks=ranks, levels=both[..., 1, :])
@@ -349,10 +355,10 @@ def coefficients(value: ArrayLike | Mapping[str, float], names: Sequence[str]) -
     """Return the coefficients (n,) of a combination given in either way."""
     if isinstance(value, Mapping):
         out = np.zeros(len(names))
-        for name, factor in value.items():
+        for name, factor in options.mapping(value, "combination").items():
             if name not in names:
                 raise InputError(f"no state is named {name!r}: the states are {', '.join(names)}")
-            out[list(names).index(name)] = factor
+            out[list(names).index(name)] = number(factor, f"combination of {name}")
         return out
     array = finite(value, "combination")
     if array.shape != (len(names),):

@@ -10,7 +10,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gramian._arrays import as_float_array
+from gramian import _options as options
+from gramian._arrays import as_float_array, finite
 from gramian.exceptions import InputError
 
 __all__ = ["StateSpace", "System", "SystemLike", "matrices", "system_of", "whitener"]
@@ -96,12 +97,13 @@ def system_of(
     checked = _names(names if names is not None else (known.names if known else None), n)
     if units is None:
         units = known.units if known else ("",) * n
+    units = options.names(units, "units", "strings")
     if len(units) != n:
         raise InputError(f"units has {len(units)} entries: must have {n}, one for each state")
     std = known.prior if known else np.full(n, np.nan)
     if isinstance(prior, Mapping):
         std = std.copy()
-        for name, value in prior.items():
+        for name, value in options.deviations(prior, "prior").items():
             if name not in checked:
                 raise InputError(f"no state is named {name!r}: the states are {', '.join(checked)}")
             std[checked.index(name)] = value
@@ -145,6 +147,8 @@ def whitener(R: ArrayLike | None, p: int, noise: Array | None = None) -> Array:
         return np.diag(1 / np.sqrt(r))
     if r.shape != (p, p) or not np.allclose(r, r.T, rtol=1e-10, atol=0):
         raise InputError(f"R has shape {r.shape}: must be a symmetric ({p}, {p}) covariance")
+    if not r.size:
+        raise InputError(f"R has shape {r.shape}: must not be empty")
     try:
         factor = np.linalg.cholesky(r)
     except np.linalg.LinAlgError:
@@ -156,8 +160,8 @@ def whitener(R: ArrayLike | None, p: int, noise: Array | None = None) -> Array:
 def _names(names: Sequence[str] | None, n: int) -> tuple[str, ...]:
     if names is None:
         return tuple(f"x{i}" for i in range(n))
-    checked = tuple(names)
-    if isinstance(names, str) or len(checked) != n:
+    checked = options.names(names, "names")
+    if len(checked) != n:
         raise InputError(f"names has {len(checked)} entries: must have {n}, one for each state")
     if len(set(checked)) < n:
         raise InputError("names has an entry twice: each state needs its own")
@@ -165,8 +169,5 @@ def _names(names: Sequence[str] | None, n: int) -> tuple[str, ...]:
 
 
 def _numbers(value: Any, name: str) -> Array:
-    array = as_float_array(value, name).copy()
-    if (bad := np.argwhere(~np.isfinite(array))).size and name != "prior":
-        index = ", ".join(str(i) for i in bad[0])
-        raise InputError(f"{name}[{index}] = {array[tuple(bad[0])]}: must be finite")
-    return array
+    # A prior may be NaN for a state that has none.
+    return (as_float_array if name == "prior" else finite)(value, name).copy()

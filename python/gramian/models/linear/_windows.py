@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian import _options as options
 from gramian._arrays import as_float_array, finite, number
 from gramian._text import describe_combination
 from gramian.exceptions import InputError
@@ -118,7 +119,7 @@ def gramian(
         scaled = q / spread[..., :, None] / spread[..., None, :]
         if (np.linalg.eigvalsh(scaled) < -1e-10).any():
             raise InputError("Q has a negative eigenvalue: a covariance must not")
-    return _core.linear_gramian(a, white, Q, float(window), samples)
+    return _core.linear_gramian(a, white, Q, number(window, "window"), samples)
 
 
 def rows(
@@ -150,8 +151,7 @@ def rows(
     """
     system = system_of(A, C, R=R)
     samples = _samples(window, number(dt, "dt"))
-    if time not in ("continuous", "discrete"):
-        raise InputError(f'time = {time!r}: must be "continuous" or "discrete"')
+    options.choice(time, "time", ("continuous", "discrete"))
     assert samples is not None
     if samples > MOST_SAMPLES:
         raise InputError(
@@ -386,6 +386,8 @@ def piecewise(
         raise InputError(f"C has shape {c.shape}: must be (segments, p, n) or (p, n)")
     times = np.atleast_1d(as_float_array(durations, "durations"))
     checked = system_of(a[0], c[0], names).names
+    if rtol is not None:
+        rtol = options.fraction(rtol, "rtol")
     alone, stripped, total, rests, null = _core.piecewise_ranks(a, c, times, rtol)
     return Piecewise(
         names=checked,

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian import _options as options
 from gramian._arrays import SEED_MOST, number, whole
 from gramian.exceptions import InputError
 from gramian.models.maneuver._laws import LAWS
@@ -254,14 +255,14 @@ def closed_loop(
     if not methods:
         raise InputError("methods is empty: must name one at least")
     for i, method in enumerate(methods):
-        if method != "plan" and method not in LAWS:
+        if not isinstance(method, str) or (method != "plan" and method not in LAWS):
             known = ", ".join(f'"{law}"' for law in (*LAWS, "plan"))
             raise InputError(f"methods[{i}] = {method!r}: must be one of {known}")
-    if side not in (1, -1):
+    if options.choice(side, "side", (1, -1)) not in (1, -1):
         raise InputError(f"side = {side}: must be 1 or -1")
     trials, replan = whole(trials, "trials", 1), whole(replan, "replan", 1)
     seed, opening = whole(seed, "seed", 0, SEED_MOST), whole(opening, "opening")
-    if not 0 <= lost < 1:
+    if not 0 <= number(lost, "lost") < 1:
         raise InputError(f"lost = {lost}: must be from 0 to below 1")
     setting = _Setting.checked(
         target=target,

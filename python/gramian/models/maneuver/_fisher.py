@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian import _options as options
 from gramian._arrays import above_rounding, as_float_array, require_finite, rounding_of_columns
 from gramian.exceptions import InputError
 from gramian.problem import Problem
@@ -96,8 +97,7 @@ def fisher_det(
     >>> float(fisher_det([[0, 0], [1000, 0]], [0.0, 1000.0], 0.01).round(9))
     2.5e-05
     """
-    if method not in ("root", "pairs"):
-        raise InputError(f'method = {method!r}: must be "root" or "pairs"')
+    options.choice(method, "method", ("root", "pairs"))
     arguments = _arguments(path, target, sigma, times)
     if method == "pairs" and arguments[1].shape[-1] == 4:
         raise InputError('method = "pairs" is for a fixed target: a moving one has four states')

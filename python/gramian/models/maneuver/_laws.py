@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import as_float_array, whole
+from gramian import _options as options
+from gramian._arrays import as_float_array, require_finite, whole
 from gramian.exceptions import InputError
 
 __all__ = ["LAWS", "AtStandoff", "Law", "Trajectory", "heading", "trajectory"]
@@ -78,6 +79,7 @@ def heading(
     >>> np.degrees(heading(0.0, [1000.0, 500.0], 20.0, side=-1)).round(3)
     array([-87.708, -85.419])
     """
+    options.choice(law, "law", LAWS)
     return _core.maneuver_heading(bearing, range_, step, law, side)[()]
 
 
@@ -225,10 +227,10 @@ def trajectory(
     array(159)
     """
     n = whole(samples, "samples", 1)
-    if at_standoff not in ("stop", "circle"):
-        raise InputError(f'at_standoff = {at_standoff!r}: must be "stop" or "circle"')
+    options.choice(law, "law", LAWS)
+    options.choice(at_standoff, "at_standoff", ("stop", "circle"))
     step = _positive(speed, "speed", "m/s") * _positive(dt, "dt", "s")
-    packed = _core.maneuver_trajectory(
+    found = _core.maneuver_trajectory(
         target,
         start,
         step,
@@ -239,16 +241,16 @@ def trajectory(
         0.0 if standoff is None else standoff,
         at_standoff == "circle",
     )
-    batch = packed.shape[:-1]
-    # As `path_size` of the extension's crate lists them.
+    require_finite(found["information"], "the information")
+    require_finite(found["det"], "det J")
     return Trajectory(
-        path=packed[..., 1 : 2 * n + 1].reshape(*batch, n, 2),
-        bearings=packed[..., 2 * n + 1 : 3 * n + 1],
-        ranges=packed[..., 3 * n + 1 : 4 * n + 1],
-        headings=packed[..., 4 * n + 1 : 5 * n],
-        information=packed[..., 5 * n : 9 * n].reshape(*batch, n, 2, 2),
-        det=packed[..., 9 * n :],
-        count=packed[..., 0].astype(np.int64),
+        path=found["path"],
+        bearings=found["bearings"],
+        ranges=found["ranges"],
+        headings=found["headings"],
+        information=found["information"],
+        det=found["det"],
+        count=found["count"].astype(np.int64),
         law=law,
     )
 

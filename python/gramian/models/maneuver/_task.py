@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian import _options as options
 from gramian._arrays import as_float_array, number, whole
 from gramian.exceptions import InputError
 
@@ -94,7 +95,7 @@ class Task:
         dt = number(dt, "dt")
         samples = whole(samples, "samples", 2)
         moves = int(samples) - 1
-        if legs is not None and not 1 <= legs <= moves:
+        if legs is not None and not 1 <= whole(legs, "legs", 1) <= moves:
             raise InputError(f"legs = {legs}: must be from 1 to the number of moves, {moves}")
         if max_turn_rate is not None:
             positive(max_turn_rate, "max_turn_rate", "rad/s")
@@ -211,7 +212,7 @@ def checked_discs(keep_out: ArrayLike | None) -> Array:
 
 def check_outside(origin: Array, targets: Array, standoff: float | None, discs: Array) -> None:
     """Refuse a start from which the limits cannot be kept."""
-    if standoff is not None and not (np.isfinite(standoff) and standoff >= 0):
+    if standoff is not None and not number(standoff, "standoff") >= 0:
         raise InputError(f"standoff = {standoff} m: must be >= 0 and finite")
     for i, target in enumerate(targets):
         distance = float(np.hypot(*(target[:2] - origin)))
@@ -325,7 +326,7 @@ def _prior(
     if isinstance(prior, Mapping):
         directions = _directions(targets, origin, names)
         rows = []
-        for name, deviation in prior.items():
+        for name, deviation in options.mapping(prior, "prior").items():
             positive(deviation, f"prior of {name}", "")
             rows.append(_direction(name, directions, "prior") / deviation)
         return np.stack(rows, axis=1) if rows else np.zeros((count, 0, n))

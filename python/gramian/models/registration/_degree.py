@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gramian import _core
+from gramian import _options as options
+from gramian._arrays import whole
 from gramian.exceptions import InputError
 from gramian.models.registration._reports import Reports, targets
 from gramian.models.registration._setup import Array, Extra, SensorsLike, Setup, setup
@@ -84,31 +86,46 @@ def degree(
     >>> degree(pair, sensors, sigma).round(4)
     array([0.    , 0.2075])
     """
+    options.choice(method, "method", ("eta", "pair", "paper"))
     known = setup(sensors, sigma)
+    lag = whole(lag, "lag", 1)
+    if window is not None:
+        window = whole(window, "window", 2)
     places = _smoothed(targets(known, positions, biases), smoothing)
     if method == "eta":
         if instants is not None:
             raise InputError('instants go with method "pair" or "paper": eta is of all looks')
-        if window is not None and window < 2:
-            raise InputError(f"window = {window}: must be 2 looks or more")
         none = np.zeros(known.n)
         return _core.registration_running_eta(places, known.places, known.sigma, none, window)
-    if method not in ("pair", "paper"):
-        raise InputError(f'method = {method!r}: must be "eta", "pair" or "paper"')
     _two_in_the_plane(known, f"method {method!r}")
     looks = places.shape[-2] if places.ndim >= 2 else 0
     if instants is None:
-        if not 1 <= lag < looks:
+        if lag >= looks:
             raise InputError(f"lag = {lag}: must be from 1 to {looks - 1}, for {looks} looks")
         chosen = [(k, k + lag) for k in range(looks - lag)]
     else:
-        chosen = [(int(i), int(j)) for i, j in instants]
+        chosen = _pairs(instants)
         for place, (i, j) in enumerate(chosen):
             if not (0 <= i < looks and 0 <= j < looks):
                 raise InputError(f"instants[{place}] = ({i}, {j}): must be from 0 to {looks - 1}")
     return _core.registration_pair_degrees(
         places, known.places, known.sigma, chosen, method == "pair"
     )
+
+
+def _pairs(instants: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+    try:
+        pairs = [tuple(pair) for pair in instants]
+    except TypeError as error:
+        raise InputError(
+            f"instants = {options.given(instants)}: must be a sequence of pairs"
+        ) from error
+    chosen = []
+    for place, pair in enumerate(pairs):
+        if len(pair) != 2:
+            raise InputError(f"instants[{place}] = {options.given(pair)}: must be two looks")
+        chosen.append((whole(pair[0], f"instants[{place}]"), whole(pair[1], f"instants[{place}]")))
+    return chosen
 
 
 def eta(positions: ArrayLike | Reports, sensors: SensorsLike, sigma: ArrayLike) -> Array:

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import SEED_MOST, as_float_array, whole
+from gramian import _options as options
+from gramian._arrays import SEED_MOST, as_float_array, number, whole
 from gramian._text import describe_combination, plain
 from gramian.exceptions import ConvergenceError, InputError, UnobservableError
 from gramian.models.registration._model import gauges
@@ -226,24 +227,22 @@ def estimate(
     >>> bool(abs(answer["A.range"] - 300) < 4 * answer.std[0])
     True
     """
+    options.choice(method, "method", ("ls", "gls", "ml"))
     known = setup(sensors, sigma, extras)
     values = reports.values if isinstance(reports, Reports) else report_array(reports)
     if method == "ls" and prior is not None:
         raise InputError('method "ls" is not weighted: a prior needs "gls" or "ml"')
-    if on_failure not in ("raise", "report"):
-        raise InputError(f'on_failure = {on_failure!r}: must be "raise" or "report"')
-    count = iterations if iterations is not None else (100 if method == "ml" else 1)
-    if count < 1:
-        raise InputError(f"iterations = {count}: must be >= 1")
-    if not tolerance > 0:
+    options.choice(on_failure, "on_failure", ("raise", "report"))
+    count = _iterations(iterations, method)
+    if not number(tolerance, "tolerance") > 0:
         raise InputError(f"tolerance = {tolerance}: must be > 0")
     deviations = _prior(known, prior)
-    flat = _core.registration_estimate(
+    found = _core.registration_estimate(
         values, known.places, known.sigma, known.flags, deviations, method,
         (count, tolerance, NOISE_SHARE, BEND), True,
     )  # fmt: skip
     looks = values.shape[-3]
-    return _unpacked(known, flat, looks, method, deviations, on_failure)
+    return _unpacked(known, found, looks, method, deviations, on_failure)
 
 
 def estimate_trials(
@@ -288,16 +287,23 @@ def estimate_trials(
     known = setup(sensors, sigma, extras)
     seed, first = whole(seed, "seed", 0, SEED_MOST), whole(first, "first")
     trials = whole(trials, "trials", 1)
+    options.choice(method, "method", ("ls", "gls", "ml"))
     if method == "ls" and prior is not None:
         raise InputError('method "ls" is not weighted: a prior needs "gls" or "ml"')
-    count = iterations if iterations is not None else (100 if method == "ml" else 1)
+    count = _iterations(iterations, method)
     deviations = _prior(known, prior)
-    flat = _core.registration_estimate_trials(
+    found = _core.registration_estimate_trials(
         positions, known.places, known.sigma, known.biases(biases), known.flags, deviations,
         method, (count, tolerance, NOISE_SHARE, BEND), seed, first, trials,
     )  # fmt: skip
     looks = as_float_array(positions, "positions").shape[0]
-    return _unpacked(known, flat, looks, method, deviations, "report")
+    return _unpacked(known, found, looks, method, deviations, "report")
+
+
+def _iterations(given: int | None, method: str) -> int:
+    if given is None:
+        return 100 if method == "ml" else 1
+    return whole(given, "iterations", 1, 100_000)
 
 
 def _prior(known: Setup, prior: ArrayLike | Mapping[str, float] | None) -> Array | None:
@@ -305,8 +311,8 @@ def _prior(known: Setup, prior: ArrayLike | Mapping[str, float] | None) -> Array
         return None
     deviations = np.full(known.n, np.inf)
     if isinstance(prior, Mapping):
-        for name, value in prior.items():
-            deviations[known.index(name)] = value
+        for name, value in options.mapping(prior, "prior").items():
+            deviations[known.index(name)] = as_float_array(value, f"prior of {name}")
     else:
         deviations = known.biases(prior, "prior").copy()
     for name, value in zip(known.names, deviations, strict=True):
@@ -317,19 +323,16 @@ def _prior(known: Setup, prior: ArrayLike | Mapping[str, float] | None) -> Array
 
 def _unpacked(
     known: Setup,
-    flat: Array,
+    found: _core._Registered,
     looks: int,
     method: Method,
     prior: Array | None,
     on_failure: Literal["raise", "report"],
 ) -> Estimate:
     n, d = known.n, known.d
-    lead = flat.shape[:-1]
-    ends = np.cumsum([n, n * n, n * n, 6])
-    biases, covariance, directions, numbers, places = np.split(flat, ends, axis=-1)
-    covariance = covariance.reshape(*lead, n, n)
-    directions = directions.reshape(*lead, n, n)
-    code, iterations, chi_square, nullity, noise_share, bend = np.moveaxis(numbers, -1, 0)
+    biases, covariance, directions = found["biases"], found["covariance"], found["directions"]
+    code, nullity, iterations = found["status"], found["nullity"], found["iterations"]
+    lead = biases.shape[:-1]
     status = np.array(STATUSES)[code.astype(int)]
     std = np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 0))
     # The directions are orthonormal on the scale of what each bias alone would be known to.
@@ -372,11 +375,11 @@ def _unpacked(
         status=status,
         held_by_prior=held,
         iterations=iterations.astype(int),
-        chi_square=chi_square,
+        chi_square=found["chi_square"],
         dof=dof,
-        noise_share=noise_share,
-        bend=bend,
-        positions=places.reshape(*lead, places.shape[-1] // d, d),
+        noise_share=found["noise_share"],
+        bend=found["bend"],
+        positions=found["positions"],
         method=method,
         prior={name: value for name, value in given.items() if np.isfinite(value)},
     )

@@ -106,7 +106,7 @@ def field(
     west, east, south, north = edges
     if not (west < east and south < north):
         raise InputError(f"extent = {extent!r}: must have west < east and south < north")
-    if not 0 < radius < np.inf:
+    if not number(radius, "radius") > 0:
         raise InputError(f"radius = {radius} m: must be > 0 and finite")
     points = whole(points, "points", 2)
     if heading is not None:

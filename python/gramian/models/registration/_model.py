@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gramian import _core
-from gramian._arrays import above_rounding, require_finite
+from gramian import _options as options
+from gramian._arrays import above_rounding, number, require_finite
 from gramian.exceptions import InputError
 from gramian.models.registration._reports import Reports, targets
 from gramian.models.registration._setup import Array, Extra, SensorsLike, setup
@@ -132,11 +133,11 @@ def problem(
     scales = None
     if scale is not None:
         scales = np.full(known.n, np.nan)
-        for key, value in scale.items():
+        for key, value in options.mapping(scale, "scale").items():
             chosen = [i for i, name in enumerate(known.names) if key in (name, name.split(".")[-1])]
             if not chosen:
                 known.index(key)
-            scales[chosen] = value
+            scales[chosen] = number(value, f"scale of {key}")
     # Offsets between large coordinates carry the rounding of those coordinates, which
     # whitening enlarges where a sensor's range and azimuth differ in accuracy: what the
     # rows change by when the targets move by many roundings tells how much.
@@ -230,8 +231,8 @@ def gauges(sensors: SensorsLike, extras: Sequence[Extra] = ()) -> dict[str, Arra
     def vector(values: Mapping[str, Array]) -> Array:
         out = np.zeros(known.n)
         for kind, numbers in values.items():
-            for label, number in zip(known.labels, numbers, strict=True):
-                out[known.index(f"{label}.{kind}")] = number
+            for label, one in zip(known.labels, numbers, strict=True):
+                out[known.index(f"{label}.{kind}")] = one
         return out
 
     ones, zeros = np.ones(len(known.labels)), np.zeros(len(known.labels))

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gramian import _core
-from gramian._arrays import SEED_MOST, as_float_array, number, whole, wrap_angles
+from gramian import _options as options
+from gramian._arrays import SEED_MOST, as_float_array, number, real, whole, wrap_angles
 from gramian.exceptions import InputError
 from gramian.models.registration._setup import Array, Extra, SensorsLike, Setup, setup
 
@@ -247,13 +248,12 @@ def match(
     >>> match({"A": a, "B": b}, interpolate="linear").values.shape
     (2, 2, 2)
     """
-    if interpolate not in ("none", "linear"):
-        raise InputError(f'interpolate = {interpolate!r}: must be "none" or "linear"')
+    options.choice(interpolate, "interpolate", ("none", "linear"))
     if number(tolerance, "tolerance") < 0:
         raise InputError(f"tolerance = {tolerance} s: must be >= 0")
-    if not max_gap > 0:
+    if not real(max_gap, "max_gap") > 0:
         raise InputError(f"max_gap = {max_gap} s: must be > 0")
-    clean = {name: _recording(name, *pair) for name, pair in recordings.items()}
+    clean = _recordings(recordings)
     if len(clean) < 2:
         raise InputError(f"recordings has {len(clean)} entries: registration needs 2 or more")
     (first, (t, _)), *others = clean.items()
@@ -292,6 +292,21 @@ def match(
     joined = np.stack(columns, axis=1)
     joined[..., 1] = wrap_angles(joined[..., 1])
     return Reports(joined, chosen)
+
+
+def _recordings(
+    recordings: Mapping[str, tuple[ArrayLike, ArrayLike]],
+) -> dict[str, tuple[Array, Array]]:
+    clean = {}
+    for name, pair in options.mapping(
+        recordings, "recordings", "sensor to (times, values)"
+    ).items():
+        if not isinstance(pair, (tuple, list)) or len(pair) != 2:
+            raise InputError(
+                f"recordings[{name!r}] = {options.given(pair)}: must be times and values"
+            )
+        clean[name] = _recording(name, *pair)
+    return clean
 
 
 def _recording(name: str, times: ArrayLike, values: ArrayLike) -> tuple[Array, Array]:

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gramian import _core, choose
-from gramian._arrays import finite
+from gramian import _options as options
+from gramian._arrays import finite, whole
 from gramian._text import plain
 from gramian.exceptions import InputError
 from gramian.models.registration._model import rows
@@ -123,15 +124,19 @@ def select(
     ('across it', 'along the baseline')
     """
     known = setup(sensors, sigma, extras)
-    named = (
-        {str(name): track for name, track in tracks.items()}
-        if isinstance(tracks, Mapping)
-        else {f"track {i}": track for i, track in enumerate(tracks)}
-    )
+    if isinstance(tracks, Mapping):
+        named = {str(name): track for name, track in tracks.items()}
+    elif isinstance(tracks, (list, tuple, np.ndarray)) and np.ndim(tracks) != 0:
+        named = {f"track {i}": track for i, track in enumerate(tracks)}
+    else:
+        raise InputError(
+            f"tracks = {options.given(tracks)}: must be a mapping of name to positions, "
+            "or a sequence of positions"
+        )
     looks: dict[str, tuple[str, slice]] = {}
     pieces: dict[str, Array] = {}
-    if piece is not None and piece < 1:
-        raise InputError(f"piece = {piece}: must be >= 1 looks")
+    if piece is not None:
+        piece = whole(piece, "piece", 1)
     for name, track in named.items():
         places = finite(track, f"track {name!r}")
         if places.ndim != 2 or places.shape[1] != known.d or not len(places):
@@ -141,7 +146,8 @@ def select(
             end = min(start + step, len(places))
             key = name if piece is None else f"{name}[{start}:{end}]"
             looks[key], pieces[key] = (name, slice(start, end)), places[start:end]
-    if not 1 <= budget <= len(pieces):
+    budget = whole(budget, "budget", 1)
+    if budget > len(pieces):
         raise InputError(f"budget = {budget}: must be from 1 to {len(pieces)}, the number there is")
     keys = list(pieces)
     factors = [_factor(rows(p, sensors, sigma, extras=extras)) for p in pieces.values()]

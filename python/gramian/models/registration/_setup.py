@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gramian import _options as options
 from gramian._arrays import as_float_array, finite
 from gramian.exceptions import InputError
 
@@ -86,18 +87,17 @@ class Setup:
                 )
             return array
         array = np.zeros(self.n)
-        for key, number in value.items():
-            array[self.index(key)] = number
+        for key, one in options.mapping(value, name).items():
+            array[self.index(key)] = as_float_array(one, f"{name}[{key!r}]")
         return array
 
     def index(self, name: str) -> int:
         """Return the place of a bias."""
-        try:
+        if isinstance(name, str) and name in self.names:
             return self.names.index(name)
-        except ValueError:
-            raise InputError(
-                f"no bias is named {name!r}: there are {', '.join(self.names)}"
-            ) from None
+        raise InputError(
+            f"no bias is named {options.given(name)}: there are {', '.join(self.names)}"
+        )
 
     @property
     def is_pair(self) -> bool:
@@ -132,7 +132,7 @@ def setup(sensors: SensorsLike, sigma: ArrayLike | None, extras: Sequence[Extra]
         finite(places, "sensors")
     if len(places) < 2:
         raise InputError(f"sensors has {len(places)} entries: registration needs 2 or more sensors")
-    ordered = _ordered(extras) if extras else ()
+    ordered = () if isinstance(extras, tuple) and not extras else _ordered(extras)
     if (
         max(numbers) - min(numbers) > 1e100
         and (span := (places.max(axis=0) - places.min(axis=0)).max()) > 1e100
@@ -156,7 +156,7 @@ def _ordered(extras: Sequence[Extra]) -> tuple[Extra, ...]:
         raise InputError(
             f"extras is the string {extras!r}: must be a sequence such as ({extras!r},)"
         )
-    for extra in extras:
+    for extra in options.names(extras, "extras"):
         if extra not in EXTRAS:
             raise InputError(f"extras has {extra!r}: must be of {', '.join(map(repr, EXTRAS))}")
     return tuple(extra for extra in EXTRAS if extra in extras)

@@ -7,6 +7,8 @@ pub mod bound;
 pub mod information;
 #[cfg(feature = "alloc")]
 pub mod observability;
+#[cfg(feature = "std")]
+pub mod rounding;
 pub mod rows;
 pub mod spectrum;
 pub mod square_root;

@@ -13,6 +13,8 @@
 pub mod batch;
 mod discriminant;
 #[cfg(feature = "std")]
+mod frame;
+#[cfg(feature = "std")]
 mod measured;
 mod monitor;
 mod motion;
@@ -25,6 +27,8 @@ pub use discriminant::{
     Form, check_track, discriminant, discriminant_sum, discriminant_sum_qr, fixed_target_sum,
     fixed_target_sum_qr,
 };
+#[cfg(feature = "std")]
+pub use frame::{Frame, Whereabouts, frame};
 #[cfg(feature = "std")]
 pub use measured::Measured;
 pub use monitor::{Answer, Monitor};

@@ -1,0 +1,117 @@
+"""Small calls from Python, as people make them in loops: ratios to numpy, or to an empty
+call into the extension, measured in the same run.
+
+    python benches/bench_small_calls.py
+"""
+
+from __future__ import annotations
+
+import sys
+import timeit
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from harness import OURS, Case, Contest, Contestant
+
+import gramian as gm
+from gramian import _core
+
+SAMPLES = 50
+
+
+def track() -> tuple[Any, Any, Any, float]:
+    """Fifty bearings from a curved path."""
+    t = np.arange(SAMPLES) * 10.0
+    path = np.stack([5 * t * np.cos(t / 100), 4 * t], axis=1)
+    return t, path, np.array([0.0, 1e4, 3.0, -1.0]), 0.01
+
+
+def pushes() -> Callable[[], object]:
+    """A monitor that takes in one bearing a call, ever later."""
+    monitor, clock = gm.bearings.Monitor(), iter(range(1, 2**62))
+    push = monitor.push
+    return lambda: push(float(next(clock)), 0.3, 0.01)
+
+
+def table() -> list[tuple[str, str, float, Callable[[], object], Callable[[], object]]]:
+    """Return what is called, what it is measured by, the ratio wanted, and both."""
+    rows = gm.bearings.rows(*track())
+    problem = gm.bearings.problem(*track())
+    position, moment = np.array([1.0, 2.0, 3.0]), np.array([1.0, 0.0, 0.0])
+
+    def svd() -> object:
+        return np.linalg.svd(rows)
+
+    def inverse() -> object:
+        return np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
+
+    empty = _core.empty_call
+    return [
+        ("crlb_std(rows)", "sqrt(diag(inv(A.T A)))", 0.6, lambda: gm.crlb_std(rows), inverse),
+        ("bearings.problem", "numpy svd", 2, lambda: gm.bearings.problem(*track_of), svd),
+        ("analyze(problem)", "numpy svd", 4, lambda: gm.analyze(problem), svd),
+        ("Monitor.push", "an empty call", 6, pushes(), empty),
+        ("dipole.field", "an empty call", 15, lambda: gm.dipole.field(position, moment), empty),
+        (
+            "dipole.field of lists",
+            "an empty call",
+            15,
+            lambda: gm.dipole.field([1.0, 2.0, 3.0], [1.0, 0.0, 0.0]),
+            empty,
+        ),
+        (
+            "maneuver.heading",
+            "an empty call",
+            15,
+            lambda: gm.maneuver.heading(0.3, 1000.0, 10.0),
+            empty,
+        ),
+    ]
+
+
+track_of = track()
+
+
+def microseconds(work: Callable[[], object]) -> float:
+    """Return the shortest time of a call, of many rounds."""
+    timer = timeit.Timer(work)
+    count, spent = timer.autorange(lambda *_: None)
+    count = max(1, int(count * 0.02 / spent))
+    return min(timer.repeat(25, count)) / count * 1e6
+
+
+def contests(quick: bool) -> list[Contest]:
+    """Return the table as contests of the harness."""
+    found = []
+    for name, by, _, ours, theirs in table():
+        found.append(
+            Contest(
+                f"small call: {name}",
+                "calls",
+                {"one": Case(None, None)},
+                [
+                    Contestant(OURS, lambda _, work=ours: work),
+                    Contestant(by, lambda _, work=theirs: work),
+                ],
+            )
+        )
+    return found
+
+
+def main() -> int:
+    """Print the table; 1 where a ratio is above what is wanted."""
+    print(f"{'call':24} {'us':>8}  {'by':26} {'us':>8} {'ratio':>7} {'wanted':>7}")
+    worst = 0
+    for name, by, wanted, ours, theirs in table():
+        # Measured by turns, so that a busy machine slows both alike.
+        pairs = [(microseconds(ours), microseconds(theirs)) for _ in range(3)]
+        mine, other = min(a for a, _ in pairs), min(b for _, b in pairs)
+        ratio = mine / other
+        worst |= ratio > wanted
+        print(f"{name:24} {mine:8.2f}  {by:26} {other:8.2f} {ratio:7.2f} {wanted:7.1f}")
+    return int(worst)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
