@@ -27,7 +27,7 @@ from gramian import bounds
 from gramian._core import __version__, set_threads
 from gramian._registry import REGISTRY as _REGISTRY
 from gramian._registry import load as _load
-from gramian.analysis import Observability, Suggestion, analyze
+from gramian.analysis import Candidate, Critical, Observability, Suggestion, analyze
 from gramian.bounds import crlb, crlb_std, gram
 from gramian.exceptions import (
     ConvergenceError,
@@ -38,7 +38,8 @@ from gramian.exceptions import (
     UnobservableError,
     WorkerError,
 )
-from gramian.problem import Problem, from_function
+from gramian.model import Model, from_function
+from gramian.problem import Accuracy, Problem
 
 if _typing.TYPE_CHECKING:
     from gramian import choose as choose
@@ -55,9 +56,13 @@ if _typing.TYPE_CHECKING:
     from gramian.models import tracks as tracks
 
 __all__ = [
+    "Accuracy",
+    "Candidate",
     "ConvergenceError",
+    "Critical",
     "GramianError",
     "InputError",
+    "Model",
     "Observability",
     "Problem",
     "ScenarioError",

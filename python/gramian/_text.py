@@ -52,16 +52,39 @@ def describe_null_space(null_space: Array, names: Sequence[str]) -> tuple[str, .
     return tuple(describe_combination(column, names) for column in null_space.T)
 
 
+#: A combination of more states than this is told by what it moves, or by its largest.
+LONG = 12
+
+
 def describe_combination(coefficients: Array, names: Sequence[str]) -> str:
-    """Return c^T x as text, without the states that have no part in it."""
+    """Return c^T x as text, without the states that have no part in it.
+
+    Of many states that move alike it says so; of many others, the ten largest.
+    """
+    part = np.flatnonzero(coefficients)
+    if len(part) > LONG:
+        values = coefficients[part]
+        if np.allclose(values, values[0], rtol=1e-6):
+            return f"all {len(part)} of {_together([names[int(i)] for i in part])} move together"
+        largest = np.sort(part[np.argsort(-np.abs(values), kind="stable")[:10]])
+        left = len(part) - len(largest)
+        return f"{_sum(coefficients, names, largest)} and {left} smaller terms"
+    return _sum(coefficients, names, part)
+
+
+def _sum(coefficients: Array, names: Sequence[str], part: NDArray[np.intp]) -> str:
     text = ""
-    for coefficient, name in zip(coefficients, names, strict=True):
-        if coefficient == 0:
-            continue
-        sign = "-" if coefficient < 0 else "+"
+    for i in part:
+        sign = "-" if coefficients[i] < 0 else "+"
         text += f" {sign} " if text else ("-" if sign == "-" else "")
-        text += f"{abs(coefficient):.4g} {name}"
+        text += f"{abs(coefficients[i]):.4g} {names[int(i)]}"
     return text
+
+
+def _together(names: Sequence[str]) -> str:
+    """Return what names have in common: "x" for x0, x1, ..., or the first and last."""
+    stems = {name.rstrip("0123456789[]()_, ") for name in names}
+    return stems.pop() if len(stems) == 1 and "" not in stems else f"{names[0]} .. {names[-1]}"
 
 
 def plain(value: Any) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import isnan
@@ -13,20 +13,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian import _options as options
-from gramian._arrays import number, real
+from gramian._arrays import number, real, whole
 from gramian._registry import draw, load
 from gramian._text import describe_null_space, plain
 from gramian._text import number as readable
 from gramian.exceptions import InputError
-from gramian.problem import Problem, as_problem, at_least_one_row, is_sparse
+from gramian.problem import Problem, ProblemSource, as_problem, at_least_one_row, is_sparse
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Observability", "Suggestion", "analyze"]
+__all__ = ["Candidate", "Critical", "Observability", "Suggestion", "analyze"]
 
 Array = NDArray[np.float64]
-Status = Literal["observable", "weak", "unobservable"]
+Status = Literal["observable", "weak", "undecided", "unobservable"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,12 +53,62 @@ class Suggestion:
 
 
 @dataclass(frozen=True, eq=False)
+class Critical:
+    """A measurement, or a group of them, and what its loss would cost.
+
+    Attributes
+    ----------
+    name : str
+    rows : tuple of int
+        Which rows.
+    nullity : int
+        How many combinations would no longer be observable.
+    growth : float
+        Largest factor by which a bound would grow; `inf` where one would be lost.
+    worst : str
+        The state whose bound that is.
+    crlb_std : ndarray, shape (n,)
+        Bounds without it.
+    """
+
+    name: str
+    rows: tuple[int, ...]
+    nullity: int
+    growth: float
+    worst: str
+    crlb_std: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A measurement that could be added, or a group of them, and what it would give.
+
+    Attributes
+    ----------
+    name : str
+    rows : tuple of int
+        Which of the rows that were offered.
+    gained : int
+        How many more combinations would be observable.
+    crlb_std : ndarray, shape (n,)
+        Bounds with it.
+    """
+
+    name: str
+    rows: tuple[int, ...]
+    gained: int
+    crlb_std: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Observability:
     """The answer of `analyze`.
 
     Attributes
     ----------
-    status : {"observable", "weak", "unobservable"}
+    status : {"observable", "weak", "undecided", "unobservable"}
+        "undecided" where the rows are too inaccurate to tell: `nullity` is the most it
+        can be then.
     reason : str
         What decided the status, in words.
     decided_by : tuple of str
@@ -141,6 +191,141 @@ class Observability:
         n = len(self.names)
         return Suggestion(name, rank, n - rank, rank == n, std)
 
+    def critical(
+        self, factor: float = 2.0, groups: Mapping[str, Sequence[int]] | None = None
+    ) -> tuple[Critical, ...]:
+        """Return the measurements whose loss matters, the worst first.
+
+        Parameters
+        ----------
+        factor : float
+            What counts: a bound that grows by more than this, besides what becomes
+            unobservable.
+        groups : mapping of str to sequence of int, optional
+            Rows that are lost together, by name; each row by itself by default.
+
+        Returns
+        -------
+        tuple of Critical
+
+        Notes
+        -----
+        Of single rows by their leverage, from the factorisation that is there; of
+        groups by the rows that are left.
+        """
+        if not number(factor, "factor") >= 1:
+            raise InputError(f"factor = {factor}: must be >= 1")
+        problem, before = self.problem, self.crlb_std
+        found = []
+
+        def lost(name: str, rows: tuple[int, ...], std: Array, nullity: int) -> None:
+            with np.errstate(invalid="ignore", divide="ignore"):
+                growth = np.where(np.isfinite(before) & (before > 0), std / before, 1.0)
+            if nullity or growth.max() > factor:
+                worst = self.names[int(np.argmax(growth))]
+                found.append(Critical(name, rows, nullity, float(growth.max()), worst, std))
+
+        if groups is None:
+            rows = problem.data_rows if problem.row_sigma is None else problem.rows
+            lever = self._analysis.leverage(rows) if len(rows) else np.zeros(0)
+            # A bound grows by 1 / sqrt(1 - leverage) at most.
+            for i in np.flatnonzero(1 - lever <= (1 + 1e-9) / factor**2).tolist():
+                std = self._analysis.without(rows[i])
+                if std is not None:
+                    lost(f"row {i}", (i,), std, 0)
+                else:
+                    self._lose(f"row {i}", [i], lost)
+        else:
+            for name, members in groups.items():
+                self._lose(name, members, lost)
+        found.sort(key=lambda one: (-one.nullity, -one.growth))
+        return tuple(found)
+
+    def _lose(self, name: str, members: Sequence[int], lost: Callable[..., None]) -> None:
+        problem = self.problem
+        rows = tuple(whole(i, f"groups[{name!r}]", 0, len(problem.rows) - 1) for i in members)
+        kept = np.ones(len(problem.rows), dtype=bool)
+        kept[list(rows)] = False
+        left = problem.keep_rows(kept).factor()
+        lost(name, rows, left.crlb_std(), max(0, len(self.names) - left.rank - self.nullity))
+
+    def candidates(
+        self,
+        rows_or_problem: Problem | ProblemSource | ArrayLike,
+        groups: Mapping[str, Sequence[int]] | None = None,
+    ) -> tuple[Candidate, ...]:
+        """Rank measurements that could be added by what they would give.
+
+        Parameters
+        ----------
+        rows_or_problem : array_like, shape (K, n), Problem or Model
+            Whitened rows of what could be measured, of the same states.
+        groups : mapping of str to sequence of int, optional
+            Rows that come together, by name; each row by itself by default.
+
+        Returns
+        -------
+        tuple of Candidate
+            The best first: most combinations made observable, then the smallest bounds
+            relative to the scales (or to what they are now).
+        """
+        other = as_problem(rows_or_problem, None)
+        named = isinstance(rows_or_problem, (Problem, ProblemSource))
+        if other.n != len(self.names) or (named and other.names != self.names):
+            raise InputError(
+                f"rows_or_problem has the states {', '.join(other.names)}: must have "
+                f"{', '.join(self.names)}"
+            )
+        rows, n = other.data_rows, other.n
+        reference = np.where(np.isfinite(self.crlb_std), self.crlb_std, _reference(self.problem))
+        reference = np.where(np.isnan(self.problem.scale), reference, self.problem.scale)
+        reference = np.where(reference > 0, reference, 1.0)
+        ranked = []
+        members = groups if groups is not None else {f"row {i}": (i,) for i in range(len(rows))}
+        for name, group in members.items():
+            chosen = tuple(whole(i, f"groups[{name!r}]", 0, len(rows) - 1) for i in group)
+            if len(chosen) == 1:
+                rank, std = self._analysis.knowing(rows[chosen[0]], 1.0)
+            else:
+                base = np.vstack([self.problem.all_rows, rows[list(chosen)]])
+                exact = self.problem.constraints
+                joined = _core.Analysis(base, self._analysis.rtol, exact if len(exact) else None)
+                rank, std = joined.rank, joined.crlb_std()
+            known = np.isfinite(std) & (std > 0)
+            level = float(np.log(std[known] / reference[known]).mean()) if known.any() else 0.0
+            ranked.append(
+                (
+                    (n - rank, int(np.isinf(std).sum()), round(level, 9)),
+                    Candidate(name, chosen, rank - self.rank, std),
+                )
+            )
+        ranked.sort(key=lambda item: item[0])
+        return tuple(candidate for _, candidate in ranked)
+
+    @cached_property
+    def islands(self) -> tuple[tuple[str, ...], ...]:
+        """Groups of states that no measurement or prior ties to each other.
+
+        One group where all are tied; states that nothing measures are groups of one.
+        """
+        rows = np.vstack([self.problem.all_rows, self.problem.constraints]) != 0
+        owner = list(range(len(self.names)))
+
+        def root(i: int) -> int:
+            while owner[i] != i:
+                owner[i] = owner[owner[i]]
+                i = owner[i]
+            return i
+
+        for pattern in np.unique(rows, axis=0):
+            first, *others = np.flatnonzero(pattern).tolist() or [0]
+            for i in others:
+                owner[root(i)] = root(first)
+        groups: dict[int, list[str]] = {}
+        for i, name in enumerate(self.names):
+            groups.setdefault(root(i), []).append(name)
+        return tuple(tuple(group) for group in groups.values())
+
     def _direction(self, combination: str | ArrayLike) -> ArrayLike:
         return self.problem.direction(combination) if isinstance(combination, str) else combination
 
@@ -167,6 +352,7 @@ class Observability:
             "priors": dict(self.problem.priors),
             "logdet": plain(self.logdet),
             "weakest_direction": plain(self.weakest_direction),
+            "islands": [list(group) for group in self.islands],
             "suggestions": [
                 {
                     "name": s.name,
@@ -188,9 +374,31 @@ class Observability:
         for name, unit, std in zip(self.names, self.units, self.crlb_std, strict=True):
             bound = "not observable" if np.isinf(std) else f"{std:.6g} {unit}".rstrip()
             lines.append(f"  {name:<{width}}  {bound}")
+        lines += [f"  {text}" for text in self._remarks()]
         if self.status != "observable" and self.suggestions:
             lines.append(f"  what would help most: {self.describe(self.suggestions[0])}")
         return "\n".join(lines)
+
+    def _remarks(self) -> list[str]:
+        """Return what is worth a line beside the bounds: islands, critical measurements."""
+        remarks = []
+        islands = [group for group in self.islands if len(group) < len(self.names)]
+        if islands:
+            told = [
+                "{" + ", ".join(group[:4]) + (", ..." if group[4:] else "") + "}"
+                for group in islands
+            ]
+            more = f" and {len(told) - 4} more" if told[4:] else ""
+            remarks.append(f"not tied to each other: {', '.join(told[:4])}{more}")
+        if self.status in {"observable", "weak"} and len(self.problem.rows) > self.rank:
+            vital = [one for one in self.critical(10.0) if one.nullity]
+            if vital:
+                names = ", ".join(one.name for one in vital[:6]) + (", ..." if vital[6:] else "")
+                remarks.append(f"not observable without: {names}")
+        accuracy = self.problem.accuracy
+        if accuracy is not None and self.status == "undecided":
+            remarks.append(accuracy.summary())
+        return remarks
 
     def describe(self, suggestion: Suggestion) -> str:
         """Return one suggestion in words."""
@@ -210,10 +418,10 @@ class Observability:
 
 
 def analyze(
-    problem_or_rows: Problem | ArrayLike,
+    problem_or_rows: Problem | ProblemSource | ArrayLike,
     names: Sequence[str] | None = None,
     scale: ArrayLike | Mapping[str, float] | None = None,
-    prior: Mapping[str, float] | None = None,
+    prior: Mapping[str, Any] | ArrayLike | None = None,
     *,
     weak_ratio: float = 1.0,
     weak_condition: float = 1e8,
@@ -223,7 +431,7 @@ def analyze(
 
     Parameters
     ----------
-    problem_or_rows : Problem or array_like, shape (K, n)
+    problem_or_rows : Problem, Model or array_like, shape (K, n)
         Whitened rows, (d h / d x) / sigma. Sparse ones are answered by a
         `gramian.large.SparseObservability`, with the same attributes.
     names : sequence of str, length n, optional
@@ -231,8 +439,9 @@ def analyze(
     scale : array_like, shape (n,), or mapping of str to float, optional
         For each state the deviation that would be useless. A bound above it
         makes the status "weak".
-    prior : mapping of str to float, optional
-        Standard deviations of what is known beforehand, added to the problem's.
+    prior : mapping of str to float or (mean, sigma), or array_like, optional
+        Standard deviations of what is known beforehand, added to the problem's; all of
+        them as an array (n,), or a covariance (n, n). 0 is exact knowledge, `inf` none.
     weak_ratio : float
         "weak" where a bound exceeds this many times the scale or prior.
     weak_condition : float
@@ -285,11 +494,10 @@ def analyze(
             problem, weak_ratio=weak_ratio, weak_condition=weak_condition, rtol=rtol
         )
         return sparse
-    tolerance = problem.rtol if rtol is None else rtol
-    analysis = _core.Analysis(at_least_one_row(problem.all_rows), tolerance)
+    analysis = problem.factor(rtol=rtol)
     data_std = analysis.crlb_std()
-    if problem.priors:
-        data_std = _core.Analysis(at_least_one_row(problem.rows), tolerance).crlb_std()
+    if problem.has_prior:
+        data_std = problem.factor(prior=False, rtol=rtol).crlb_std()
     crlb_std = analysis.crlb_std()
     unit_values = analysis.singular_values()
     n, rank = problem.n, analysis.rank
@@ -298,15 +506,24 @@ def analyze(
         gap = np.inf if dropped == 0 else float(unit_values[rank - 1] / dropped) if rank else 0.0
         condition = np.inf
     else:
-        condition = float(unit_values[0] / unit_values[-1])
+        known = unit_values[np.isfinite(unit_values)]
+        condition = float(known[0] / known[-1]) if known.size else 1.0
         gap = 1 / (condition * analysis.rtol)
     null_space = analysis.null_space()
     null_combinations = describe_null_space(null_space, problem.names)
     scale_given = ~np.isnan(problem.scale)
-    values = analysis.singular_values_scaled(problem.scale) if scale_given.all() else unit_values
+    values = unit_values
+    if scale_given.all() and not len(problem.constraints):
+        values = _core.singular_values(at_least_one_row(problem.all_rows) * problem.scale)
     status, reason, decided_by = _status(
         problem, null_space, data_std, condition, weak_ratio, weak_condition
     )
+    if status == "unobservable" and rtol is None:
+        undecided = _undecided(
+            problem, analysis, null_space, unit_values, weak_ratio, weak_condition
+        )
+        if undecided:
+            status, reason = "undecided", undecided
     return Observability(
         status=status,
         reason=reason,
@@ -370,6 +587,60 @@ def _status(
         reason = f"condition number {condition:.3g} on unit columns, above {weak_condition:.3g}"
         return "weak", reason, (hardest,)
     return "observable", f"rank {n} of {n}", ()
+
+
+def _undecided(
+    problem: Problem,
+    analysis: _core.Analysis,
+    null_space: Array,
+    values: Array,
+    weak_ratio: float,
+    weak_condition: float,
+) -> str | None:
+    """Return why the rows are too inaccurate to tell, or None where they are not.
+
+    A direction that counts as open is one of two: nothing is known of it, or less than
+    the error of the rows. Where that little would be weak anyway, it makes no difference.
+    """
+    doubt = problem.doubt()
+    advice = "give a Jacobian, a more accurate h, or scale"
+    if doubt.vague:
+        names = ", ".join(problem.names[i] for i in doubt.vague)
+        return (
+            f"the derivatives by {names} are smaller than their errors: {advice}, "
+            "from which the step is found"
+        )
+    if doubt.rtol is None:
+        return None
+    rank = analysis.rank
+    tolerance = analysis.rtol * values[0]
+    left = values[rank:]
+    # Open for certain: columns of nothing.
+    if len(doubt.nothing) + int((problem.rows == 0).all(axis=0).sum()) >= len(left):
+        return None
+    norms = np.linalg.norm(problem.all_rows, axis=0)
+    norms = np.where(norms > 0, norms, 1.0)
+    for direction in null_space.T:
+        # The largest bound that errors of this size could hide.
+        unit = direction * norms
+        least = np.abs(direction) / np.linalg.norm(unit) / tolerance
+        touched = direction != 0
+        limits = problem.scale
+        for name, sigma in problem.priors.items():
+            if name in problem.names:
+                i = problem.index(name)
+                limits = limits.copy()
+                limits[i] = np.fmin(limits[i], sigma)
+        with np.errstate(invalid="ignore"):
+            weak = (least > weak_ratio * limits)[touched & ~np.isnan(limits)].any()
+        if np.isnan(limits[touched]).all():
+            weak = 1 / analysis.rtol > weak_condition
+        if not weak:
+            return (
+                f"sigma_{rank + 1} = {values[rank]:.2g} on unit columns, accuracy of the rows "
+                f"{analysis.rtol:.2g}: {advice}"
+            )
+    return None
 
 
 def _reference(problem: Problem) -> Array:

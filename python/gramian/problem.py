@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,12 +14,77 @@ from numpy.typing import ArrayLike, NDArray
 from gramian import _core
 from gramian import _options as options
 from gramian._arrays import as_float_array, finite
+from gramian._noise import as_noise, prior_sigma
 from gramian._registry import load
 from gramian.exceptions import InputError
 
-__all__ = ["Problem", "from_function"]
+__all__ = ["Accuracy", "Problem"]
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Accuracy:
+    """How accurate the derivatives of a model are, and how they were found.
+
+    Attributes
+    ----------
+    method : str
+        As given to `from_function`.
+    error : ndarray, shape (m, n), or None
+        Error of each derivative, before whitening; None where they are taken as exact.
+    noise : ndarray, shape (m,), or None
+        Standard deviation of the noise of h itself, where it was measured.
+    step : ndarray, shape (n,), or None
+        The longest step by which each state was moved.
+    evaluations : int
+        How often h (or its Jacobian) was evaluated.
+    groups : int
+        Groups of states that were moved together.
+    """
+
+    method: str
+    error: Array | None
+    noise: Array | None
+    step: Array | None
+    evaluations: int
+    groups: int
+
+    def summary(self) -> str:
+        """Return it in a line."""
+        if self.error is None:
+            return f"rows by {self.method}, taken as exact"
+        text = f"rows by {self.method}, errors up to {self.error.max(initial=0.0):.2g}"
+        if self.noise is not None:
+            text += f", noise of h up to {self.noise.max(initial=0.0):.2g}"
+        return f"{text}, {self.evaluations} evaluations"
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """What the errors of the rows leave open.
+
+    Attributes
+    ----------
+    rtol : float or None
+        Relative accuracy of the rows with unit columns, where it is worse than rounding.
+    vague : tuple of int
+        States whose columns may be zero and may be not.
+    nothing : tuple of int
+        States whose columns are rounding alone.
+    """
+
+    rtol: float | None
+    vague: tuple[int, ...]
+    nothing: tuple[int, ...]
+
+
+class ProblemSource(ABC):
+    """What can be asked as a problem: a model at its state."""
+
+    @abstractmethod
+    def problem(self) -> Problem:
+        """Return the problem."""
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -45,6 +111,13 @@ class Problem:
     combinations : mapping of str to array_like, shape (n,), optional
         Named linear combinations of the states, offered as knowledge beside the
         states themselves: ``{"climb rate": [0, 0, 1, 0]}``.
+    row_error : array_like, shape (K, n), optional
+        Largest error of each entry of the rows, where they are not exact. What it cannot
+        tell from zero makes the status "undecided".
+    row_sigma : array_like, shape () or (n,), optional
+        Standard deviation of random errors in the entries of each column: of normals
+        that were measured, for one. Information that such errors alone would show counts
+        as none, and the rest is corrected for them.
 
     Raises
     ------
@@ -72,6 +145,11 @@ class Problem:
     rtol: float | None
     priors: Mapping[str, float]
     combinations: Mapping[str, Array] = field(repr=False)
+    constraints: Array = field(repr=False)
+    prior_rows: Array = field(repr=False)
+    row_error: Array | None = field(repr=False)
+    row_sigma: Array | None = field(repr=False)
+    accuracy: Accuracy | None = field(repr=False)
 
     def __new__(cls, rows: Any = None, *args: Any, **options: Any) -> Problem:
         """Make a `gramian.large.SparseProblem` of sparse rows."""
@@ -87,8 +165,10 @@ class Problem:
         scale: ArrayLike | None = None,
         rtol: float | None = None,
         combinations: Mapping[str, ArrayLike] | None = None,
+        row_error: ArrayLike | None = None,
+        row_sigma: ArrayLike | None = None,
     ) -> None:
-        names = _checked_names(names)
+        names = checked_names(names)
         n = len(names)
         array = _finite(rows, "rows")
         if array.ndim != 2 or array.shape[1] != n:
@@ -112,7 +192,25 @@ class Problem:
         }
         if taken := set(checked) & set(names):
             raise InputError(f"combinations has {sorted(taken)[0]!r}: that is a state's name")
+        if row_error is not None:
+            row_error = as_float_array(row_error, "row_error").copy()
+            if row_error.shape != array.shape or not (row_error >= 0).all():
+                raise InputError(
+                    f"row_error has shape {row_error.shape}: must be {array.shape}, all >= 0"
+                )
+        if row_sigma is not None:
+            each = finite(row_sigma, "row_sigma")
+            if each.shape not in {(), (n,)} or not (each >= 0).all():
+                raise InputError(
+                    f"row_sigma has shape {each.shape}: must be one number or ({n},), all >= 0"
+                )
+            row_sigma = np.array(np.broadcast_to(each, (n,)))
         self._set(
+            constraints=np.zeros((0, n)),
+            prior_rows=np.zeros((0, n)),
+            row_error=row_error,
+            row_sigma=row_sigma,
+            accuracy=None,
             rows=array,
             names=names,
             units=tuple(units) if units is not None else ("",) * n,
@@ -191,17 +289,70 @@ class Problem:
     @property
     def all_rows(self) -> Array:
         """The rows of the measurements and below them those of the priors."""
-        if not self.priors:
+        if not self.has_prior:
             return self.rows
         prior = [self.direction(name) / sigma for name, sigma in self.priors.items()]
-        return np.vstack([self.rows, *prior])
+        return np.vstack([self.rows, self.prior_rows, *prior])
+
+    @property
+    def has_prior(self) -> bool:
+        """Whether anything but exact knowledge was known beforehand."""
+        return bool(self.priors) or len(self.prior_rows) > 0
+
+    @property
+    def data_rows(self) -> Array:
+        """The rows of the measurements with what their random errors leave of them."""
+        if self.row_sigma is None or not self.row_sigma.any() or not len(self.rows):
+            return self.rows
+        return _core.rows_without_noise(self.rows, self.row_sigma)
+
+    def doubt(self) -> Doubt:
+        """Return what the errors of the rows leave open."""
+        norms = np.linalg.norm(self.rows, axis=0) if len(self.rows) else np.zeros(self.n)
+        if self.row_error is None or self.rtol is not None:
+            return Doubt(self.rtol, (), ())
+        errors = np.linalg.norm(self.row_error, axis=0)
+        hidden = (errors > 0) & ~(errors < norms / 3)
+        # A column of rounding alone: not even a step as long as the state would show.
+        step = None if self.accuracy is None else self.accuracy.step
+        reach = errors * (1.0 if step is None else step)
+        nothing = hidden & (reach < 1e-6)
+        vague = hidden & ~nothing
+        with np.errstate(divide="ignore", invalid="ignore"):
+            relative = np.where(hidden | (errors == 0), 0.0, errors / norms)
+        rtol = float(np.linalg.norm(relative))
+        default = 32 * np.finfo(float).eps * np.sqrt(max(self.rows.shape))
+        return Doubt(
+            min(rtol, 0.5) if rtol > default else None,
+            tuple(np.flatnonzero(vague).tolist()),
+            tuple(np.flatnonzero(nothing).tolist()),
+        )
+
+    def factor(self, *, prior: bool = True, rtol: float | None = None) -> _core.Analysis:
+        """Return the rows reduced, with or without prior knowledge, exact one included."""
+        doubt = self.doubt()
+        rows = self.data_rows
+        if cut := doubt.vague + doubt.nothing:
+            rows = rows.copy()
+            rows[:, cut] = 0.0
+        if prior and self.has_prior:
+            rows = np.vstack([rows, self.all_rows[len(self.rows) :]])
+        exact = self.constraints if len(self.constraints) else None
+        tolerance = doubt.rtol if rtol is None else rtol
+        return _core.Analysis(at_least_one_row(rows), tolerance, exact)
 
     def with_rows(self, rows: ArrayLike) -> Problem:
         """Return the same problem with other measurement rows (K, n)."""
         array = _finite(rows, "rows")
         if array.ndim != 2 or array.shape[1] != self.n:
             raise InputError(f"rows has shape {array.shape}: must be (measurements, {self.n})")
-        return self._replaced(rows=array)
+        return self._replaced(rows=array, row_error=None, accuracy=None)
+
+    def keep_rows(self, kept: ArrayLike) -> Problem:
+        """Return the problem with some of its measurements: indices, or a mask (K,)."""
+        chosen = np.asarray(kept)
+        errors = None if self.row_error is None else self.row_error[chosen]
+        return self._replaced(rows=self.rows[chosen], row_error=errors)
 
     def with_scale(self, scale: ArrayLike | Mapping[str, float]) -> Problem:
         """Return the problem with the deviations that would be useless: all, or some by name."""
@@ -214,32 +365,77 @@ class Problem:
         return self._replaced(scale=_checked_scale(values, self.names))
 
     def fix(self, *names: str) -> Problem:
-        """Return the problem with these states known exactly.
+        """Return the problem with these known exactly.
 
         Parameters
         ----------
         *names : str
-            States; their columns fall away.
+            States, whose columns fall away, or named combinations.
         """
-        return self._keep([i for i in range(self.n) if i not in self._indices(names)])
+        states = [name for name in names if name not in self.combinations]
+        combined = [self.combinations[name] for name in names if name in self.combinations]
+        problem = self.constrain(np.array(combined)) if combined else self
+        if not states:
+            return problem
+        gone = self._indices(states)
+        return problem._keep([i for i in range(self.n) if i not in gone])
 
-    def prior(self, sigmas: Mapping[str, float]) -> Problem:
+    def constrain(self, rows: ArrayLike) -> Problem:
+        """Return the problem with combinations of the states known exactly.
+
+        Parameters
+        ----------
+        rows : array_like, shape (q, n)
+            Their coefficients: normals of the surface a state lies on, for one.
+        """
+        array = np.atleast_2d(_finite(rows, "rows"))
+        if array.ndim != 2 or array.shape[1] != self.n:
+            raise InputError(f"rows has shape {array.shape}: must be (constraints, {self.n})")
+        return self._replaced(constraints=np.vstack([self.constraints, array]))
+
+    def prior(self, sigmas: Mapping[str, Any] | ArrayLike) -> Problem:
         """Return the problem with prior knowledge added.
 
         Parameters
         ----------
-        sigmas : mapping of str to float
+        sigmas : mapping of str to float or (mean, sigma), or array_like (n,) or (n, n)
             Standard deviation of what is known beforehand of a state or named
-            combination, independent of the measurements and of each other. A
-            second prior of the same state is combined with the first.
+            combination, independent of the measurements and of each other: 0 for what is
+            known exactly, `inf` for nothing. A mean makes no difference here. A second
+            prior of the same state is combined with the first. As an array, one for each
+            state, or their covariance.
         """
-        priors = dict(self.priors)
-        for name, sigma in options.deviations(sigmas, "prior").items():
-            self.direction(name)
-            before = priors.get(name)
-            both = sigma if before is None else 1 / np.hypot(1 / sigma, 1 / before)
-            priors[name] = float(both)
-        return self._replaced(priors=MappingProxyType(priors))
+        if not isinstance(sigmas, Mapping):
+            return self._prior_array(as_float_array(sigmas, "prior"))
+        priors, exact = dict(self.priors), []
+        for name, sigma in options.mapping(sigmas, "prior").items():
+            direction = self.direction(name)
+            value = prior_sigma(sigma, name)
+            if value == np.inf:
+                continue
+            if value == 0:
+                exact.append(direction)
+                continue
+            if name in priors:
+                value = 1 / np.hypot(1 / value, 1 / priors[name])
+            priors[name] = float(value)
+        problem = self._replaced(priors=MappingProxyType(priors))
+        return problem.constrain(np.array(exact)) if exact else problem
+
+    def _prior_array(self, sigma: Array) -> Problem:
+        if sigma.ndim == 1:
+            if sigma.shape != (self.n,):
+                raise InputError(
+                    f"prior has shape {sigma.shape}: must be ({self.n},) or ({self.n}, {self.n})"
+                )
+            return self.prior(dict(zip(self.names, sigma.tolist(), strict=True)))
+        try:
+            noise = as_noise(sigma, self.n)
+        except InputError as error:
+            raise InputError(str(error).replace("sigma", "prior", 1)) from error
+        rows = noise.whiten(np.eye(self.n))
+        problem = self._replaced(prior_rows=np.vstack([self.prior_rows, rows]))
+        return problem.constrain(noise.exact) if len(noise.exact) else problem
 
     def marginalize(self, names: Iterable[str]) -> Problem:
         """Return the problem of the other states, with these not known at all.
@@ -263,10 +459,19 @@ class Problem:
         # Priors that touch an eliminated state go into the rows; others stay.
         used = {name for name in self.priors if self.direction(name)[out].any()}
         prior = [self.direction(name) / self.priors[name] for name in self.priors if name in used]
-        rows = np.vstack([self.rows, *prior])
-        left = _core.marginal_rows(rows[:, out + keep], len(out), self.rtol)
+        # What is known exactly of an eliminated state is heavy there, not exact.
+        if self.constraints[:, out].any():
+            raise InputError("marginalize: a state to eliminate is part of an exact constraint")
+        rows = np.vstack([self.rows, self.prior_rows, *prior])
+        rtol = self.rtol
+        if self.row_error is not None:
+            norms = np.linalg.norm(self.rows, axis=0)
+            relative = np.linalg.norm(self.row_error / np.where(norms > 0, norms, 1.0))
+            rtol = min(0.5, max(float(relative), rtol or 0.0)) or None
+        left = _core.marginal_rows(rows[:, out + keep], len(out), rtol)
         stay = {name: sigma for name, sigma in self.priors.items() if name not in used}
-        return self._keep(keep, rows=left, priors=stay)
+        problem = self._replaced(row_error=None, prior_rows=np.zeros((0, self.n)), rtol=rtol)
+        return problem._keep(keep, rows=left, priors=stay)
 
     def __add__(self, other: Problem) -> Problem:
         """Join independent measurements; states of the same name are the same."""
@@ -297,6 +502,14 @@ class Problem:
             for p in (other, self)
             for key, value in p.combinations.items()
         }
+        errors = None
+        if self.row_error is not None or other.row_error is not None:
+            errors = np.vstack(
+                [
+                    spread(np.zeros_like(p.rows) if p.row_error is None else p.row_error, p.names)
+                    for p in (self, other)
+                ]
+            )
         joined = Problem(
             np.vstack([spread(self.rows, self.names), spread(other.rows, other.names)]),
             names,
@@ -304,6 +517,11 @@ class Problem:
             scale=scale,
             rtol=max(tolerances, default=None),
             combinations=combinations,
+            row_error=errors,
+        )
+        joined = joined._replaced(
+            constraints=np.vstack([spread(p.constraints, p.names) for p in (self, other)]),
+            prior_rows=np.vstack([spread(p.prior_rows, p.names) for p in (self, other)]),
         )
         return joined.prior(self.priors).prior(other.priors)
 
@@ -317,10 +535,12 @@ class Problem:
         self, keep: list[int], rows: Array | None = None, priors: Mapping[str, float] | None = None
     ) -> Problem:
         gone = [i for i in range(self.n) if i not in keep]
+        errors = self.row_error
         if rows is None:
             rows, gone_matters = self.rows[:, keep], False
+            errors = None if errors is None else errors[:, keep]
         else:
-            gone_matters = True
+            gone_matters, errors = True, None
         # A combination with a state that was marginalised is not one of what is
         # left; with a state that is known, only its rest is.
         combinations = {
@@ -331,7 +551,12 @@ class Problem:
         names = tuple(self.names[i] for i in keep)
         priors = self.priors if priors is None else priors
         priors = {key: s for key, s in priors.items() if key in names or key in combinations}
+        constraints = self.constraints[:, keep]
         return self._replaced(
+            constraints=constraints[constraints.any(axis=1)],
+            prior_rows=self.prior_rows[:, keep],
+            row_error=errors,
+            row_sigma=None if self.row_sigma is None else self.row_sigma[keep],
             rows=rows,
             names=names,
             units=tuple(self.units[i] for i in keep),
@@ -341,8 +566,12 @@ class Problem:
         )
 
 
-def as_problem(problem_or_rows: Problem | ArrayLike, names: Sequence[str] | None) -> Problem:
-    """Return the problem, or plain rows as one."""
+def as_problem(
+    problem_or_rows: Problem | ProblemSource | ArrayLike, names: Sequence[str] | None
+) -> Problem:
+    """Return the problem, that of a model, or plain rows as one."""
+    if isinstance(problem_or_rows, ProblemSource):
+        problem_or_rows = problem_or_rows.problem()
     if isinstance(problem_or_rows, Problem):
         if names is not None:
             raise InputError("names was given with a problem, which has its own")
@@ -373,169 +602,7 @@ def at_least_one_row(rows: Array) -> Array:
     return rows if rows.shape[-2] else np.zeros((1, rows.shape[-1]))
 
 
-def from_function(
-    h: Callable[[Array], ArrayLike],
-    x: ArrayLike,
-    sigma: ArrayLike,
-    names: Sequence[str],
-    *,
-    method: Literal["central", "complex", "given"] = "central",
-    jacobian: Callable[[Array], ArrayLike] | None = None,
-    units: Sequence[str] | None = None,
-    scale: ArrayLike | None = None,
-    combinations: Mapping[str, ArrayLike] | None = None,
-) -> Problem:
-    """Make a problem of a measurement function of your own.
-
-    Parameters
-    ----------
-    h : callable
-        Takes the state (n,), returns the measurements (K,).
-    x : array_like, shape (n,)
-        The state at which the question is asked.
-    sigma : array_like, shape (), (K,) or (K, K)
-        Standard deviation of all measurements or of each, or their covariance.
-    names : sequence of str, length n
-        The states.
-    method : {"central", "complex", "given"}
-        How the Jacobian is found: fourth-order central differences with a step
-        scaled to each state; a complex step, exact to rounding, for an `h` that
-        accepts complex numbers and is analytic in them (no abs, no comparison);
-        or the function `jacobian`.
-    jacobian : callable, optional
-        Takes the state (n,), returns (K, n). Needed by ``method="given"`` only.
-    units, scale, combinations : optional
-        As for `Problem`. The scale also sets the step of the differences.
-
-    Returns
-    -------
-    Problem
-        With `rtol` set to the error of the differences, so that their noise is
-        not taken for information.
-
-    Raises
-    ------
-    InputError
-        Shapes that do not fit, a sigma that is not positive, a covariance that
-        is not positive definite, a result that is not finite.
-
-    Examples
-    --------
-    >>> import numpy as np, gramian as gm
-    >>> ranges = lambda p: [np.hypot(p[0], p[1]), np.hypot(p[0] - 100, p[1])]
-    >>> problem = gm.from_function(ranges, [30.0, 40.0], 1.0, ["east", "north"])
-    >>> gm.analyze(problem).rank
-    2
-    """
-    names = _checked_names(names)
-    options.function(h, "h")
-    options.choice(method, "method", ("central", "complex", "given"))
-    if jacobian is not None:
-        options.function(jacobian, "jacobian")
-    state = _finite(x, "x")
-    if state.shape != (len(names),):
-        raise InputError(f"x has shape {state.shape}: must be ({len(names)},), one for each name")
-    if (method == "given") != (jacobian is not None):
-        raise InputError(
-            f'method = "{method}" with jacobian {"given" if jacobian is not None else "missing"}: '
-            'a jacobian goes with method = "given" and with no other'
-        )
-    rtol: float | None = None
-    if jacobian is not None:
-        values = _finite(jacobian(state), "jacobian(x)")
-    elif method == "complex":
-        values = _complex_step(h, state)
-    elif method == "central":
-        values, rtol = _central_differences(h, state, scale)
-    else:
-        raise InputError(f'method = {method!r}: must be "central", "complex" or "given"')
-    if values.ndim != 2 or values.shape[1] != len(names):
-        raise InputError(
-            f"the Jacobian has shape {values.shape}: must be (measurements, {len(names)})"
-        )
-    rows = _whitened(values, sigma)
-    return Problem(rows, names, units=units, scale=scale, rtol=rtol, combinations=combinations)
-
-
-def _whitened(jacobian: Array, sigma: ArrayLike) -> Array:
-    noise = _finite(sigma, "sigma")
-    count = jacobian.shape[0]
-    if noise.ndim < 2:
-        if noise.ndim == 1 and noise.shape != (count,):
-            raise InputError(f"sigma has {noise.shape[0]} entries: must have 1 or {count}")
-        if (bad := np.argwhere(np.atleast_1d(noise) <= 0)).size:
-            i = int(bad[0][0])
-            raise InputError(f"sigma[{i}] = {np.atleast_1d(noise)[i]}: must be > 0")
-        whitened: Array = jacobian / np.broadcast_to(noise, (count,))[:, None]
-        return whitened
-    if noise.shape != (count, count):
-        raise InputError(f"sigma has shape {noise.shape}: a covariance must be ({count}, {count})")
-    if not np.allclose(noise, noise.T, rtol=1e-10, atol=0):
-        raise InputError("sigma is not symmetric: a covariance must be")
-    from scipy.linalg import solve_triangular
-
-    try:
-        factor = np.linalg.cholesky(noise)
-    except np.linalg.LinAlgError:
-        raise InputError("sigma is not positive definite: a covariance must be") from None
-    result: Array = solve_triangular(factor, jacobian, lower=True)
-    return result
-
-
-def _complex_step(h: Callable[[Array], ArrayLike], x: Array) -> Array:
-    columns = []
-    for i in range(x.size):
-        step = 1e-100 * max(1.0, abs(x[i]))
-        moved: Any = x.astype(complex)
-        moved[i] += 1j * step
-        try:
-            values = np.asarray(h(moved))
-        except TypeError as error:
-            raise InputError(f"h does not accept complex numbers: {error}") from error
-        if not np.iscomplexobj(values):
-            raise InputError(
-                'h returns real numbers for a complex state: use method = "central", '
-                "or an h without abs, real or conversions to float"
-            )
-        columns.append(values.ravel().imag / step)
-    return _finite(np.stack(columns, axis=1), "the complex-step Jacobian of h")
-
-
-def _central_differences(
-    h: Callable[[Array], ArrayLike], x: Array, scale: ArrayLike | None
-) -> tuple[Array, float]:
-    size = np.abs(x)
-    if scale is not None:
-        known = as_float_array(scale, "scale")
-        if known.shape == x.shape:
-            size = np.fmax(size, known)
-    # A state at 0 with no scale gives no hint of its size.
-    size[size == 0] = 1.0
-    steps = np.finfo(float).eps ** 0.2 * size
-
-    def difference(i: int, step: float) -> Array:
-        ends = []
-        for sign in (1.0, -1.0):
-            moved = x.copy()
-            moved[i] += sign * step
-            ends.append((moved[i], _finite(h(moved), "h(x)").ravel()))
-        (upper, above), (lower, below) = ends
-        change: Array = (above - below) / (upper - lower)
-        return change
-
-    columns, error = [], 0.0
-    for i, step in enumerate(steps):
-        wide, narrow = difference(i, step), difference(i, step / 2)
-        column = (4 * narrow - wide) / 3
-        norm = np.linalg.norm(column)
-        if norm > 0:
-            # Twice the true error of the better estimate at most, in practice.
-            error = max(error, float(np.linalg.norm(narrow - wide) / norm) ** 2)
-        columns.append(column)
-    return np.stack(columns, axis=1), min(max(1e-9, error), 1e-2)
-
-
-def _checked_names(names: Sequence[str]) -> tuple[str, ...]:
+def checked_names(names: Sequence[str]) -> tuple[str, ...]:
     checked = options.names(names, "names")
     for i, name in enumerate(checked):
         if not name:

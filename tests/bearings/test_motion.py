@@ -44,7 +44,7 @@ def test_rows_are_the_differences_of_the_angles(order, dimensions):
     by_differences = gm.from_function(
         lambda x: angles(x, dimensions), x, noise, names, scale=np.abs(x) + 1e-6
     )
-    assert found == pytest.approx(by_differences.rows, rel=1e-7, abs=1e-7 * np.abs(found).max())
+    assert found == pytest.approx(by_differences.rows(), rel=1e-7, abs=1e-7 * np.abs(found).max())
     named = problem(TIMES, PATH[:, :dimensions], x, sigma, order=order, **up)
     assert (named.names, named.units) == (names, units)
     assert np.array_equal(named.rows, found)

@@ -124,7 +124,7 @@ def test_rows_are_the_derivatives_of_the_bearing():
     )
     rows = gm.bearings.rows(times, observer, state, SIGMA)
     size = np.abs(rows).max(axis=0)
-    np.testing.assert_allclose(problem.rows / size, rows / size, atol=1e-8)
+    np.testing.assert_allclose(problem.rows() / size, rows / size, atol=1e-8)
 
 
 def test_positions_and_state_give_the_same_rows():

@@ -106,7 +106,7 @@ def test_rows_are_the_derivatives_of_what_is_measured():
             gm.dipole.NAMES,
         )
         rows = gm.dipole.rows(x[:3], x[3:6], x[6:], times, 1e-9, sensors=sensors, ambient=ambient)
-        assert abs(rows - problem.rows).max() < 1e-8 * abs(rows).max()
+        assert abs(rows - problem.rows()).max() < 1e-8 * abs(rows).max()
 
 
 def test_fisher_is_the_sum_over_rows_for_batches_sensors_and_sigmas():

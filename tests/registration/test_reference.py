@@ -172,7 +172,7 @@ def test_rows_are_the_derivative_with_positions_eliminated():
         measured, np.concatenate([np.zeros(n), places.ravel()]), np.tile(sigma, 9), names,
         scale=scale,
     )  # fmt: skip
-    left = joint.marginalize([f"p{i}" for i in range(9)])
+    left = joint.problem().marginalize([f"p{i}" for i in range(9)])
     expected, found = left.rows.T @ left.rows, direct.rows.T @ direct.rows
     size = np.sqrt(np.outer(np.diag(found), np.diag(found)))
     assert (expected / size) == pytest.approx(found / size, abs=1e-7)

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian._arrays import as_float_array
+from gramian._noise import prior_rows
 from gramian._text import describe_null_space
 from gramian.exceptions import InputError, UnobservableError
-from gramian.problem import Problem, as_problem, at_least_one_row
+from gramian.problem import Problem, ProblemSource, as_problem, at_least_one_row
 
 __all__ = ["crlb", "crlb_std", "gram"]
 
@@ -52,17 +54,19 @@ def gram(rows: ArrayLike, weights: ArrayLike | None = None) -> Array:
 
 
 def crlb_std(
-    rows_or_problem: ArrayLike | Problem, prior: Mapping[str, float] | ArrayLike | None = None
+    rows_or_problem: ArrayLike | Problem | ProblemSource,
+    prior: Mapping[str, Any] | ArrayLike | None = None,
 ) -> Array:
     """Return the smallest standard deviation of each state, `inf` where it is not observable.
 
     Parameters
     ----------
-    rows_or_problem : array_like, shape (..., K, n), or Problem
+    rows_or_problem : array_like, shape (..., K, n), Problem or Model
         Whitened rows.
-    prior : mapping of str to float, or array_like, shape (n,), optional
-        What is known beforehand: for a problem, deviations by name; for rows,
-        one deviation for each state, `inf` for none.
+    prior : mapping of str to float or (mean, sigma), or array_like, optional
+        What is known beforehand: for a problem, deviations by name; for any, one
+        deviation for each state (n,), or their covariance (n, n). 0 is exact
+        knowledge, `inf` none.
 
     Returns
     -------
@@ -85,23 +89,34 @@ def crlb_std(
     >>> crlb_std([[2.0, 0.0], [2.0, 0.0]])
     array([0.35355339, inf])
     """
-    if isinstance(rows_or_problem, Problem):
-        problem = _with_prior(rows_or_problem, prior)
-        known = at_least_one_row(problem.all_rows)
-        return _core.crlb_std(known, problem.rtol)
+    if isinstance(rows_or_problem, (Problem, ProblemSource)):
+        problem = as_problem(rows_or_problem, None)
+        problem = problem if prior is None else problem.prior(prior)
+        if problem.row_error is None and problem.row_sigma is None and not len(problem.constraints):
+            known = at_least_one_row(problem.all_rows)
+            return _core.crlb_std(known, problem.rtol)
+        return problem.factor().crlb_std()
     rows: ArrayLike = rows_or_problem
     if prior is not None:
         rows = as_float_array(rows, "rows")
         if rows.ndim < 2:
             raise InputError(f"rows has shape {rows.shape}: must be (..., K, n)")
-        extra = _prior_rows(prior, rows.shape[-1])
+        extra, exact = prior_rows(prior, rows.shape[-1])
+        if len(exact):
+            flat = rows.reshape(-1, *rows.shape[-2:])
+            std = [
+                _core.Analysis(at_least_one_row(np.vstack([one, extra])), None, exact).crlb_std()
+                for one in flat
+            ]
+            return np.array(std).reshape(*rows.shape[:-2], rows.shape[-1])
         extra = np.broadcast_to(extra, (*rows.shape[:-2], *extra.shape))
         rows = np.concatenate([rows, extra], axis=-2)
     return _core.crlb_std(rows, None)
 
 
 def crlb(
-    rows_or_problem: ArrayLike | Problem, prior: Mapping[str, float] | ArrayLike | None = None
+    rows_or_problem: ArrayLike | Problem | ProblemSource,
+    prior: Mapping[str, Any] | ArrayLike | None = None,
 ) -> Array:
     """Return the Cramer-Rao bound on the covariance of all states.
 
@@ -126,15 +141,14 @@ def crlb(
     array([[0.25, 0.  ],
            [0.  , 1.  ]])
     """
-    if isinstance(rows_or_problem, Problem):
-        problem = _with_prior(rows_or_problem, prior)
-        rows = problem.all_rows
-    else:
-        problem = as_problem(rows_or_problem, None)
-        rows = problem.rows
-        if prior is not None:
-            rows = np.vstack([rows, _prior_rows(prior, problem.n)])
-    analysis = _core.Analysis(at_least_one_row(rows), problem.rtol)
+    problem = as_problem(rows_or_problem, None)
+    if prior is not None:
+        if isinstance(prior, Mapping) and not isinstance(rows_or_problem, (Problem, ProblemSource)):
+            raise InputError(
+                "prior of plain rows: must be one deviation for each state, as an array"
+            )
+        problem = problem.prior(prior)
+    analysis = problem.factor()
     covariance = analysis.crlb()
     if covariance is None:
         combinations = describe_null_space(analysis.null_space(), problem.names)
@@ -144,23 +158,3 @@ def crlb(
             combinations,
         )
     return covariance
-
-
-def _with_prior(problem: Problem, prior: Mapping[str, float] | ArrayLike | None) -> Problem:
-    if prior is None:
-        return problem
-    if not isinstance(prior, Mapping):
-        raise InputError("prior of a problem: must be a mapping of state name to deviation")
-    return problem.prior(prior)
-
-
-def _prior_rows(prior: Mapping[str, float] | ArrayLike, n: int) -> Array:
-    if isinstance(prior, Mapping):
-        raise InputError("prior of plain rows: must be one deviation for each state, as an array")
-    sigma = as_float_array(prior, "prior")
-    if sigma.shape != (n,):
-        raise InputError(f"prior has shape {sigma.shape}: must be ({n},)")
-    if (bad := np.flatnonzero(~(sigma > 0))).size:
-        raise InputError(f"prior[{bad[0]}] = {sigma[bad[0]]}: must be > 0, or inf for none")
-    rows: Array = np.diag(1 / sigma)
-    return rows

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian._arrays import as_float_array, finite
+from gramian._noise import prior_sigma
 from gramian.exceptions import InputError
 from gramian.problem import Problem
 
@@ -118,6 +119,11 @@ class SparseProblem(Problem):
             rtol=rtol,
             priors=MappingProxyType({}),
             combinations=_vectors(combinations, "combinations", n),
+            constraints=np.zeros((0, n)),
+            prior_rows=np.zeros((0, n)),
+            row_error=None,
+            row_sigma=None,
+            accuracy=None,
             blocks=tuple(number),
             block_of=block_of,
             gauges=_vectors(gauges, "gauges", n),
@@ -205,16 +211,22 @@ class SparseProblem(Problem):
         _require_finite(array, self.names)
         return self._replaced(rows=array)
 
-    def prior(self, sigmas: Mapping[str, float]) -> SparseProblem:
+    def prior(self, sigmas: Mapping[str, Any] | ArrayLike) -> SparseProblem:
         """Return the problem with prior knowledge added.
 
         Parameters
         ----------
-        sigmas : mapping of str to float
+        sigmas : mapping of str to float or (mean, sigma), or array_like, shape (n,)
             Standard deviation of what is known beforehand of a state, of each state of a
-            block, or of a named combination.
+            block, or of a named combination; `inf` for nothing. What is known exactly is
+            for `fix`.
         """
-        spread: dict[str, float] = {}
+        if not isinstance(sigmas, Mapping):
+            each = as_float_array(sigmas, "prior")
+            if each.shape != (self.n,):
+                raise InputError(f"prior has shape {each.shape}: must be ({self.n},)")
+            sigmas = dict(zip(self.names, each.tolist(), strict=True))
+        spread: dict[str, Any] = {}
         for name, sigma in sigmas.items():
             if name in self.combinations or name in self._columns:
                 spread[name] = sigma
@@ -222,12 +234,14 @@ class SparseProblem(Problem):
                 spread |= {self.names[j]: sigma for j in self.columns_of(name)}
         priors = dict(self.priors)
         for name, sigma in spread.items():
-            value = float(sigma)
-            if not 0 < value < np.inf:
-                raise InputError(f"prior of {name} = {sigma}: must be > 0 and finite")
+            value = prior_sigma(sigma, name)
+            if value == np.inf:
+                continue
+            if value == 0:
+                raise InputError(f"prior of {name} = 0: what is known exactly is for fix")
             if name in priors:
                 value = 1 / np.hypot(1 / value, 1 / priors[name])
-            priors[name] = value
+            priors[name] = float(value)
         return self._replaced(priors=MappingProxyType(priors))
 
     def fix(self, *names: str) -> SparseProblem:
@@ -289,6 +303,8 @@ class SparseProblem(Problem):
         left = set(names)
         return self._replaced(
             rows=self.rows[:, keep].tocsr(),
+            constraints=np.zeros((0, len(keep))),
+            prior_rows=np.zeros((0, len(keep))),
             names=names,
             units=tuple(self.units[j] for j in keep),
             scale=self.scale[keep],

@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from gramian import _core
 from gramian._arrays import SEED_MOST, whole
 from gramian.exceptions import InputError, UnobservableError
-from gramian.problem import Problem, from_function
+from gramian.model import from_function
+from gramian.problem import Problem
 
 __all__ = ["Estimates", "Experiment", "Linear", "Measurements", "fingerprint", "normals"]
 
@@ -263,7 +264,8 @@ class Measurements(Experiment):
         """Return the problem at the truth, by differences."""
         if np.ndim(self.sigma) > 1:
             raise InputError("sigma has two axes: must be one number, or one for each measurement")
-        return from_function(self.h, self.truth, self.sigma, self.names, units=self.units)
+        model = from_function(self.h, self.truth, self.sigma, self.names, units=self.units)
+        return model.problem()
 
     def simulate(self, seed: int, first: int, trials: int) -> Array:
         """Return measurements (trials, K)."""

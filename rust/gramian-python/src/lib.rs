@@ -15,6 +15,7 @@ mod inertial;
 mod linear;
 mod maneuver;
 mod maneuver_plan;
+mod model;
 mod monte_carlo;
 mod output;
 mod posterior;
@@ -44,6 +45,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     dynamics::register(module)?;
     linear::register(module)?;
     maneuver::register(module)?;
+    model::register(module)?;
     monte_carlo::register(module)?;
     posterior::register(module)?;
     registration::register(module)?;

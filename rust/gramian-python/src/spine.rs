@@ -3,6 +3,7 @@
 use gramian::batch::{self, simd::Path};
 use gramian::rounding;
 
+use gramian::large::dense;
 use gramian::observability::{Observability, marginal_rows as marginal};
 
 use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
@@ -69,6 +70,22 @@ fn crlb_std<'py>(
     rows.expect_entries()?;
     let (count, n) = (rows.core_shape()[0], rows.core_shape()[1]);
     let batch = Batch::of(&mut [&mut rows])?;
+    if n >= dense::LEAST_STATES {
+        let out = batch.unset(py, &[n])?;
+        let items = rows.items()?;
+        {
+            let mut write = out.readwrite();
+            let write = write.as_slice_mut()?;
+            for (trial, out) in write.chunks_exact_mut(n).enumerate() {
+                let data = items.get(trial).to_vec();
+                let found = interruptible(py, move || dense::crlb_std(&data, n, rtol))?
+                    .map_err(|error| input_at(&batch.place(trial), error))?;
+                expect_representable(&found, items.get(trial), n)?;
+                out.copy_from_slice(&found);
+            }
+        }
+        return Ok(out);
+    }
     let rows = rows.items()?;
     let cost = (count * n * n + 100 * n * n * n) as f64;
     let mut refused = None;
@@ -164,18 +181,42 @@ struct Analysis(Observability<f64>);
 #[pymethods]
 impl Analysis {
     #[new]
-    #[pyo3(signature = (rows, rtol))]
-    fn new(py: Python<'_>, rows: &Bound<'_, PyAny>, rtol: Option<f64>) -> PyResult<Self> {
+    #[pyo3(signature = (rows, rtol, exact=None))]
+    fn new(
+        py: Python<'_>,
+        rows: &Bound<'_, PyAny>,
+        rtol: Option<f64>,
+        exact: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
         let rows = Input::new(rows, "rows", 2)?;
         rows.expect_entries()?;
         rows.expect_single("one array (rows, states)")?;
         let n = rows.core_shape()[1];
+        let exact = exact.map(|e| Input::new(e, "constraints", 2)).transpose()?;
+        if let Some(exact) = &exact {
+            exact.expect(&[None, Some(n)], "one row for each constraint")?;
+        }
+        let known = exact.as_ref().map_or(Ok(&[][..]), Input::slice)?;
         let data = rows.slice()?;
-        // One factorisation uses one thread: it does not enter the pool.
-        let found = py
-            .detach(|| Observability::new(data, n, rtol))
-            .map_err(|error| input_at("", error))?;
-        expect_representable(&found.crlb_std(), data, n)?;
+        let found = if n < 16 {
+            // One factorisation uses one thread: it does not enter the pool.
+            py.detach(|| Observability::constrained(data, known, n, rtol))
+                .map_err(|error| input_at("", error))?
+        } else if known.is_empty() && n >= dense::LEAST_STATES {
+            let data = data.to_vec();
+            interruptible(py, move || dense::observability(&data, n, rtol))?
+                .map_err(|error| input_at("", error))?
+        } else {
+            let (data, known) = (data.to_vec(), known.to_vec());
+            interruptible(py, move || {
+                Observability::constrained(&data, &known, n, rtol)
+            })?
+            .map_err(|error| input_at("", error))?
+        };
+        // What is known exactly has the bound 0.
+        if known.is_empty() {
+            expect_representable(&found.crlb_std(), data, n)?;
+        }
         Ok(Self(found))
     }
 
@@ -196,20 +237,6 @@ impl Analysis {
 
     fn singular_values<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         PyArray1::from_slice(py, self.0.singular_values())
-    }
-
-    /// Singular values with column j multiplied by `scale[j]`.
-    fn singular_values_scaled<'py>(
-        &self,
-        py: Python<'py>,
-        scale: &Bound<'py, PyAny>,
-    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let scale = self.vector(scale, "scale")?;
-        let values = self
-            .0
-            .singular_values_scaled(&scale)
-            .map_err(|error| input_at("", error))?;
-        Ok(PyArray1::from_vec(py, values))
     }
 
     fn null_space<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
@@ -261,6 +288,102 @@ impl Analysis {
             .map_err(|error| input_at("", error))?;
         Ok((rank, PyArray1::from_vec(py, std)))
     }
+
+    /// Leverage of each of the rows that were analysed.
+    fn leverage<'py>(
+        &self,
+        py: Python<'py>,
+        rows: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let rows = Input::new(rows, "rows", 2)?;
+        rows.expect(&[None, Some(self.0.states())], "one number for each state")?;
+        let found = self
+            .0
+            .leverage(rows.slice()?)
+            .map_err(|error| input_at("", error))?;
+        Ok(PyArray1::from_vec(py, found))
+    }
+
+    /// Bounds without one of the rows that were analysed; None where the rank falls.
+    fn without<'py>(
+        &self,
+        py: Python<'py>,
+        row: &Bound<'py, PyAny>,
+    ) -> PyResult<Option<Bound<'py, PyArray1<f64>>>> {
+        let row = self.vector(row, "row")?;
+        let found = self.0.without(&row).map_err(|error| input_at("", error))?;
+        Ok(found.map(|std| PyArray1::from_vec(py, std)))
+    }
+}
+
+/// Calls `work` on a thread of its own while Ctrl-C is looked for; what is interrupted
+/// ends by itself.
+fn interruptible<R: Send + 'static>(
+    py: Python<'_>,
+    work: impl FnOnce() -> R + Send + 'static,
+) -> PyResult<R> {
+    let (sender, receiver) = std::sync::mpsc::channel();
+    std::thread::Builder::new()
+        .spawn(move || drop(sender.send(work())))
+        .map_err(|error| InputError::new_err(format!("cannot start a thread: {error}")))?;
+    let receiver = std::sync::Mutex::new(receiver);
+    loop {
+        let result = py.detach(|| {
+            let receiver = receiver
+                .lock()
+                .unwrap_or_else(std::sync::PoisonError::into_inner);
+            receiver.recv_timeout(std::time::Duration::from_millis(100))
+        });
+        match result {
+            Ok(found) => return Ok(found),
+            Err(std::sync::mpsc::RecvTimeoutError::Timeout) => py.check_signals()?,
+            Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => {
+                return Err(InputError::new_err("out of memory in a factorisation"));
+            }
+        }
+    }
+}
+
+/// Singular values of rows as they are, descending.
+#[pyfunction]
+fn singular_values<'py>(
+    py: Python<'py>,
+    rows: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    let rows = Input::new(rows, "rows", 2)?;
+    rows.expect(&[None, None], "one row for each measurement")?;
+    let n = rows.core_shape()[1];
+    let data = rows.slice()?.to_vec();
+    let mut values = if n >= dense::LEAST_STATES {
+        interruptible(py, move || gramian::large::singular_values(&data, n))?
+            .map_err(|error| input_at("", error))?
+    } else {
+        gramian::observability::singular_values(&data, n)
+            .map_err(|error| input_at("", error))?
+            .0
+    };
+    values.resize(n, 0.0);
+    Ok(PyArray1::from_vec(py, values))
+}
+
+/// Rows with the information that random errors of their entries leave.
+#[pyfunction]
+fn rows_without_noise<'py>(
+    py: Python<'py>,
+    rows: &Bound<'py, PyAny>,
+    sigma: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let rows = Input::new(rows, "rows", 2)?;
+    rows.expect(&[None, None], "one row for each measurement")?;
+    let n = rows.core_shape()[1];
+    let sigma = Input::new(sigma, "row_sigma", 1)?;
+    let (data, each) = (rows.slice()?.to_vec(), sigma.slice()?.to_vec());
+    let found = interruptible(py, move || {
+        gramian::observability::without_noise(&data, n, &each)
+    })?
+    .map_err(|error| input_at("", error))?;
+    let count = found.len() / n;
+    PyArray1::from_vec(py, found).reshape([count, n])
 }
 
 impl Analysis {
@@ -283,6 +406,8 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(convert::as_float_array, module)?)?;
     module.add_function(wrap_pyfunction!(convert::require_finite, module)?)?;
     module.add_function(wrap_pyfunction!(marginal_rows, module)?)?;
+    module.add_function(wrap_pyfunction!(rows_without_noise, module)?)?;
+    module.add_function(wrap_pyfunction!(singular_values, module)?)?;
     module.add_function(wrap_pyfunction!(run::set_threads, module)?)?;
     module.add_function(wrap_pyfunction!(run::threads, module)?)?;
     module.add_function(wrap_pyfunction!(run::be_worker, module)?)?;

@@ -1052,8 +1052,6 @@ mod sized {
         };
         assert!(found.rank() <= found.states());
         draw.finite(found.singular_values());
-        draw.finite(found.vectors());
-        draw.finite(found.factor());
         draw.finite(found.scale());
         draw.bounds(&found.crlb_std());
         draw.finite(&found.crlb().unwrap_or_default());

@@ -1,5 +1,6 @@
 //! Problems too large for the plain loops of the spine: the only place that names faer.
 
+pub mod dense;
 pub mod sparse;
 
 use alloc::vec::Vec;

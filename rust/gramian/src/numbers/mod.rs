@@ -4,6 +4,8 @@
 pub(crate) mod algebra;
 pub mod angle;
 pub mod chi_square;
+#[cfg(feature = "std")]
+pub mod derivative;
 pub mod errors;
 pub mod lane;
 pub mod scalar;

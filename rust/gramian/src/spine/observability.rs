@@ -7,25 +7,49 @@
 use alloc::vec;
 use alloc::vec::Vec;
 
-use crate::bound;
 use crate::scalar::{NumberError, Real, all_finite, check_finite, check_length};
 use crate::spectrum;
-use crate::square_root::{eliminate, triangularize};
+use crate::square_root::{eliminate, reflect, triangularize};
 
 /// Rank, spectrum, null space and bounds of rows (K, n).
+///
+/// What is determined is kept as a root W of the covariance, Cov = W W^T, and what is not
+/// as a basis N of the null space, both in states scaled to columns of unit length. Bounds
+/// and the effect of further knowledge follow from these two.
+///
+/// Rows may differ in weight by more than the digits of the number type: a constraint
+/// beside measurements. Directions that the heavy rows leave open are asked of the rows
+/// that are left, entry by entry above rounding, so that a row never costs rank.
 ///
 /// # Source
 /// As [`Spectrum`](crate::spectrum::Spectrum), the bound as
 /// [`crlb_std`](crate::bound::crlb_std), by Householder reflections (Golub & Van Loan,
-/// section 5.2).
+/// section 5.2) on rows sorted by size (Cox & Higham 1998, "Stability of Householder QR
+/// factorization for weighted least squares problems").
 #[derive(Clone, Debug)]
 pub struct Observability<T> {
     n: usize,
     rtol: T,
-    factor: Vec<T>,
     scale: Vec<T>,
     singular_values: Vec<T>,
-    vectors: Vec<T>,
+    parts: Parts<T>,
+}
+
+/// What is determined and what is not, in some coordinates.
+#[derive(Clone, Debug)]
+struct Parts<T> {
+    /// Vectors w of length n with Cov = sum w w^T, one after the other.
+    root: Vec<T>,
+    /// Basis of what is not determined.
+    null: Vec<T>,
+    /// Singular values, each level of weight by itself; infinite for exact knowledge.
+    values: Vec<T>,
+    /// Logarithm of the root of the determinant of the information.
+    log: T,
+    /// Which vector of `root` is the longest axis.
+    weakest: usize,
+    /// Share of a state in the null space below which it is rounding.
+    touch: T,
     rank: usize,
 }
 
@@ -39,56 +63,115 @@ impl<T: Real> Observability<T> {
     /// for what is not finite, a tolerance that is not in [0, 1), or information that
     /// overflows.
     pub fn new(rows: &[T], n: usize, rtol: Option<T>) -> Result<Self, NumberError> {
+        Self::constrained(rows, &[], n, rtol)
+    }
+
+    /// The same where the combinations `exact` of the states, rows of length `n`, are
+    /// known exactly: a unit quaternion moves only in its tangent.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    ///
+    /// ```
+    /// use gramian::observability::Observability;
+    /// // The sum is measured, the difference known.
+    /// let found = Observability::constrained(&[1.0, 1.0], &[1.0, -1.0], 2, None)?;
+    /// assert_eq!(found.rank(), 2);
+    /// assert!((found.crlb_std()[0] - 0.5_f64).abs() < 1e-15);
+    /// # Ok::<(), gramian::scalar::NumberError>(())
+    /// ```
+    pub fn constrained(
+        rows: &[T],
+        exact: &[T],
+        n: usize,
+        rtol: Option<T>,
+    ) -> Result<Self, NumberError> {
         check_rows(rows, n)?;
+        check_rows(exact, n)?;
         if let Some(rtol) = rtol {
             spectrum::check_rtol(rtol)?;
         }
-        let reduced = Self::reduced(rows, n, rtol);
-        // As for `SquareRootInformation`: no column's norm overflows then.
-        let limit = T::MAX / T::of(2.0 * n as f64);
-        if reduced.factor.iter().all(|x| x.abs() <= limit) {
-            return Ok(reduced);
-        }
-        Err(NumberError::Overflow {
-            result: "information",
-        })
-    }
-
-    fn reduced(rows: &[T], n: usize, rtol: Option<T>) -> Self {
-        let count = rows.len().checked_div(n).unwrap_or(0);
-        let mut padded = rows.to_vec();
-        padded.resize(count.max(n) * n, T::zero());
-        let mut work = vec![T::zero(); n];
-        triangularize(&mut padded, n, &mut work);
-        padded.truncate(n * n);
+        let count = rows.len() / n;
         let rtol = rtol.unwrap_or_else(|| spectrum::default_rtol(count, n));
-        Self::from_factor(padded, n, rtol)
+        // As for `SquareRootInformation`: no column's norm overflows then.
+        let limit = T::MAX / T::of(2.0 * (n.max(count) as f64));
+        if !rows.iter().chain(exact).all(|x| x.abs() <= limit) {
+            return Err(OVERFLOW);
+        }
+        let mut scale = column_norms(rows, n);
+        for norm in &mut scale {
+            let inverse = T::one() / *norm;
+            *norm = if inverse.is_finite() {
+                inverse
+            } else {
+                T::one()
+            };
+        }
+        let scaled = |rows: &[T]| -> Vec<T> {
+            let mut a = rows.to_vec();
+            for row in a.chunks_exact_mut(n) {
+                for (x, &d) in row.iter_mut().zip(&scale) {
+                    *x *= d;
+                }
+            }
+            a
+        };
+        let a = scaled(rows);
+        let parts = if exact.is_empty() {
+            determined(&a, n, rtol)
+        } else {
+            with_exact(&a, &scaled(exact), n, rtol)
+        };
+        Self::of_parts(n, rtol, scale, parts)
     }
 
-    fn from_factor(factor: Vec<T>, n: usize, rtol: T) -> Self {
-        let mut scale = vec![T::one(); n];
-        let mut singular_values = vec![T::zero(); n];
-        let mut vectors = vec![T::zero(); n * n];
-        let mut work = vec![T::zero(); n * n];
-        spectrum::unit_columns(&factor, n, &mut scale);
-        spectrum::decompose(
-            &factor,
-            n,
-            &scale,
-            &mut singular_values,
-            &mut vectors,
-            &mut work,
-        );
-        let rank = spectrum::rank(&singular_values, rtol);
-        Self {
+    /// From the spectrum of `rows` with columns multiplied by `scale`, found elsewhere:
+    /// singular values `s`, descending, and right vectors `v`, one after the other.
+    #[cfg(feature = "large")]
+    pub(crate) fn of_spectrum(
+        rows: &[T],
+        rtol: T,
+        scale: Vec<T>,
+        s: &[T],
+        v: &[T],
+    ) -> Result<Self, NumberError> {
+        let n = scale.len();
+        let rank = spectrum::rank(s, rtol);
+        let parts = if rank == n {
+            plain(n, rtol, s, v, rank)
+        } else {
+            let mut a = rows.to_vec();
+            for row in a.chunks_exact_mut(n) {
+                for (x, &d) in row.iter_mut().zip(&scale) {
+                    *x *= d;
+                }
+            }
+            let ones = vec![T::one(); n];
+            levels(&a, n, rtol, &ones, s, v, rank)
+        };
+        Self::of_parts(n, rtol, scale, parts)
+    }
+
+    fn of_parts(
+        n: usize,
+        rtol: T,
+        scale: Vec<T>,
+        mut parts: Parts<T>,
+    ) -> Result<Self, NumberError> {
+        orthonormal(&mut parts.null, n);
+        if !all_finite(&parts.root) || !all_finite(&parts.null) {
+            return Err(OVERFLOW);
+        }
+        let mut singular_values = parts.values.clone();
+        singular_values.sort_by(|a, b| b.partial_cmp(a).unwrap_or(core::cmp::Ordering::Equal));
+        singular_values.resize(n, T::zero());
+        Ok(Self {
             n,
             rtol,
-            factor,
             scale,
             singular_values,
-            vectors,
-            rank,
-        }
+            parts,
+        })
     }
 
     /// Number of states.
@@ -98,7 +181,7 @@ impl<T: Real> Observability<T> {
 
     /// Number of independent combinations that are determined.
     pub fn rank(&self) -> usize {
-        self.rank
+        self.parts.rank
     }
 
     /// Tolerance of the rank decision.
@@ -106,39 +189,16 @@ impl<T: Real> Observability<T> {
         self.rtol
     }
 
-    /// Upper triangular factor of the information, n x n.
-    pub fn factor(&self) -> &[T] {
-        &self.factor
-    }
-
     /// 1 / norm of each column.
     pub fn scale(&self) -> &[T] {
         &self.scale
     }
 
-    /// Singular values of the rows with unit columns, descending.
+    /// Singular values of the rows with unit columns, descending; infinite for what is
+    /// known exactly. Where rows of very different weight are taken one level after the
+    /// other, each value is that of its level.
     pub fn singular_values(&self) -> &[T] {
         &self.singular_values
-    }
-
-    /// Right singular vectors in scaled states, vector j at `j*n..(j+1)*n`.
-    pub fn vectors(&self) -> &[T] {
-        &self.vectors
-    }
-
-    /// Singular values of the rows with column j multiplied by `scale[j]`: with
-    /// prior deviations as scale, how much more the data know than the prior.
-    ///
-    /// # Errors
-    /// [`NumberError::Length`], [`NumberError`].
-    pub fn singular_values_scaled(&self, scale: &[T]) -> Result<Vec<T>, NumberError> {
-        let n = self.n;
-        check_length("scale", scale.len(), n)?;
-        check_finite("scale", scale)?;
-        let mut values = vec![T::zero(); n];
-        let (mut vectors, mut work) = (vec![T::zero(); n * n], vec![T::zero(); n * n]);
-        spectrum::decompose(&self.factor, n, scale, &mut values, &mut vectors, &mut work);
-        finite("singular values", values)
     }
 
     /// Basis of the unobservable combinations in physical units, one after the
@@ -150,29 +210,27 @@ impl<T: Real> Observability<T> {
     /// ratio overflows.
     pub fn null_space(&self) -> Result<Vec<Vec<T>>, NumberError> {
         let n = self.n;
-        let mut basis: Vec<Vec<T>> = (self.rank..n)
-            .map(|k| self.vectors[k * n..(k + 1) * n].to_vec())
-            .collect();
+        let mut basis: Vec<Vec<T>> = self.parts.null.chunks_exact(n).map(<[T]>::to_vec).collect();
         // Dividing by a lead of a tenth makes the rounding ten times larger.
-        let touch = spectrum::touch_tolerance(&self.singular_values, self.rank, self.rtol);
-        let noise = (touch * T::of(10.0)).min(T::of(1e-2));
+        let noise = (self.parts.touch * T::of(10.0)).min(T::of(1e-2));
         let mut pivots = Vec::new();
+        let mut taken = vec![false; n];
         for k in 0..basis.len() {
             // The first state that has a fair share leads: the combination then
             // reads in the order of the states, and rounding does not decide.
-            let largest = basis[k..]
-                .iter()
-                .flat_map(|vector| {
-                    (0..n)
-                        .filter(|i| !pivots.contains(i))
-                        .map(|i| vector[i].abs())
-                })
-                .fold(T::zero(), |a, b| if b > a { b } else { a });
+            let mut share = vec![T::zero(); n];
+            for vector in &basis[k..] {
+                for (s, x) in share.iter_mut().zip(vector) {
+                    *s = (*s).max(x.abs());
+                }
+            }
+            let largest = (0..n)
+                .filter(|&i| !taken[i])
+                .fold(T::zero(), |a, i| a.max(share[i]));
             let fair = largest * T::of(0.1);
-            let pivot = (0..n).find(|i| {
-                !pivots.contains(i) && basis[k..].iter().any(|vector| vector[*i].abs() >= fair)
-            });
-            let Some(pivot) = pivot else { continue };
+            let Some(pivot) = (0..n).find(|&i| !taken[i] && share[i] >= fair) else {
+                continue;
+            };
             let mut r = k;
             for row in k..basis.len() {
                 if basis[row][pivot].abs() > basis[r][pivot].abs() {
@@ -181,6 +239,7 @@ impl<T: Real> Observability<T> {
             }
             basis.swap(k, r);
             pivots.push(pivot);
+            taken[pivot] = true;
             let lead = basis[k][pivot];
             if lead == T::zero() {
                 continue;
@@ -190,8 +249,8 @@ impl<T: Real> Observability<T> {
             }
             let leader = basis[k].clone();
             for (other, vector) in basis.iter_mut().enumerate() {
-                if other != k {
-                    let factor = vector[pivot];
+                let factor = vector[pivot];
+                if other != k && factor != T::zero() {
                     for (value, &l) in vector.iter_mut().zip(&leader) {
                         *value -= factor * l;
                     }
@@ -220,52 +279,59 @@ impl<T: Real> Observability<T> {
     /// [`NumberError`] where that overflows.
     pub fn weakest_direction(&self) -> Result<Vec<T>, NumberError> {
         let n = self.n;
-        let Some(k) = self.rank.checked_sub(1) else {
+        let Some(axis) = self.parts.root.chunks_exact(n).nth(self.parts.weakest) else {
             return Ok(vec![T::zero(); n]);
         };
-        let direction = (0..n)
-            .map(|i| self.scale[i] * self.vectors[k * n + i] / self.singular_values[k])
-            .collect();
+        let direction = axis.iter().zip(&self.scale).map(|(&w, &d)| w * d).collect();
         finite("weakest direction", direction)
     }
 
     /// Standard deviation of each state at the bound, infinite where an
     /// unobservable combination touches it, or it overflows.
     pub fn crlb_std(&self) -> Vec<T> {
-        let mut out = vec![T::zero(); self.n];
-        bound::standard_deviations(
-            &self.singular_values,
-            &self.vectors,
+        deviations(
+            &self.parts.root,
+            &self.parts.null,
+            self.parts.touch,
             &self.scale,
-            self.rank,
-            self.rtol,
-            &mut out,
-        );
-        out
+        )
     }
 
     /// The bound on the covariance, `None` where the rank is short, or an entry
     /// overflows.
     pub fn crlb(&self) -> Option<Vec<T>> {
-        let mut out = vec![T::zero(); self.n * self.n];
-        bound::covariance(
-            &self.singular_values,
-            &self.vectors,
-            &self.scale,
-            self.rank,
-            &mut out,
-        )
-        .then_some(out)
+        let n = self.n;
+        if self.parts.rank < n {
+            return None;
+        }
+        let mut out = vec![T::zero(); n * n];
+        for axis in self.parts.root.chunks_exact(n) {
+            for i in 0..n {
+                for j in 0..=i {
+                    out[i * n + j] += axis[i] * axis[j];
+                }
+            }
+        }
+        for i in 0..n {
+            for j in 0..=i {
+                let value = out[i * n + j] * self.scale[i] * self.scale[j];
+                out[i * n + j] = value;
+                out[j * n + i] = value;
+            }
+        }
+        all_finite(&out).then_some(out)
     }
 
-    /// log det of the information; minus infinity where the rank is short.
+    /// log det of the information; minus infinity where the rank is short, plus infinity
+    /// where something is known exactly.
     pub fn log_det(&self) -> T {
-        if self.rank < self.n {
+        if self.parts.rank < self.n {
             return -T::INFINITY;
         }
-        let log = (0..self.n).fold(T::zero(), |sum, i| {
-            sum + self.factor[i * self.n + i].abs().ln()
-        });
+        let log = self
+            .scale
+            .iter()
+            .fold(self.parts.log, |sum, &d| sum - d.ln());
         log + log
     }
 
@@ -275,9 +341,11 @@ impl<T: Real> Observability<T> {
     /// # Errors
     /// [`NumberError::Length`], [`NumberError`].
     pub fn combination_std(&self, combination: &[T]) -> Result<T, NumberError> {
-        check_length("combination", combination.len(), self.n)?;
-        check_finite("combination", combination)?;
-        let std = self.deviation(combination);
+        let (along, open, length) = self.seen(combination)?;
+        if norm(&open) > self.parts.touch {
+            return Ok(T::INFINITY);
+        }
+        let std = norm(&along) * length;
         // Not NaN.
         if std >= T::zero() {
             return Ok(std);
@@ -287,37 +355,25 @@ impl<T: Real> Observability<T> {
         })
     }
 
-    fn deviation(&self, combination: &[T]) -> T {
+    /// W^T c and N^T c of a combination of unit length in scaled states, and its length.
+    fn seen(&self, combination: &[T]) -> Result<(Vec<T>, Vec<T>, T), NumberError> {
         let n = self.n;
+        check_length("combination", combination.len(), n)?;
+        check_finite("combination", combination)?;
         let scaled: Vec<T> = combination
             .iter()
             .zip(&self.scale)
             .map(|(&c, &d)| c * d)
             .collect();
-        let length = scaled
-            .iter()
-            .fold(T::zero(), |norm, &c| crate::scalar::hypot(norm, c));
+        let scaled = finite("combination", scaled)?;
+        let length = norm(&scaled);
         if length == T::zero() {
-            return T::zero();
+            return Ok((Vec::new(), Vec::new(), length));
         }
-        let touch = spectrum::touch_tolerance(&self.singular_values, self.rank, self.rtol);
-        let (mut null, mut std) = (T::zero(), T::zero());
-        for k in 0..n {
-            let along = self.vectors[k * n..(k + 1) * n]
-                .iter()
-                .zip(&scaled)
-                .fold(T::zero(), |sum, (&v, &c)| sum + v * (c / length));
-            if k < self.rank {
-                std = crate::scalar::hypot(std, along / self.singular_values[k]);
-            } else {
-                null = crate::scalar::hypot(null, along);
-            }
-        }
-        if null > touch {
-            T::INFINITY
-        } else {
-            std * length
-        }
+        let unit: Vec<T> = scaled.iter().map(|&c| c / length).collect();
+        let along = self.parts.root.chunks_exact(n).map(|w| dot(w, &unit));
+        let open = self.parts.null.chunks_exact(n).map(|v| dot(v, &unit));
+        Ok((along.collect(), open.collect(), length))
     }
 
     /// The answer once the combination c^T x is also known to `sigma`; with
@@ -326,10 +382,11 @@ impl<T: Real> Observability<T> {
     /// # Errors
     /// [`NumberError::Length`]; [`NumberError`] for what is not finite, a deviation below
     /// zero, or information that overflows.
+    ///
+    /// # Source
+    /// Potter's square root of the measurement update (Bierman 1977, chapter II).
     pub fn knowing(&self, combination: &[T], sigma: T) -> Result<(usize, Vec<T>), NumberError> {
         let n = self.n;
-        check_length("combination", combination.len(), n)?;
-        check_finite("combination", combination)?;
         if !(sigma >= T::zero() && sigma.is_finite()) {
             return Err(NumberError::OutOfRange {
                 name: "sigma",
@@ -337,43 +394,718 @@ impl<T: Real> Observability<T> {
                 allowed: ">= 0 and finite",
             });
         }
-        if combination.iter().all(|&c| c == T::zero()) {
-            return Ok((self.rank, self.crlb_std()));
+        let (along, open, length) = self.seen(combination)?;
+        if length == T::zero() {
+            return Ok((self.parts.rank, self.crlb_std()));
         }
-        if sigma > T::zero() {
-            let mut rows = self.factor.clone();
-            let row = combination.iter().map(|&c| c / sigma).collect();
-            rows.extend(finite("combination / sigma", row)?);
-            let known = Self::new(&rows, n, Some(self.rtol))?;
-            return Ok((known.rank, known.crlb_std()));
+        let sigma = finite("sigma", vec![sigma / length])?[0];
+        let free = norm(&open);
+        let (mut root, mut null) = (self.parts.root.clone(), self.parts.null.clone());
+        if free > self.parts.touch {
+            // What was open along c is now tied to it: c^T x = sigma e.
+            let unit: Vec<T> = open.iter().map(|&a| a / free).collect();
+            let mut direction = vec![T::zero(); n];
+            for (vector, &u) in null.chunks_exact(n).zip(&unit) {
+                for (d, &x) in direction.iter_mut().zip(vector) {
+                    *d += u * x;
+                }
+            }
+            for (axis, &a) in root.chunks_exact_mut(n).zip(&along) {
+                for (w, &d) in axis.iter_mut().zip(&direction) {
+                    *w -= a / free * d;
+                }
+            }
+            if sigma > T::zero() {
+                root.extend(direction.iter().map(|&d| d * sigma / free));
+            }
+            // The rest of the null space: orthogonal to that direction.
+            let reflection = reflection_to_first_axis(&unit);
+            let p = unit.len();
+            let mut rest = vec![T::zero(); (p - 1) * n];
+            for (k, out) in rest.chunks_exact_mut(n).enumerate() {
+                for (j, vector) in null.chunks_exact(n).enumerate() {
+                    let h = reflection[j * p + k + 1];
+                    for (o, &x) in out.iter_mut().zip(vector) {
+                        *o += h * x;
+                    }
+                }
+            }
+            null = rest;
+            let rank = self.parts.rank + 1;
+            return Ok((
+                rank,
+                deviations(&root, &null, self.parts.touch, &self.scale),
+            ));
         }
-        // Exact knowledge leaves the states orthogonal to c (in scaled states):
-        // a reflection takes c to the first axis, whose column then falls away.
-        let scaled: Vec<T> = combination
-            .iter()
-            .zip(&self.scale)
-            .map(|(&c, &d)| c * d)
-            .collect();
-        let reflection = reflection_to_first_axis(&finite("combination", scaled)?);
-        let reflection = finite("combination", reflection)?;
-        let m = n - 1;
-        let mut rows = vec![T::zero(); n * m];
-        for i in 0..n {
-            for j in 0..m {
-                rows[i * m + j] = (0..n).fold(T::zero(), |sum, k| {
-                    sum + self.factor[i * n + k] * self.scale[k] * reflection[k * n + j + 1]
-                });
+        let spread = norm(&along);
+        if spread > T::zero() {
+            let unit: Vec<T> = along.iter().map(|&a| a / spread).collect();
+            let share = crate::scalar::hypot(spread, sigma);
+            // 1 - sqrt(sigma^2 / (spread^2 + sigma^2)), without cancelling.
+            let factor = (spread / share) * (spread / (share + sigma));
+            let mut moved = vec![T::zero(); n];
+            for (axis, &u) in root.chunks_exact(n).zip(&unit) {
+                for (m, &w) in moved.iter_mut().zip(axis) {
+                    *m += u * w;
+                }
+            }
+            for (axis, &u) in root.chunks_exact_mut(n).zip(&unit) {
+                for (w, &m) in axis.iter_mut().zip(&moved) {
+                    *w -= factor * u * m;
+                }
             }
         }
-        let rest = Self::reduced(&rows, m, Some(self.rtol));
-        let std = (0..n)
-            .map(|i| {
-                let coordinates: Vec<T> = (0..m).map(|j| reflection[i * n + j + 1]).collect();
-                self.scale[i] * rest.deviation(&coordinates)
-            })
-            .collect();
-        Ok((rest.rank + 1, std))
+        let mut std = deviations(&root, &null, self.parts.touch, &self.scale);
+        if sigma == T::zero() {
+            // What is known exactly leaves rounding.
+            for (out, &before) in std.iter_mut().zip(&self.crlb_std()) {
+                if *out < before * T::EPSILON * T::of(8.0) {
+                    *out = T::zero();
+                }
+            }
+        }
+        Ok((self.parts.rank, std))
     }
+
+    /// Leverage a Cov a^T of each of `rows`: 1 for a row without which the rank falls,
+    /// near 0 for one that others repeat.
+    ///
+    /// # Errors
+    /// [`NumberError::Length`], [`NumberError`].
+    ///
+    /// # Source
+    /// Hoaglin & Welsch 1978, "The hat matrix in regression and ANOVA", Am. Stat. 32.
+    pub fn leverage(&self, rows: &[T]) -> Result<Vec<T>, NumberError> {
+        check_rows(rows, self.n)?;
+        rows.chunks_exact(self.n)
+            .map(|row| {
+                let (along, _, length) = self.seen(row)?;
+                let lever = norm(&along) * length;
+                Ok((lever * lever).min(T::one()))
+            })
+            .collect()
+    }
+
+    /// Standard deviations without one of the rows that were analysed; `None` where the
+    /// rank falls without it.
+    ///
+    /// # Errors
+    /// [`NumberError::Length`], [`NumberError`].
+    ///
+    /// # Source
+    /// Sherman & Morrison 1950; Ann. Math. Stat. 21.
+    pub fn without(&self, row: &[T]) -> Result<Option<Vec<T>>, NumberError> {
+        let n = self.n;
+        let (along, _, length) = self.seen(row)?;
+        let spread = norm(&along);
+        let lever = spread * length;
+        let left = T::one() - lever * lever;
+        if left <= self.rtol.sqrt() * T::of(1e-2) {
+            return Ok(None);
+        }
+        let mut moved = vec![T::zero(); n];
+        for (axis, &a) in self.parts.root.chunks_exact(n).zip(&along) {
+            for (m, &w) in moved.iter_mut().zip(axis) {
+                *m += a * length * w;
+            }
+        }
+        let std = self.crlb_std();
+        let grown = std
+            .iter()
+            .zip(&moved)
+            .zip(&self.scale)
+            .map(|((&s, &m), &d)| {
+                if s.is_finite() {
+                    crate::scalar::hypot(s, m * d / left.sqrt())
+                } else {
+                    s
+                }
+            });
+        Ok(Some(grown.collect()))
+    }
+}
+
+const OVERFLOW: NumberError = NumberError::Overflow {
+    result: "information",
+};
+
+fn dot<T: Real>(x: &[T], y: &[T]) -> T {
+    x.iter()
+        .zip(y)
+        .fold(T::zero(), |sum, (&xi, &yi)| sum + xi * yi)
+}
+
+fn norm<T: Real>(x: &[T]) -> T {
+    let largest = x.iter().fold(T::zero(), |a, x| a.max(x.abs()));
+    if !(largest > T::zero() && largest.is_finite()) {
+        return largest;
+    }
+    let sum = x.iter().fold(T::zero(), |sum, &x| {
+        let ratio = x / largest;
+        sum + ratio * ratio
+    });
+    largest * sum.sqrt()
+}
+
+fn column_norms<T: Real>(rows: &[T], n: usize) -> Vec<T> {
+    let mut largest = vec![T::zero(); n];
+    for row in rows.chunks_exact(n) {
+        for (l, x) in largest.iter_mut().zip(row) {
+            *l = (*l).max(x.abs());
+        }
+    }
+    let inverse: Vec<T> = largest
+        .iter()
+        .map(|&l| {
+            let inverse = T::one() / l;
+            if inverse.is_finite() {
+                inverse
+            } else {
+                T::zero()
+            }
+        })
+        .collect();
+    let mut sums = vec![T::zero(); n];
+    for row in rows.chunks_exact(n) {
+        for ((s, &x), &d) in sums.iter_mut().zip(row).zip(&inverse) {
+            let ratio = x * d;
+            *s += ratio * ratio;
+        }
+    }
+    sums.iter()
+        .zip(&largest)
+        .map(|(s, &l)| l * s.sqrt())
+        .collect()
+}
+
+/// Deviations of each state from the root of a covariance and a null space, scaled.
+fn deviations<T: Real>(root: &[T], null: &[T], touch: T, scale: &[T]) -> Vec<T> {
+    let n = scale.len();
+    let lengths = |vectors: &[T]| -> Vec<T> { column_norms(vectors, n) };
+    let (spread, open) = (lengths(root), lengths(null));
+    (0..n)
+        .map(|i| {
+            if open[i] > touch {
+                T::INFINITY
+            } else {
+                scale[i] * spread[i]
+            }
+        })
+        .collect()
+}
+
+/// Makes vectors of length `n` orthonormal (modified Gram-Schmidt, twice).
+fn orthonormal<T: Real>(vectors: &mut [T], n: usize) {
+    let count = vectors.len() / n;
+    for k in 0..count {
+        for _ in 0..2 {
+            let (before, rest) = vectors.split_at_mut(k * n);
+            let vector = &mut rest[..n];
+            for other in before.chunks_exact(n) {
+                let along = dot(other, vector);
+                for (x, &o) in vector.iter_mut().zip(other) {
+                    *x -= along * o;
+                }
+            }
+            let length = norm(vector);
+            if length > T::zero() {
+                for x in vector.iter_mut() {
+                    *x /= length;
+                }
+            }
+        }
+    }
+}
+
+/// Rows by decreasing largest entry: reflections keep the digits of each then.
+fn sort_rows<T: Real>(a: &[T], n: usize) -> Vec<T> {
+    let size = |i: usize| {
+        a[i * n..(i + 1) * n]
+            .iter()
+            .fold(T::zero(), |m, x| m.max(x.abs()))
+    };
+    let count = a.len() / n;
+    let sizes: Vec<T> = (0..count).map(size).collect();
+    let mut order: Vec<usize> = (0..count).collect();
+    order.sort_by(|&i, &j| {
+        sizes[j]
+            .partial_cmp(&sizes[i])
+            .unwrap_or(core::cmp::Ordering::Equal)
+    });
+    order
+        .iter()
+        .flat_map(|&i| a[i * n..(i + 1) * n].iter().copied())
+        .collect()
+}
+
+/// What rows of length `n` determine.
+fn determined<T: Real>(a: &[T], n: usize, rtol: T) -> Parts<T> {
+    let count = a.len() / n;
+    let (mut scale, mut s) = (vec![T::one(); n], vec![T::zero(); n]);
+    let (mut v, mut work) = (vec![T::zero(); n * n], vec![T::zero(); n * n]);
+    let mut factor = sort_rows(a, n);
+    factor.resize(count.max(n) * n, T::zero());
+    triangularize(&mut factor, n, &mut work[..n]);
+    factor.truncate(n * n);
+    spectrum::unit_columns(&factor, n, &mut scale);
+    spectrum::decompose(&factor, n, &scale, &mut s, &mut v, &mut work);
+    let rank = spectrum::rank(&s, rtol);
+    let mut parts = if rank == n {
+        let graded = grade(a, n);
+        if graded > T::of(1e3) {
+            pivoted(a, n, rtol, n, &s).unwrap_or_else(|| plain(n, rtol, &s, &v, n))
+        } else {
+            let mut parts = plain(n, rtol, &s, &v, rank);
+            for axis in parts.root.chunks_exact_mut(n) {
+                for (w, &d) in axis.iter_mut().zip(&scale) {
+                    *w *= d;
+                }
+            }
+            parts.log = scale.iter().fold(parts.log, |sum, &d| sum - d.ln());
+            parts
+        }
+    } else {
+        levels(a, n, rtol, &scale, &s, &v, rank)
+    };
+    parts.rank = n - parts.null.len() / n;
+    parts
+}
+
+/// Largest over smallest size of the rows that are not zero.
+fn grade<T: Real>(a: &[T], n: usize) -> T {
+    let (mut least, mut most) = (T::MAX, T::zero());
+    for row in a.chunks_exact(n) {
+        let size = row.iter().fold(T::zero(), |m, x| m.max(x.abs()));
+        if size > T::zero() {
+            least = least.min(size);
+            most = most.max(size);
+        }
+    }
+    if most > T::zero() {
+        most / least
+    } else {
+        T::one()
+    }
+}
+
+/// From a spectrum alone, in the coordinates of its vectors.
+fn plain<T: Real>(n: usize, rtol: T, s: &[T], v: &[T], rank: usize) -> Parts<T> {
+    let root = (0..rank)
+        .flat_map(|k| v[k * n..(k + 1) * n].iter().map(move |&x| x / s[k]))
+        .collect();
+    Parts {
+        root,
+        null: v[rank * n..].to_vec(),
+        values: s.to_vec(),
+        log: s[..rank].iter().fold(T::zero(), |sum, x| sum + x.ln()),
+        weakest: rank.saturating_sub(1),
+        touch: spectrum::touch_tolerance(s, rank, rtol),
+        rank,
+    }
+}
+
+/// Rows of different weight: a factor found with rows sorted and columns pivoted, which
+/// keeps the digits of every row. `None` where fewer than `rank` pivots are above the
+/// rounding of their rows and columns.
+///
+/// # Source
+/// Cox & Higham 1998, BIT 38; Powell & Reid 1969.
+fn pivoted<T: Real>(a: &[T], n: usize, rtol: T, rank: usize, s: &[T]) -> Option<Parts<T>> {
+    let mut r = sort_rows(a, n);
+    let count = (r.len() / n).max(n);
+    r.resize(count * n, T::zero());
+    let mut work = vec![T::zero(); n];
+    let mut order: Vec<usize> = (0..n).collect();
+    let size = |row: &[T]| row.iter().fold(T::zero(), |m, x| m.max(x.abs()));
+    let mut largest: Vec<T> = r.chunks_exact(n).map(size).collect();
+    let rounding = T::EPSILON * T::of(16.0);
+    for k in 0..rank {
+        // Rounding of a row is that of its largest entry so far, of a column of its length 1.
+        for (row, &most) in r.chunks_exact_mut(n).zip(&largest).skip(k) {
+            for x in &mut row[k..] {
+                if x.abs() <= rounding * most.min(T::one()) {
+                    *x = T::zero();
+                }
+            }
+        }
+        let left = column_norms(&r[k * n..], n);
+        let mut best = k;
+        for j in k..n {
+            if left[j] > left[best] {
+                best = j;
+            }
+        }
+        if !(left[best] > T::zero()) {
+            return None;
+        }
+        if best != k {
+            order.swap(k, best);
+            for row in r.chunks_exact_mut(n) {
+                row.swap(k, best);
+            }
+        }
+        // The rows that are left, largest in this column first.
+        let mut top = k;
+        for i in k..count {
+            if r[i * n + k].abs() > r[top * n + k].abs() {
+                top = i;
+            }
+        }
+        if top != k {
+            largest.swap(k, top);
+            for j in 0..n {
+                r.swap(k * n + j, top * n + j);
+            }
+        }
+        reflect(&mut r, n, k, k, &mut work);
+        for (row, most) in r.chunks_exact(n).zip(&mut largest).skip(k) {
+            *most = most.max(size(row));
+        }
+    }
+    // R11 y = right side by substitution from the last, as a vector of all states.
+    let solve = |mut right: Vec<T>| -> Vec<T> {
+        for i in (0..rank).rev() {
+            for j in i + 1..rank {
+                right[i] = right[i] - r[i * n + j] * right[j];
+            }
+            right[i] /= r[i * n + i];
+        }
+        right
+    };
+    let mut root = vec![T::zero(); rank * n];
+    for (k, axis) in root.chunks_exact_mut(n).enumerate() {
+        let mut right = vec![T::zero(); rank];
+        right[k] = T::one();
+        for (i, x) in solve(right).into_iter().enumerate() {
+            axis[order[i]] = x;
+        }
+    }
+    let mut null = vec![T::zero(); (n - rank) * n];
+    for (k, vector) in null.chunks_exact_mut(n).enumerate() {
+        let right = (0..rank).map(|i| -r[i * n + rank + k]).collect();
+        for (i, x) in solve(right).into_iter().enumerate() {
+            vector[order[i]] = x;
+        }
+        vector[order[rank + k]] = T::one();
+    }
+    let length = |k: usize| norm(&root[k * n..(k + 1) * n]);
+    let weakest = (0..rank)
+        .max_by(|&i, &j| {
+            length(i)
+                .partial_cmp(&length(j))
+                .unwrap_or(core::cmp::Ordering::Equal)
+        })
+        .unwrap_or(0);
+    Some(Parts {
+        root,
+        null,
+        touch: rtol.max(T::EPSILON.sqrt() * T::of(1e-2)).min(T::of(1e-2)),
+        values: s.to_vec(),
+        log: (0..rank).fold(T::zero(), |sum, i| sum + r[i * n + i].abs().ln()),
+        weakest,
+        rank,
+    })
+}
+
+/// The directions that the spectrum of `a` leaves open, asked again of rows so light
+/// that rounding of the heavy ones hid them.
+#[allow(clippy::too_many_arguments)]
+fn levels<T: Real>(
+    a: &[T],
+    n: usize,
+    rtol: T,
+    scale: &[T],
+    s: &[T],
+    v: &[T],
+    rank: usize,
+) -> Parts<T> {
+    let touch = spectrum::touch_tolerance(s, rank, rtol).max(T::EPSILON * T::of(4.0));
+    // In the coordinates of a: directions that count, and the others without rounding.
+    let unit = |k: usize| -> Vec<T> { v[k * n..(k + 1) * n].to_vec() };
+    let seen: Vec<Vec<T>> = (0..rank).map(unit).collect();
+    let open: Vec<Vec<T>> = (rank..n)
+        .map(|k| {
+            let clean = |x: T| if x.abs() <= touch { T::zero() } else { x };
+            unit(k).into_iter().map(clean).collect()
+        })
+        .collect();
+    let p = n - rank;
+    let mut rest = vec![T::zero(); a.len() / n * p];
+    let mut found = false;
+    for (row, out) in a.chunks_exact(n).zip(rest.chunks_exact_mut(p)) {
+        for (vector, x) in open.iter().zip(out) {
+            let (mut sum, mut size, mut part) = (T::zero(), T::zero(), T::zero());
+            for ((&r, &c), &d) in row.iter().zip(vector).zip(scale) {
+                sum += r * d * c;
+                size += (r * d * c).abs();
+                if c != T::zero() {
+                    part += (r * d).abs();
+                }
+            }
+            if sum.abs() > rtol.max(T::EPSILON * T::of(32.0)) * size + touch * part {
+                *x = sum;
+                found = true;
+            }
+        }
+    }
+    let to_a =
+        |vector: &[T]| -> Vec<T> { vector.iter().zip(scale).map(|(&x, &d)| x * d).collect() };
+    if !found || rank == 0 {
+        if rank > 0
+            && grade(a, n) > T::of(1e3)
+            && let Some(parts) = pivoted(a, n, rtol, rank, s)
+        {
+            return parts;
+        }
+        let mut parts = plain(n, rtol, s, v, rank);
+        for vector in parts
+            .root
+            .chunks_exact_mut(n)
+            .chain(parts.null.chunks_exact_mut(n))
+        {
+            for (w, &d) in vector.iter_mut().zip(scale) {
+                *w *= d;
+            }
+        }
+        return parts;
+    }
+    // Coordinates: those that count first, then those left to the light rows.
+    let mut b = Vec::with_capacity(a.len());
+    for (row, out) in a.chunks_exact(n).zip(rest.chunks_exact(p)) {
+        for vector in &seen {
+            let sum = row
+                .iter()
+                .zip(vector)
+                .zip(scale)
+                .fold(T::zero(), |sum, ((&r, &c), &d)| sum + r * d * c);
+            b.push(sum);
+        }
+        b.extend_from_slice(out);
+    }
+    let mut b = sort_rows(&b, n);
+    let mut work = vec![T::zero(); n];
+    for k in 0..rank {
+        reflect(&mut b, n, k, k, &mut work);
+    }
+    let light: Vec<T> = b[rank * n..]
+        .chunks_exact(n)
+        .flat_map(|row| row[rank..].iter().copied())
+        .collect();
+    let below = determined(&light, p, rtol);
+    let parts = join(&b, n, rank, &seen, &open, &below, &s[..rank], touch, &to_a);
+    // The same rank by a factor of the rows themselves, with more digits.
+    pivoted(a, n, rtol, parts.rank, &parts.values).unwrap_or(parts)
+}
+
+/// Parts of the whole from those of what is left once the first `rank` coordinates are
+/// eliminated by the rows `b`.
+#[allow(clippy::too_many_arguments)]
+fn join<T: Real>(
+    b: &[T],
+    n: usize,
+    rank: usize,
+    seen: &[Vec<T>],
+    open: &[Vec<T>],
+    below: &Parts<T>,
+    s: &[T],
+    touch: T,
+    to_a: &dyn Fn(&[T]) -> Vec<T>,
+) -> Parts<T> {
+    let p = n - rank;
+    // R11 y1 = right side, from the last.
+    let solve = |mut right: Vec<T>| -> Vec<T> {
+        for i in (0..rank).rev() {
+            for j in i + 1..rank {
+                right[i] = right[i] - b[i * n + j] * right[j];
+            }
+            let pivot = b[i * n + i];
+            right[i] = if pivot == T::zero() {
+                T::zero()
+            } else {
+                right[i] / pivot
+            };
+        }
+        right
+    };
+    let whole = |y1: &[T], y2: &[T]| -> Vec<T> {
+        let mut x = vec![T::zero(); n];
+        for (vector, &y) in seen.iter().zip(y1).chain(open.iter().zip(y2)) {
+            for (x, &c) in x.iter_mut().zip(vector) {
+                *x += y * c;
+            }
+        }
+        to_a(&x)
+    };
+    let lift = |y2: &[T]| -> Vec<T> {
+        let right = (0..rank)
+            .map(|i| -dot(&b[i * n + rank..(i + 1) * n], y2))
+            .collect();
+        whole(&solve(right), y2)
+    };
+    let mut root = Vec::with_capacity(n * n);
+    let nothing = vec![T::zero(); p];
+    for k in 0..rank {
+        let mut right = vec![T::zero(); rank];
+        right[k] = T::one();
+        root.extend(whole(&solve(right), &nothing));
+    }
+    root.extend(below.root.chunks_exact(p).flat_map(&lift));
+    let null: Vec<T> = below.null.chunks_exact(p).flat_map(&lift).collect();
+    let mut values = s.to_vec();
+    values.extend_from_slice(&below.values);
+    let log = (0..rank).fold(below.log, |sum, i| sum + b[i * n + i].abs().ln());
+    Parts {
+        weakest: if below.root.is_empty() {
+            rank.saturating_sub(1)
+        } else {
+            rank + below.weakest
+        },
+        root,
+        rank: n - null.len() / n,
+        null,
+        values,
+        log,
+        touch: touch.max(below.touch),
+    }
+}
+
+/// What rows determine where the combinations `exact` are known exactly: the null-space
+/// method (Golub & Van Loan, section 6.2).
+fn with_exact<T: Real>(a: &[T], exact: &[T], n: usize, rtol: T) -> Parts<T> {
+    let mut unit = exact.to_vec();
+    for row in unit.chunks_exact_mut(n) {
+        let length = norm(row);
+        if length > T::zero() {
+            for x in row {
+                *x /= length;
+            }
+        }
+    }
+    let count = unit.len() / n;
+    unit.resize(count.max(n) * n, T::zero());
+    let (mut s, mut v) = (vec![T::zero(); n], vec![T::zero(); n * n]);
+    let (ones, mut work) = (vec![T::one(); n], vec![T::zero(); n * n]);
+    triangularize(&mut unit, n, &mut work[..n]);
+    spectrum::decompose(&unit[..n * n], n, &ones, &mut s, &mut v, &mut work);
+    let known = spectrum::rank(&s, spectrum::default_rtol(count, n));
+    let p = n - known;
+    if p == 0 {
+        return Parts {
+            root: Vec::new(),
+            null: Vec::new(),
+            values: vec![T::INFINITY; n],
+            log: T::INFINITY,
+            weakest: 0,
+            touch: T::EPSILON,
+            rank: n,
+        };
+    }
+    let clean = T::EPSILON * T::of(16.0);
+    let open: Vec<Vec<T>> = (known..n)
+        .map(|k| {
+            let tidy = |&x: &T| if x.abs() <= clean { T::zero() } else { x };
+            v[k * n..(k + 1) * n].iter().map(tidy).collect()
+        })
+        .collect();
+    let mut rest = Vec::with_capacity(a.len() / n * p);
+    for row in a.chunks_exact(n) {
+        for vector in &open {
+            let sum = dot(row, vector);
+            let size = row
+                .iter()
+                .zip(vector)
+                .fold(T::zero(), |size, (&r, &c)| size + (r * c).abs());
+            let rounding = T::EPSILON * T::of(8.0) * size;
+            rest.push(if sum.abs() <= rounding {
+                T::zero()
+            } else {
+                sum
+            });
+        }
+    }
+    let below = determined(&rest, p, rtol);
+    let lift = |y: &[T]| -> Vec<T> {
+        let mut x = vec![T::zero(); n];
+        for (vector, &y) in open.iter().zip(y) {
+            for (x, &c) in x.iter_mut().zip(vector) {
+                *x += y * c;
+            }
+        }
+        x
+    };
+    let mut values = vec![T::INFINITY; known];
+    values.extend_from_slice(&below.values);
+    let null: Vec<T> = below.null.chunks_exact(p).flat_map(lift).collect();
+    Parts {
+        root: below.root.chunks_exact(p).flat_map(lift).collect(),
+        rank: n - null.len() / n,
+        null,
+        values,
+        log: T::INFINITY,
+        weakest: below.weakest,
+        touch: below.touch.max(clean),
+    }
+}
+
+/// Rows with the information that is left once random errors of their entries, of
+/// deviation `sigma` in each column, are taken out: nothing along directions that such
+/// errors alone would show.
+///
+/// # Errors
+/// [`NumberError`], [`NumberError::Length`].
+///
+/// # Source
+/// Errors in variables: Fuller 1987, Measurement Error Models, section 2.2. The largest
+/// singular value of noise: Davidson & Szarek 2001.
+pub fn without_noise<T: Real>(rows: &[T], n: usize, sigma: &[T]) -> Result<Vec<T>, NumberError> {
+    check_rows(rows, n)?;
+    check_length("row_sigma", sigma.len(), n)?;
+    check_finite("row_sigma", sigma)?;
+    let count = rows.len() / n;
+    let norms = column_norms(rows, n);
+    // A column without errors counts as one with hardly any.
+    let unit: Vec<T> = sigma
+        .iter()
+        .zip(&norms)
+        .map(|(&sigma, &norm)| {
+            let least = norm * T::EPSILON;
+            if sigma > least {
+                sigma
+            } else if least > T::zero() {
+                least
+            } else {
+                T::one()
+            }
+        })
+        .collect();
+    let mut a = rows.to_vec();
+    for row in a.chunks_exact_mut(n) {
+        for (x, &u) in row.iter_mut().zip(&unit) {
+            *x /= u;
+        }
+    }
+    let (s, v) = singular_values(&a, n)?;
+    let many = T::of(count as f64);
+    // Exceeded by noise alone once in three thousand times.
+    let edge = many.sqrt() + T::of(n as f64).sqrt() + T::of(4.0);
+    let mut out = Vec::new();
+    let short = s.iter().any(|&s| s <= edge);
+    for (k, &s) in s.iter().enumerate() {
+        if s > edge {
+            let left = (s - many.sqrt()) * (s + many.sqrt());
+            let left = left.sqrt();
+            // By so much the noise turns a direction towards those that are dropped.
+            let turned = if short { edge / s } else { T::zero() };
+            out.extend(v[k * n..(k + 1) * n].iter().zip(&unit).map(|(&x, &u)| {
+                if x.abs() <= turned {
+                    T::zero()
+                } else {
+                    x * u * left
+                }
+            }));
+        }
+    }
+    finite("rows", out)
 }
 
 /// Singular values (descending) of `rows` of length `n` as they are, without a scale,
@@ -387,7 +1119,15 @@ impl<T: Real> Observability<T> {
 /// assert_eq!(values, [4.0, 3.0]);
 /// ```
 pub fn singular_values<T: Real>(rows: &[T], n: usize) -> Result<(Vec<T>, Vec<T>), NumberError> {
-    let factor = Observability::new(rows, n, None)?.factor;
+    check_rows(rows, n)?;
+    let limit = T::MAX / T::of(2.0 * (n.max(rows.len() / n) as f64));
+    if !rows.iter().all(|x| x.abs() <= limit) {
+        return Err(OVERFLOW);
+    }
+    let mut factor = sort_rows(rows, n);
+    factor.resize((rows.len() / n).max(n) * n, T::zero());
+    triangularize(&mut factor, n, &mut vec![T::zero(); n]);
+    factor.truncate(n * n);
     let (mut values, mut vectors) = (vec![T::zero(); n], vec![T::zero(); n * n]);
     let (ones, mut work) = (vec![T::one(); n], vec![T::zero(); n * n]);
     spectrum::decompose(&factor, n, &ones, &mut values, &mut vectors, &mut work);

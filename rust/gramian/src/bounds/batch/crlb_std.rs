@@ -14,6 +14,7 @@ use crate::batch::simd::Path;
 use crate::batch::transpose::{Aligned, buffers, into_lanes, out_of_lanes};
 use crate::batch::{Items, Threads};
 use crate::bound::standard_deviations;
+use crate::observability::Observability;
 use crate::posterior::Form;
 use crate::spectrum::{decompose, default_rtol, rank, unit_columns};
 use crate::square_root::triangularize;
@@ -108,7 +109,15 @@ impl Kernel<'_> {
         unit_columns(a, n, scale);
         decompose(a, n, scale, s, v, w);
         let out = &mut self.out[index * n..(index + 1) * n];
-        standard_deviations(s, v, scale, rank(s, self.rtol), self.rtol, out);
+        let found = rank(s, self.rtol);
+        if found < n
+            && let Ok(whole) = Observability::new(rows, n, Some(self.rtol))
+        {
+            // Rows of very different weight may determine more than is seen at once.
+            out.copy_from_slice(&whole.crlb_std());
+            return;
+        }
+        standard_deviations(s, v, scale, found, self.rtol, out);
     }
 
     /// The bounds, as many as there are lanes from trial `start` of the group on;

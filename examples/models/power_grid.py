@@ -1,0 +1,27 @@
+"""Power grid: angles of five buses from flows and one phasor; which meter must not fail."""
+
+import numpy as np
+
+import gramian as gm
+
+LINES = [(0, 1), (1, 2), (2, 3), (3, 0), (3, 4)]
+SUSCEPTANCE = np.array([10.0, 8.0, 12.0, 9.0, 5.0])
+
+
+def model(*, phasor=True):
+    def flows(angle):
+        out = [
+            b * np.sin(angle[i] - angle[j]) for (i, j), b in zip(LINES, SUSCEPTANCE, strict=True)
+        ]
+        return [*out, angle[0]] if phasor else out
+
+    x = [0.0, -0.02, -0.05, -0.03, -0.08]
+    return gm.from_function(flows, x, 0.01, [f"angle {i}" for i in range(5)], units=["rad"] * 5)
+
+
+if __name__ == "__main__":
+    print(gm.analyze(model(phasor=False)).summary())
+    answer = gm.analyze(model())
+    print(answer.summary())
+    for one in answer.critical():
+        print(one.name, one.nullity, one.growth)

@@ -1,0 +1,717 @@
+"""A model of the user's own: a measurement function, what is known of it, and its rows."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gramian import _core
+from gramian._arrays import as_float_array, finite, number, whole
+from gramian._noise import Noise, as_noise
+from gramian.exceptions import InputError
+from gramian.problem import Accuracy, Array, Problem, ProblemSource, checked_names
+
+__all__ = ["Model", "from_function"]
+
+Method = Literal["central", "complex", "given", "jax", "torch", "casadi"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Model(ProblemSource):
+    """A measurement function with the names, units and noise of what it relates.
+
+    Made by `from_function`. Every function that takes a problem takes a model, at its `x`.
+
+    Attributes
+    ----------
+    names, units : tuple of str, length n
+        The states.
+    x : ndarray, shape (n,), or None
+        Where the questions are asked by default.
+    scale : ndarray, shape (n,)
+        The deviation of each state that would be useless; NaN where it has none.
+    periods : ndarray, shape (m,), or None
+        Period of each measurement, 0 for one that is no angle.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    x: Array | None
+    scale: Array
+    _h: Callable[[Array], ArrayLike] = field(repr=False)
+    _sigma: ArrayLike = field(repr=False)
+    _options: Mapping[str, Any] = field(repr=False)
+    _kept: dict[Any, Any] = field(default_factory=dict, repr=False)
+
+    def __repr__(self) -> str:
+        at = "" if self.x is None else f" at x = {self.x}"
+        return f"Model of the states {', '.join(self.names)}{at}"
+
+    def __getstate__(self) -> dict[str, Any]:
+        # What was worked out is worked out again.
+        return self.__dict__ | {"_kept": {}}
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return len(self.names)
+
+    def at(self, x: ArrayLike) -> Model:
+        """Return the same model, asked at another state (n,)."""
+        state = self._state(x)
+        values = self.__dict__ | {"x": state, "_kept": {}}
+        return Model(**values)
+
+    def h(self, x: ArrayLike | None = None) -> Array:
+        """Return the exact measurements (m,) at a state; of complex ones both parts, stacked."""
+        return self._value(self._state(x)).copy()
+
+    def problem(self, x: ArrayLike | None = None) -> Problem:
+        """Return the rows at one state with all that belongs to them.
+
+        Parameters
+        ----------
+        x : array_like, shape (n,), optional
+            The model's own by default.
+
+        Raises
+        ------
+        InputError
+            Where h has no value or no derivative, or jumps.
+        """
+        state = self._state(x)
+        key = ("problem", state.tobytes())
+        if key not in self._kept:
+            self._kept.clear()
+            self._kept[key] = self._problem(state)
+        kept: Problem = self._kept[key]
+        return kept
+
+    def rows(self, x: ArrayLike | None = None) -> Array:
+        """Return the whitened rows (K, n) at one state."""
+        return self.problem(x).rows
+
+    def jacobian(self, x: ArrayLike | None = None) -> Array:
+        """Return the derivatives (m, n) of h at one state, without noise."""
+        return self._derivatives(self._state(x))[0]
+
+    def residuals(self, x: ArrayLike, z: ArrayLike) -> Array:
+        """Return the whitened residuals (K,) of measurements z (m,) at a state.
+
+        Angles are unwrapped to the nearest turn; missing measurements (NaN, or of
+        infinite sigma) are left out or zero.
+        """
+        exact = self._value(self._state(x))
+        given = np.asarray(z)
+        if np.iscomplexobj(given):
+            given = np.concatenate([given.real.ravel(), given.imag.ravel()])
+        measured = as_float_array(given, "z").ravel()
+        if measured.shape != exact.shape:
+            raise InputError(f"z has shape {np.shape(z)}: must be ({exact.size},)")
+        off = self.difference(measured, exact)
+        return self.noise.whiten(np.where(np.isnan(off), 0.0, off))
+
+    def difference(self, to: Array, start: Array) -> Array:
+        """Return the difference of measurements (..., m), angles to the nearest turn."""
+        off: Array = to - start
+        if self.periods is not None:
+            turn = np.where(self.periods > 0, self.periods, 1.0)
+            off = np.where(self.periods > 0, off - turn * np.round(off / turn), off)
+        return off
+
+    def simulate(
+        self, x: ArrayLike | None = None, seed: int = 0, trials: int | None = None
+    ) -> Array:
+        """Return measurements (m,), or (trials, m), with noise.
+
+        Parameters
+        ----------
+        x : array_like, shape (n,), optional
+            The truth; the model's own by default.
+        seed : int
+        trials : int, optional
+        """
+        exact, noise = self.h(x), self.noise
+        count = 1 if trials is None else whole(trials, "trials", 1)
+        normals = _core.normals(whole(seed, "seed"), 0, count, noise.draws)
+        drawn = exact + noise.sample(normals)
+        return drawn if trials is not None else drawn[0]
+
+    @property
+    def noise(self) -> Noise:
+        """The noise of the measurements, as what whitens them."""
+        if "noise" not in self._kept_shape:
+            raise InputError("x was not given, and h was not yet evaluated anywhere")
+        kept: Noise = self._kept_shape["noise"]
+        return kept
+
+    @property
+    def periods(self) -> Array | None:
+        """Period of each measurement, 0 for one that is no angle."""
+        periods: Array | None = self._kept_shape.get("periods")
+        return periods
+
+    @property
+    def accuracy(self) -> Accuracy:
+        """How accurate the rows at `x` are, and how they were found."""
+        accuracy = self.problem().accuracy
+        if accuracy is None:
+            raise InputError("the rows of this model have no stated accuracy")
+        return accuracy
+
+    @property
+    def _kept_shape(self) -> dict[str, Any]:
+        if "shape" not in self._options["memory"] and self.x is not None:
+            self._value(self.x)
+        memory: dict[str, Any] = self._options["memory"]
+        return memory
+
+    def _state(self, x: ArrayLike | None) -> Array:
+        if x is None:
+            if self.x is None:
+                raise InputError("x is missing: the model was made without one")
+            return self.x
+        state = finite(x, "x").copy()
+        if state.shape != (self.n,):
+            raise InputError(
+                f"x has shape {state.shape}: must be ({self.n},), one for each of the states "
+                f"{', '.join(self.names)}"
+            )
+        return state
+
+    def _value(self, state: Array) -> Array:
+        """Return h(x), checked; what depends on its shape is read the first time."""
+        raw = np.asarray(self._h(state.copy()))
+        memory = self._options["memory"]
+        is_complex = np.iscomplexobj(raw) or bool(memory.get("complex"))
+        flat = _stacked(raw, is_complex=is_complex)
+        if "shape" not in memory:
+            if flat.size == 0:
+                raise InputError("h(x) is empty: must return at least one measurement")
+            memory["noise"] = as_noise(self._sigma, flat.size, is_complex=is_complex)
+            memory["periods"] = self._read_periods(flat.size)
+            memory["complex"] = is_complex
+            memory["shape"] = flat.shape
+        if flat.shape != memory["shape"]:
+            raise InputError(
+                f"h(x) has {flat.size} measurements at x = {state}, "
+                f"and {memory['shape'][0]} elsewhere: must be as many at each state"
+            )
+        return finite(flat, "h(x)")
+
+    def _read_periods(self, count: int) -> Array | None:
+        angles, periods = self._options["angles"], self._options["periods"]
+        if periods is not None:
+            given = as_float_array(periods, "periods")
+            if given.shape not in {(), (count,)}:
+                raise InputError(f"periods has shape {given.shape}: must be one, or ({count},)")
+            each = np.array(np.broadcast_to(given, (count,)))
+            if (bad := np.flatnonzero(~(each >= 0))).size:
+                raise InputError(f"periods[{bad[0]}] = {each[bad[0]]}: must be >= 0")
+            return each
+        if angles is None or angles is False:
+            return None
+        each = np.zeros(count)
+        if angles is True:
+            each[:] = 2 * np.pi
+            return each
+        for entry in angles:
+            index = whole(entry, "angles", -count, count - 1)
+            each[index] = 2 * np.pi
+        return each
+
+    def _batch(self, points: Array) -> Array:
+        """Return h at points (count, n), NaN where it has no value."""
+        count = self._kept_shape["shape"][0]
+        is_complex = self._kept_shape["complex"]
+        with np.errstate(all="ignore"):
+            if self._options["vectorized"]:
+                values = np.asarray(self._h(points))
+                if values.shape[:1] != points.shape[:1]:
+                    raise InputError(
+                        f"h has the shape {values.shape} at points {points.shape}: "
+                        "a vectorized h must return one row for each point"
+                    )
+                return np.stack([_stacked(line, is_complex=is_complex) for line in values])
+            out = np.full((len(points), count), np.nan)
+            for line, point in zip(out, points, strict=True):
+                try:
+                    flat = _stacked(np.asarray(self._h(point.copy())), is_complex=is_complex)
+                except (ArithmeticError, ValueError) as error:
+                    if isinstance(error, InputError):
+                        raise
+                    continue
+                if flat.shape != (count,):
+                    raise InputError(
+                        f"h(x) has {flat.size} measurements at x = {point}, and {count} "
+                        "elsewhere: must be as many at each state"
+                    )
+                line[:] = flat
+        return out
+
+    def _derivatives(self, state: Array) -> tuple[Array, Array | None, dict[str, Any]]:
+        """Return derivatives (m, n), their error and how they were found."""
+        at = self._value(state)
+        options = self._options
+        method, given = options["method"], options["jacobian"]
+        if method == "central":
+            weight = self._weights(at)
+            found = _core.differences(
+                self._batch,
+                state,
+                at,
+                self.scale,
+                weight,
+                np.zeros(at.size) if self.periods is None else self.periods,
+                self._spread(options["noise"], at.size, "noise"),
+                self._spread(options["step"], self.n, "step"),
+                self._pattern(at.size, state),
+                self.names,
+            )
+            how = {
+                "noise": found.noise(),
+                "step": found.step(),
+                "evaluations": found.evaluations + 1,
+                "groups": found.groups,
+            }
+            return found.values(), found.error(), how
+        if method == "complex":
+            return self._measured(state, functools.partial(_complex_step, self._h), at)
+        if method == "given":
+
+            def derivative(x: Array) -> Array:
+                raw = np.asarray(given(x.copy()))
+                if np.iscomplexobj(raw) or self._kept_shape["complex"]:
+                    raw = np.concatenate([raw.real, raw.imag])
+                return finite(raw, "jacobian(x)")
+
+            return self._measured(state, derivative, at)
+        return self._measured(state, functools.partial(_automatic, self._h, method), at)
+
+    def _measured(
+        self, state: Array, derivative: Callable[[Array], Array], at: Array
+    ) -> tuple[Array, Array | None, dict[str, Any]]:
+        """Return derivatives, their error by rounding, after a check against differences."""
+        values = derivative(state)
+        if values.shape != (at.size, self.n):
+            hint = ": is it transposed?" if values.shape == (self.n, at.size) else ""
+            raise InputError(
+                f"the Jacobian has shape {values.shape}: must be ({at.size}, {self.n}){hint}"
+            )
+        # What rounding inside leaves: second differences over a few units in the last place.
+        error = np.finfo(float).eps * np.abs(values)
+        size = np.where(state == 0, np.where(np.isnan(self.scale), 1.0, self.scale), state)
+        for signs in (1.0, np.where(np.arange(self.n) % 2, 1.0, -1.0)):
+            step = 8 * np.spacing(np.abs(size)) * signs
+            try:
+                bent = derivative(state + step) - 2 * values + derivative(state - step)
+            except (InputError, ArithmeticError, ValueError):
+                continue
+            error = np.maximum(error, np.abs(bent))
+        self._check(state, values, error, at)
+        return values, error, {"evaluations": 5, "step": None, "noise": None, "groups": self.n}
+
+    def _check(self, state: Array, values: Array, error: Array, at: Array) -> None:
+        """Compare derivatives with differences along two directions."""
+        nothing = np.zeros(1)
+        known = np.where(np.isnan(self.scale), np.where(state == 0, 1.0, np.abs(state)), self.scale)
+        for turn in (0, 1):
+            direction = known * np.cos(1.0 + 2.4 * np.arange(self.n) + turn)
+
+            def line(t: Array, along: Array = direction) -> Array:
+                return self._batch(state + t * along)
+
+            with np.errstate(all="ignore"):
+                try:
+                    found = _core.differences(
+                        line,
+                        nothing,
+                        at,
+                        np.ones(1),
+                        self._weights(at),
+                        np.zeros(at.size) if self.periods is None else self.periods,
+                        np.full(at.size, np.nan),
+                        np.full(1, np.nan),
+                        None,
+                        ("the state along a line",),
+                    )
+                except InputError:
+                    # Differences that do not exist check nothing.
+                    return
+            slope, allowed = found.values()[:, 0], found.error()[:, 0]
+            expected = values @ direction
+            slack = 3 * allowed + 3 * (error @ np.abs(direction)) + 1e-6 * np.abs(slope).max()
+            off = np.abs(expected - slope)
+            if (bad := np.flatnonzero(off > slack + 1e-3 * np.abs(slope))).size:
+                i = int(bad[np.argmax(off[bad] / slack[bad])])
+                raise InputError(
+                    f"the Jacobian does not fit h: along a line h(x)[{i}] changes by "
+                    f"{slope[i]:.6g}, by the Jacobian {expected[i]:.6g}"
+                    + self._guess(values, expected, slope, direction)
+                )
+
+    def _guess(self, values: Array, expected: Array, slope: Array, direction: Array) -> str:
+        if self._options["method"] == "complex":
+            return (
+                ": h is not analytic (abs, norm, real, a comparison or conjugate in it); "
+                'use method = "central"'
+            )
+        if values.shape[0] == values.shape[1] and np.allclose(
+            values.T @ direction, slope, rtol=1e-3
+        ):
+            return ": it is transposed"
+        if np.allclose(-expected, slope, rtol=1e-3):
+            return ": its sign is wrong"
+        with np.errstate(all="ignore"):
+            ratio = slope / expected
+        if np.isfinite(ratio).all() and np.allclose(ratio, ratio[0], rtol=1e-3):
+            return f": it is off by the factor {ratio[0]:.6g}, a unit perhaps"
+        return ""
+
+    def _weights(self, at: Array) -> Array:
+        """One over the deviation of each measurement; of one without noise by its size."""
+        sigma = np.broadcast_to(self.noise.sigma, at.shape)
+        size = np.where(at == 0, 1.0, np.abs(at))
+        known = (sigma > 0) & np.isfinite(sigma)
+        weight: Array = 1 / np.where(known, sigma, size)
+        return weight
+
+    def _spread(self, value: Any, count: int, name: str) -> Array:
+        if value is None:
+            return np.full(count, np.nan)
+        given = as_float_array(value, name)
+        if given.shape not in {(), (count,)}:
+            raise InputError(f"{name} has shape {given.shape}: must be one number, or ({count},)")
+        each = np.array(np.broadcast_to(given, (count,)))
+        if (bad := np.flatnonzero(each < 0)).size or np.isinf(each).any():
+            place = f"[{bad[0]}]" if given.ndim and bad.size else ""
+            raise InputError(f"{name}{place} = {value}: must be >= 0 and finite")
+        return each
+
+    def _pattern(self, count: int, state: Array) -> list[list[int]] | None:
+        sparsity = self._options["sparsity"]
+        if sparsity is None:
+            return None
+        if isinstance(sparsity, str):
+            if sparsity != "find":
+                raise InputError(f'sparsity = {sparsity!r}: must be "find" or a pattern (m, n)')
+            pattern = self._found_pattern(count, state)
+        else:
+            dense = sparsity.toarray() if hasattr(sparsity, "toarray") else np.asarray(sparsity)
+            pattern = dense != 0
+        if pattern.shape != (count, self.n):
+            raise InputError(f"sparsity has shape {pattern.shape}: must be ({count}, {self.n})")
+        return [np.flatnonzero(column).tolist() for column in pattern.T]
+
+    def _found_pattern(self, count: int, state: Array) -> NDArray[np.bool_]:
+        """Return which outputs each state may move: those that NaN in its place reaches."""
+        generator = np.random.default_rng(0)
+        possible = np.ones((count, self.n), dtype=bool)
+        share, settled = 0.5, 0
+        # Groups of states at once: an output that stays finite depends on none of them.
+        for _ in range(12 * int(np.ceil(np.log2(self.n + 1))) + 40):
+            group = generator.random(self.n) < share
+            points = np.where(group, np.nan, state)[None, :]
+            untouched = np.isfinite(self._batch(points)[0])
+            before = possible.sum()
+            possible[np.ix_(untouched, group)] = False
+            # Most is learned where about a third of the outputs stay finite.
+            share = min(0.5, share * (1.5 if untouched.mean() > 0.37 else 0.7))
+            settled = settled + 1 if possible.sum() == before else 0
+            if settled >= 20:
+                break
+        return possible
+
+    def _problem(self, state: Array) -> Problem:
+        values, error, how = self._derivatives(state)
+        options, noise = self._options, self.noise
+        problem = Problem(
+            noise.whiten(values),
+            self.names,
+            units=self.units,
+            scale=self.scale,
+            rtol=options["rtol"],
+            combinations=options["combinations"],
+            row_error=None if error is None else noise.errors(error),
+            row_sigma=options["row_sigma"],
+        )
+        accuracy = Accuracy(
+            method=options["method"],
+            error=error,
+            noise=how["noise"],
+            step=how["step"],
+            evaluations=how["evaluations"],
+            groups=how["groups"],
+        )
+        problem = problem._replaced(accuracy=accuracy)
+        exact = noise.exact @ values
+        if error is not None and len(exact):
+            # Combinations of redundant measurements that no state moves say nothing.
+            size = np.abs(noise.exact) @ (np.abs(values) + 0.0)
+            allowed = np.abs(noise.exact) @ error + 1e-12 * size
+            exact = exact[(np.abs(exact) > 3 * allowed).any(axis=1)]
+        if len(exact):
+            problem = problem.constrain(exact)
+        if options["tangent"] is not None:
+            problem = problem.constrain(self._normals(state))
+        return problem
+
+    def _normals(self, state: Array) -> Array:
+        """Return the directions (q, n) in which the state cannot move."""
+        tangent = self._options["tangent"]
+        if callable(tangent):
+            tangent = tangent(state.copy())
+        if isinstance(tangent, (list, tuple)) and any(
+            isinstance(part, (list, tuple)) and part and isinstance(part[0], str)
+            for part in tangent
+        ):
+            # The states of each group keep the length of their vector.
+            normals = np.zeros((len(tangent), self.n))
+            for line, group in zip(normals, tangent, strict=True):
+                for name in group:
+                    if name not in self.names:
+                        raise InputError(f"tangent names {name!r}: no state has that name")
+                    i = self.names.index(name)
+                    line[i] = state[i]
+            return normals
+        basis = finite(tangent, "tangent")
+        if basis.ndim != 2 or basis.shape[0] != self.n or basis.shape[1] >= self.n:
+            raise InputError(
+                f"tangent has shape {basis.shape}: must be ({self.n}, d) with d < {self.n}"
+            )
+        left, values, _ = np.linalg.svd(basis)
+        rank = int((values > 1e-12 * values[0]).sum()) if values.size else 0
+        return left[:, rank:].T
+
+
+def from_function(
+    h: Callable[[Array], ArrayLike],
+    x: ArrayLike | None = None,
+    sigma: ArrayLike | None = None,
+    names: Sequence[str] | None = None,
+    *,
+    method: Method = "central",
+    jacobian: Callable[[Array], ArrayLike] | None = None,
+    units: Sequence[str] | None = None,
+    scale: ArrayLike | None = None,
+    combinations: Mapping[str, ArrayLike] | None = None,
+    angles: Sequence[int] | bool | None = None,
+    periods: ArrayLike | None = None,
+    step: ArrayLike | None = None,
+    noise: ArrayLike | None = None,
+    rtol: float | None = None,
+    row_sigma: ArrayLike | None = None,
+    sparsity: ArrayLike | Literal["find"] | None = None,
+    tangent: Any = None,
+    vectorized: bool = False,
+) -> Model:
+    """Make a model of a measurement function of your own.
+
+    Parameters
+    ----------
+    h : callable
+        Takes the state (n,), returns the measurements (m,). Complex measurements are
+        their real parts, then their imaginary parts.
+    x : array_like, shape (n,), optional
+        The state at which questions are asked by default.
+    sigma : array_like, shape (), (m,), (m, m) or (b, k, k)
+        Standard deviation of all measurements or of each (0: exact, `inf`: missing), their
+        covariance, which may be singular, or its blocks along the diagonal. For complex
+        measurements also a Hermitian covariance; the noise is circular then.
+    names : sequence of str, length n
+        The states.
+    method : {"central", "complex", "given", "jax", "torch", "casadi"}
+        How the Jacobian is found: central differences whose step is searched for; a
+        complex step, exact to rounding, for an `h` that accepts complex numbers and is
+        analytic in them; the function `jacobian`; or automatic differentiation of an `h`
+        written for that package. All but differences are compared once with differences.
+    jacobian : callable, optional
+        Takes the state (n,), returns (m, n). Needed by ``method="given"`` only.
+    units, scale, combinations : optional
+        As for `Problem`. The search for the step of the differences starts at the scale.
+    angles : sequence of int, or True, optional
+        Which measurements, or all, are angles in rad that wrap at 2 pi.
+    periods : array_like, shape () or (m,), optional
+        Period of each measurement where it is another, 0 for none.
+    step : array_like, shape () or (n,), optional
+        The longest step of the differences, instead of one that is searched for.
+    noise : array_like, shape () or (m,), optional
+        Standard deviation of the noise of `h` itself (a solver's tolerance, printed
+        digits), instead of one that is measured.
+    rtol : float, optional
+        Relative accuracy of the rows, instead of the one found.
+    row_sigma : array_like, shape () or (n,), optional
+        As for `Problem`.
+    sparsity : array_like, shape (m, n), or "find", optional
+        Which measurement depends on which state (not zero: it does). States that share no
+        measurement are moved together, which takes few evaluations for local models.
+        "find" looks where NaN in place of a state reaches.
+    tangent : array_like, shape (n, d), callable or list of tuples of str, optional
+        Directions in which the state can move, where it lies on a surface; a function of
+        the state that returns them; or groups of states whose vector keeps its length:
+        ``[("qw", "qx", "qy", "qz")]``.
+    vectorized : bool
+        Whether `h` takes many states (count, n) at once and returns (count, m).
+
+    Returns
+    -------
+    Model
+
+    Raises
+    ------
+    InputError
+        Shapes that do not fit, noise that is none, a result that is not finite; an `h`
+        that jumps or has a kink at `x`; a Jacobian that does not fit it.
+
+    Notes
+    -----
+    Each derivative comes with its error, from the differences of a ladder of steps and
+    the measured noise of `h` (Ridders 1982; More & Wild 2011). `analyze` decides ranks
+    above it, and calls "undecided" what it cannot tell; `model.accuracy` says what was
+    found. It takes about 6 evaluations a state and 18 for the noise; up to 18 a state
+    where the scale must be searched for.
+
+    Examples
+    --------
+    >>> import numpy as np, gramian as gm
+    >>> ranges = lambda p: [np.hypot(p[0], p[1]), np.hypot(p[0] - 100, p[1])]
+    >>> model = gm.from_function(ranges, [30.0, 40.0], 1.0, ["east", "north"])
+    >>> gm.analyze(model).rank
+    2
+    >>> bool(model.accuracy.error.max() < 1e-10)
+    True
+    >>> model.rows([100.0, 1e-3]).shape
+    (2, 2)
+    """
+    if not callable(h):
+        raise InputError(f"h is a {type(h).__name__}: must be a function of the state")
+    if names is None or sigma is None:
+        missing = "names" if names is None else "sigma"
+        raise InputError(f"{missing} is missing: from_function(h, x, sigma, names)")
+    known = checked_names(names)
+    if (method == "given") != (jacobian is not None):
+        raise InputError(
+            f'method = "{method}" with jacobian {"given" if jacobian is not None else "missing"}: '
+            'a jacobian goes with method = "given" and with no other'
+        )
+    if method not in {"central", "complex", "given", "jax", "torch", "casadi"}:
+        raise InputError(
+            f'method = {method!r}: must be "central", "complex", "given", "jax", "torch" or '
+            '"casadi"'
+        )
+    if rtol is not None and not 0 < number(rtol, "rtol") < 1:
+        raise InputError(f"rtol = {rtol}: must be between 0 and 1")
+    # Checks names, units, scale and combinations.
+    empty = Problem(
+        np.zeros((0, len(known))), known, units=units, scale=scale, combinations=combinations
+    )
+    state = None
+    if x is not None:
+        state = finite(x, "x").copy()
+        if state.shape != (len(known),):
+            raise InputError(
+                f"x has shape {state.shape}: must be ({len(known)},), one for each name"
+            )
+    if method == "casadi":
+        h = _casadi_values(h)
+    model = Model(
+        names=known,
+        units=empty.units,
+        x=state,
+        scale=empty.scale,
+        _h=h,
+        _sigma=sigma,
+        _options={
+            "method": method,
+            "jacobian": jacobian,
+            "combinations": dict(empty.combinations),
+            "angles": angles,
+            "periods": periods,
+            "step": step,
+            "noise": noise,
+            "rtol": rtol,
+            "row_sigma": row_sigma,
+            "sparsity": sparsity,
+            "tangent": tangent,
+            "vectorized": vectorized,
+            "memory": {},
+        },
+    )
+    if state is not None:
+        model.problem()
+    return model
+
+
+def _stacked(values: NDArray[Any], *, is_complex: bool) -> Array:
+    """Return measurements as one vector of real numbers."""
+    if is_complex:
+        return np.concatenate([values.real.ravel(), values.imag.ravel()]).astype(float)
+    return as_float_array(values, "h(x)").ravel()
+
+
+def _complex_step(h: Callable[[Array], ArrayLike], x: Array) -> Array:
+    """Return the Jacobian by steps along the imaginary axis (Squire & Trapp 1998)."""
+    if np.iscomplexobj(np.asarray(h(x.copy()))):
+        raise InputError('h(x) is complex: a complex step needs a real h; use method = "central"')
+    columns = []
+    for i in range(x.size):
+        step = 1e-100 * max(1.0, abs(x[i]))
+        moved: Any = x.astype(complex)
+        moved[i] += 1j * step
+        try:
+            values = np.asarray(h(moved))
+        except TypeError as error:
+            raise InputError(f"h does not accept complex numbers: {error}") from error
+        if not np.iscomplexobj(values):
+            raise InputError(
+                'h returns real numbers for a complex state: use method = "central", '
+                "or an h without abs, real or conversions to float"
+            )
+        columns.append(values.ravel().imag / step)
+    return finite(np.stack(columns, axis=1), "the complex-step Jacobian of h")
+
+
+def _automatic(h: Callable[[Any], Any], method: str, x: Array) -> Array:
+    """Return the Jacobian by the automatic differentiation of another package."""
+    if method == "jax":
+        try:
+            import jax
+        except ImportError as error:
+            raise InputError('method = "jax" needs jax: pip install jax') from error
+        return np.asarray(jax.jacfwd(h)(x), dtype=float).reshape(-1, x.size)
+    if method == "torch":
+        try:
+            import torch
+        except ImportError as error:
+            raise InputError('method = "torch" needs PyTorch: pip install torch') from error
+        found = torch.autograd.functional.jacobian(h, torch.tensor(x, dtype=torch.float64))
+        return np.asarray(found.detach().numpy(), dtype=float).reshape(-1, x.size)
+    function: Any = h
+    return np.asarray(function.jacobian_of(x), dtype=float).reshape(-1, x.size)
+
+
+class _casadi_values:
+    """A CasADi function as a function of arrays, with its Jacobian."""
+
+    def __init__(self, function: Any) -> None:
+        try:
+            import casadi
+        except ImportError as error:
+            raise InputError('method = "casadi" needs CasADi: pip install casadi') from error
+        if not isinstance(function, casadi.Function):
+            raise InputError(f"h is a {type(function).__name__}: must be a casadi.Function")
+        state = casadi.MX.sym("x", function.size1_in(0))
+        value = casadi.vec(function(state))
+        self._value = casadi.Function("h", [state], [value])
+        self._jacobian = casadi.Function("dh", [state], [casadi.jacobian(value, state)])
+
+    def __call__(self, x: Array) -> Array:
+        return np.asarray(self._value(x), dtype=float).ravel()
+
+    def jacobian_of(self, x: Array) -> Array:
+        return np.asarray(self._jacobian(x), dtype=float)

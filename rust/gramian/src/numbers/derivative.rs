@@ -1,0 +1,999 @@
+//! Derivatives of a function that is only known by its values, with the error of each.
+//!
+//! A wrong derivative is worse than none: it turns what cannot be determined into a
+//! plausible number. The step is therefore searched for, not assumed; the noise of the
+//! function is measured; and each entry comes with an error that covers truncation,
+//! noise and rounding.
+//!
+//! # Source
+//! Noise from a difference table: More & Wild 2011, "Estimating computational noise",
+//! SIAM J. Sci. Comput. 33. Extrapolation with an error estimate: Ridders 1982, Adv. Eng.
+//! Software 4. Groups of columns: Curtis, Powell & Reid 1974, IMA J. Appl. Math. 13.
+
+use alloc::vec;
+use alloc::vec::Vec;
+
+/// Pairs of evaluations a state may take: 6 evaluations where all goes well, 12 more
+/// where the scale must be searched for.
+const MOST_PAIRS: usize = 9;
+/// First step, as a part of the size of the state.
+const FIRST: f64 = 1.0 / 64.0;
+/// Points beside x at which noise is measured.
+const NOISE_POINTS: usize = 6;
+/// Stated over standard deviation, for the part of an error that is noise.
+const COVERAGE: f64 = 3.0;
+/// Even over odd part of a change above which a step is too long.
+const BENT: f64 = 0.25;
+
+/// What is known of a function beforehand.
+#[derive(Clone, Copy, Debug)]
+pub struct Options<'a> {
+    /// For each state the change that matters, NaN where that is not known: the search
+    /// for the step starts there.
+    pub scale: &'a [f64],
+    /// For each output one over its standard deviation: what weighs in the choice of steps.
+    pub weight: &'a [f64],
+    /// For each output its period, 0 for one that is no angle.
+    pub period: &'a [f64],
+    /// For each output its noise where that is known, NaN where it is to be measured.
+    pub noise: &'a [f64],
+    /// For each state the longest step, NaN for one that is searched for.
+    pub step: &'a [f64],
+    /// For each state the outputs it may move, ascending; `None`: all of them.
+    pub pattern: Option<&'a [Vec<usize>]>,
+}
+
+/// Derivatives and how far they may be off.
+#[derive(Clone, Debug)]
+pub struct Jacobian {
+    /// Derivatives (m, n), row-major.
+    pub values: Vec<f64>,
+    /// Error of each, (m, n): at most this, save for one in a few hundred.
+    pub error: Vec<f64>,
+    /// Standard deviation of the noise of each output.
+    pub noise: Vec<f64>,
+    /// The longest step used for each state.
+    pub step: Vec<f64>,
+    /// How often the function was evaluated, the value at x not counted.
+    pub evaluations: usize,
+    /// Groups of states that were moved together.
+    pub groups: usize,
+}
+
+/// Why there is no derivative.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum Error<E> {
+    /// The function itself failed.
+    #[error("the function failed")]
+    Function(E),
+    /// An output jumps at x.
+    #[error(
+        "output {output} jumps from {below} to {above} as state {state} moves by {step} either way"
+    )]
+    Jump {
+        /// Which output.
+        output: usize,
+        /// Which state.
+        state: usize,
+        /// Its value just below.
+        below: f64,
+        /// Its value just above.
+        above: f64,
+        /// How far below and above.
+        step: f64,
+    },
+    /// No finite values around x.
+    #[error("output {output} is not finite where state {state} moves by {step}")]
+    NotFinite {
+        /// Which output.
+        output: usize,
+        /// Which state.
+        state: usize,
+        /// How far from x.
+        step: f64,
+    },
+}
+
+/// Values at x + s and x - s, as odd and even part of the change.
+struct Pair {
+    step: f64,
+    odd: Vec<f64>,
+    even: Vec<f64>,
+    finite: bool,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Phase {
+    /// No step is known yet at which the function is nearly linear.
+    Search,
+    /// Shorter steps follow the first good one.
+    Ladder,
+    /// The ladder did not settle: far shorter steps tell noise from detail.
+    Detail,
+    Done,
+}
+
+struct Column<'a> {
+    state: usize,
+    outputs: Option<&'a [usize]>,
+    pairs: Vec<Pair>,
+    next: f64,
+    least: f64,
+    most: f64,
+    phase: Phase,
+    shrunk: usize,
+    grown: usize,
+    /// From which pair on they belong to the ladder.
+    anchor: usize,
+    /// Whether only detail far below the first steps is trusted, and from where on.
+    detail: Option<usize>,
+    /// Whether no step was found at which noise is small.
+    noisy: bool,
+    /// Whether the first step was given up because noise at short steps was too large.
+    suspected: bool,
+    /// The shortest step at which there may be detail, where noise hides it.
+    reach: f64,
+}
+
+/// The derivatives at `x` of the function with the value `at` there.
+///
+/// `evaluate` is given points, n numbers each, and writes the outputs, m numbers each;
+/// NaN where the function has no value.
+///
+/// # Errors
+/// [`Error`].
+///
+/// # Panics
+/// Never; slices of another length than stated give an empty answer.
+///
+/// ```
+/// use gramian::numbers::derivative::{Options, jacobian};
+/// // Detail of 10 m at 5300 km: a step made from the size of x would miss it.
+/// let range = |x: f64| (x - 5.3e6).hypot(10.0);
+/// let x = [5.3e6 + 5.0];
+/// let found = jacobian::<()>(
+///     &x,
+///     &[range(x[0])],
+///     &Options {
+///         scale: &[f64::NAN], weight: &[1.0], period: &[0.0], noise: &[f64::NAN],
+///         step: &[f64::NAN], pattern: None,
+///     },
+///     |points, out| { for (p, o) in points.iter().zip(out) { *o = range(*p); } Ok(()) },
+/// ).unwrap();
+/// assert!((found.values[0] - 5.0 / 125.0_f64.sqrt()).abs() < 3.0 * found.error[0] + 1e-15);
+/// assert!(found.error[0] < 1e-7);
+/// ```
+pub fn jacobian<E>(
+    x: &[f64],
+    at: &[f64],
+    options: &Options<'_>,
+    mut evaluate: impl FnMut(&[f64], &mut [f64]) -> Result<(), E>,
+) -> Result<Jacobian, Error<E>> {
+    let (n, m) = (x.len(), at.len());
+    let groups = match options.pattern {
+        Some(pattern) => color(pattern, m),
+        None => (0..n).map(|j| vec![j]).collect(),
+    };
+    let mut columns: Vec<Column<'_>> = (0..n)
+        .map(|j| {
+            Column::new(
+                j,
+                x[j],
+                options.scale[j],
+                options.step[j],
+                options.pattern.map(|p| p[j].as_slice()),
+            )
+        })
+        .collect();
+    let mut noise: Vec<f64> = (0..m)
+        .map(|i| {
+            let rounding = 2.0 * f64::EPSILON * at[i].abs();
+            if options.noise[i] >= 0.0 {
+                options.noise[i].max(rounding)
+            } else {
+                rounding
+            }
+        })
+        .collect();
+    let given: Vec<bool> = options.noise.iter().map(|&x| x >= 0.0).collect();
+    let mut evaluations = 0;
+    let mut measured = given.iter().all(|&g| g);
+    let (mut points, mut values) = (Vec::new(), Vec::new());
+    loop {
+        // One round: a pair for each group that has a state left to move.
+        let active: Vec<&Vec<usize>> = groups
+            .iter()
+            .filter(|group| group.iter().any(|&j| columns[j].wants(measured)))
+            .collect();
+        if active.is_empty() {
+            if measured {
+                break;
+            }
+            evaluations +=
+                measure_noise(x, at, options, &given, &columns, &mut noise, &mut evaluate)
+                    .map_err(Error::Function)?;
+            measured = true;
+            let mut again = false;
+            for column in &mut columns {
+                again |= column.after_noise(options.weight, &noise);
+            }
+            if again {
+                measured = given.iter().all(|&g| g);
+                for i in (0..m).filter(|&i| !given[i]) {
+                    noise[i] = 2.0 * f64::EPSILON * at[i].abs();
+                }
+            }
+            continue;
+        }
+        points.clear();
+        for group in &active {
+            for sign in [1.0, -1.0] {
+                let start = points.len();
+                points.extend_from_slice(x);
+                for &j in *group {
+                    if columns[j].wants(measured) {
+                        points[start + j] += sign * columns[j].next;
+                    }
+                }
+            }
+        }
+        values.clear();
+        values.resize(points.len() / n * m, f64::NAN);
+        evaluations += points.len() / n;
+        evaluate(&points, &mut values).map_err(Error::Function)?;
+        for (group, pair) in active.iter().zip(values.chunks_exact(2 * m)) {
+            let (above, below) = pair.split_at(m);
+            for &j in *group {
+                if columns[j].wants(measured) {
+                    columns[j].take(at, above, below, options.period);
+                    columns[j].decide(options.weight, &noise, at)?;
+                }
+            }
+        }
+    }
+    from_ladders(&columns, &mut noise, &given);
+    let mut out = Jacobian {
+        values: vec![0.0; m * n],
+        error: vec![0.0; m * n],
+        noise,
+        step: columns.iter().map(Column::longest).collect(),
+        evaluations,
+        groups: groups.len(),
+    };
+    for column in &columns {
+        for (k, i) in column.each(m).enumerate() {
+            let (value, error) = column.entry(k, out.noise[i], at[i]);
+            out.values[i * n + column.state] = value;
+            out.error[i * n + column.state] = error;
+        }
+    }
+    Ok(out)
+}
+
+/// The power of two nearest below, so that x + s and x - s are exact.
+fn power(step: f64) -> f64 {
+    let rounded = f64::from_bits(step.to_bits() & 0x7ff0_0000_0000_0000);
+    if rounded > 0.0 {
+        rounded
+    } else {
+        f64::MIN_POSITIVE
+    }
+}
+
+fn norm(values: impl Iterator<Item = f64>) -> f64 {
+    values.fold(0.0, crate::scalar::hypot)
+}
+
+/// The difference of two outputs, to the nearest of its periods.
+fn change(to: f64, from: f64, period: f64) -> f64 {
+    let plain = to - from;
+    if period > 0.0 {
+        plain - period * (plain / period).round()
+    } else {
+        plain
+    }
+}
+
+impl<'a> Column<'a> {
+    fn new(state: usize, x: f64, scale: f64, step: f64, outputs: Option<&'a [usize]>) -> Self {
+        let size = if scale > 0.0 {
+            scale
+        } else if x == 0.0 {
+            1.0
+        } else {
+            x.abs()
+        };
+        let ulp = power(x.abs().max(f64::MIN_POSITIVE)) * f64::EPSILON;
+        let least = 4.0 * ulp;
+        let given = step > 0.0;
+        let first = if given { step } else { FIRST * size };
+        Self {
+            state,
+            outputs,
+            pairs: Vec::new(),
+            next: power(first).max(least),
+            least,
+            // Past eight times its own size a state is somewhere else.
+            most: if given {
+                step
+            } else if x == 0.0 || scale > 0.0 {
+                f64::INFINITY
+            } else {
+                8.0 * size
+            },
+            phase: Phase::Search,
+            shrunk: 0,
+            grown: 0,
+            anchor: 0,
+            detail: None,
+            noisy: false,
+            suspected: false,
+            reach: 0.0,
+        }
+    }
+
+    fn each(&self, m: usize) -> impl Iterator<Item = usize> + '_ {
+        let count = self.outputs.map_or(m, <[usize]>::len);
+        (0..count).map(move |k| self.outputs.map_or(k, |o| o[k]))
+    }
+
+    fn wants(&self, measured: bool) -> bool {
+        match self.phase {
+            Phase::Done => false,
+            Phase::Search => true,
+            Phase::Ladder | Phase::Detail => measured,
+        }
+    }
+
+    fn longest(&self) -> f64 {
+        self.used().map(|p| p.step).fold(0.0, f64::max)
+    }
+
+    fn take(&mut self, at: &[f64], above: &[f64], below: &[f64], period: &[f64]) {
+        let (mut odd, mut even) = (Vec::new(), Vec::new());
+        for i in self.each(at.len()) {
+            let up = change(above[i], at[i], period[i]);
+            let down = change(below[i], at[i], period[i]);
+            odd.push(0.5 * (up - down));
+            even.push(0.5 * (up + down));
+        }
+        let finite = odd.iter().chain(&even).all(|x| x.is_finite());
+        self.pairs.push(Pair {
+            step: self.next,
+            odd,
+            even,
+            finite,
+        });
+    }
+
+    /// Lengths of the odd part, the even part and the noise of a pair, weighted.
+    fn sizes(&self, pair: &Pair, weight: &[f64], noise: &[f64]) -> [f64; 3] {
+        let m = noise.len();
+        let of = |values: &[f64]| norm(self.each(m).zip(values).map(|(i, x)| x * weight[i]));
+        [
+            of(&pair.odd),
+            of(&pair.even),
+            norm(self.each(m).map(|i| noise[i] * weight[i])),
+        ]
+    }
+
+    /// How far apart the points are at which noise is measured: parts of a power of two
+    /// that leave x + k s exact, yet are none themselves, or numbers of fewer digits would
+    /// not be seen.
+    fn spacing(&self, wide: bool, weight: &[f64], noise: &[f64]) -> f64 {
+        let Some(pair) = self.pairs.get(self.detail.unwrap_or(self.anchor)) else {
+            return 0.0;
+        };
+        let [odd, even, _] = self.sizes(pair, weight, noise);
+        let part = if wide {
+            let bent = even / odd;
+            1.625 * power((0.02 / bent).clamp(2.0_f64.powi(-20), 1.0))
+        } else {
+            13.0 / 65536.0
+        };
+        let sign = if (self.state * 7 + 3) % 5 < 2 {
+            -1.0
+        } else {
+            1.0
+        };
+        sign * (pair.step * part).max(0.5 * self.least)
+    }
+
+    fn shorter<E>(&mut self, bits: i32, at: &[f64], weight: &[f64]) -> Result<(), Error<E>> {
+        let last = self.pairs.len() - 1;
+        let pair = &self.pairs[last];
+        let next = (pair.step * 2.0_f64.powi(-bits)).max(self.least);
+        if self.pairs.len() < MOST_PAIRS - 2 && next < pair.step {
+            self.next = power(next);
+            self.shrunk += 1;
+            return Ok(());
+        }
+        // No step is short enough: noise, or a jump.
+        let m = at.len();
+        let size = |x: &[f64]| norm(self.each(m).zip(x).map(|(i, x)| weight[i] * x));
+        if let Some(longest) = self.pairs.iter().position(|p| p.finite)
+            && pair.finite
+            && !self.jumps(weight, m)
+        {
+            let local = 5.0 * size(&pair.odd).max(size(&pair.even));
+            // The shortest step at which the change is above what is left at the end.
+            let best = (0..last)
+                .filter(|&k| self.pairs[k].finite && size(&self.pairs[k].odd) > local)
+                .min_by(|&a, &b| self.pairs[a].step.total_cmp(&self.pairs[b].step))
+                .unwrap_or(longest);
+            let first = self.pairs[best].step;
+            let swept: f64 = self
+                .pairs
+                .iter()
+                .map(|p| p.step)
+                .fold(f64::INFINITY, f64::min);
+            self.reach = if self.least > 1e-300 {
+                self.least
+            } else {
+                swept * 1e-12
+            };
+            for p in &mut self.pairs {
+                p.finite &= p.step >= first;
+            }
+            self.noisy = true;
+            self.anchor = best;
+            self.phase = Phase::Ladder;
+            self.next = 0.5 * first;
+            return Ok(());
+        }
+        let pair = &self.pairs[last];
+        if !pair.finite {
+            let k = pair
+                .odd
+                .iter()
+                .zip(&pair.even)
+                .position(|(o, e)| !(o + e).is_finite());
+            return Err(Error::NotFinite {
+                output: self.each(m).nth(k.unwrap_or(0)).unwrap_or(0),
+                state: self.state,
+                step: pair.step,
+            });
+        }
+        let (mut place, mut largest) = (0, -1.0);
+        for (k, i) in self.each(m).enumerate() {
+            let size = weight[i] * (pair.odd[k].abs() + pair.even[k].abs());
+            if size > largest {
+                (place, largest) = (k, size);
+            }
+        }
+        let output = self.each(m).nth(place).unwrap_or(0);
+        Err(Error::Jump {
+            output,
+            state: self.state,
+            below: at[output] + pair.even[place] - pair.odd[place],
+            above: at[output] + pair.even[place] + pair.odd[place],
+            step: pair.step,
+        })
+    }
+
+    /// Whether the shortest steps all meet the same change, which noise does not.
+    fn jumps(&self, weight: &[f64], m: usize) -> bool {
+        let Some([.., a, b]) = self.pairs.get(self.pairs.len().saturating_sub(2)..) else {
+            return false;
+        };
+        let size = |x: &[f64], y: &[f64]| {
+            norm(
+                self.each(m)
+                    .enumerate()
+                    .map(|(k, i)| weight[i] * (x[k] - y[k])),
+            )
+        };
+        let none = vec![0.0; a.odd.len()];
+        let apart = size(&a.odd, &b.odd) + size(&a.even, &b.even);
+        let turned = {
+            // A kink: the even part falls with the step, as fast as it is long.
+            let ratio = b.step / a.step;
+            let scaled: Vec<f64> = a.even.iter().map(|e| e * ratio).collect();
+            size(&scaled, &b.even) < 0.05 * size(&none, &b.even)
+        };
+        apart < 0.05 * (size(&none, &b.odd) + size(&none, &b.even)) || turned
+    }
+
+    /// What to do after the last pair.
+    fn decide<E>(&mut self, weight: &[f64], noise: &[f64], at: &[f64]) -> Result<(), Error<E>> {
+        match self.phase {
+            Phase::Search => self.search(weight, noise, at),
+            Phase::Ladder => {
+                self.climb(weight, noise);
+                Ok(())
+            }
+            Phase::Detail => {
+                self.compare(weight, noise);
+                Ok(())
+            }
+            Phase::Done => Ok(()),
+        }
+    }
+
+    fn search<E>(&mut self, weight: &[f64], noise: &[f64], at: &[f64]) -> Result<(), Error<E>> {
+        let last = self.pairs.len() - 1;
+        let pair = &self.pairs[last];
+        // Far steps first cost little; then as far as the numbers reach in a few.
+        let bits = [5, 10, 14, 14, 14, 14, 14, 14, 14][self.shrunk.min(8)];
+        if !pair.finite {
+            return self.shorter(bits, at, weight);
+        }
+        let [odd, even, level] = self.sizes(pair, weight, noise);
+        if odd < 8.0 * level && even < 8.0 * level {
+            // Nothing moves.
+            let longer = power((pair.step * 4096.0).min(self.most));
+            if self.shrunk > 0 {
+                // Not below the last step that moved something: that was noise.
+                self.anchor = last - 1;
+                self.phase = Phase::Ladder;
+                self.next = power((pair.step * self.pairs[last - 1].step).sqrt());
+            } else if self.grown < 4 && longer > 2.0 * pair.step {
+                self.grown += 1;
+                self.next = longer;
+            } else {
+                self.anchor = last;
+                self.phase = Phase::Ladder;
+                self.next = 0.5 * pair.step;
+            }
+            return Ok(());
+        }
+        let longer = power((pair.step * 4096.0).min(self.most));
+        if self.shrunk == 0 && self.grown < 4 && odd < 1e5 * level && even < 8.0 * level {
+            // Straight, and little above rounding: a longer step has more digits.
+            if longer > 2.0 * pair.step {
+                self.grown += 1;
+                self.next = longer;
+                return Ok(());
+            }
+        }
+        let lawful = last > 0 && self.pairs[last - 1].finite && {
+            let before = &self.pairs[last - 1];
+            let ratio = pair.step / before.step;
+            let m = noise.len();
+            let off = |a: &[f64], b: &[f64], power: f64| {
+                norm(
+                    self.each(m)
+                        .zip(a.iter().zip(b))
+                        .map(|(i, (x, y))| weight[i] * (x - power * y)),
+                )
+            };
+            off(&pair.odd, &before.odd, ratio) <= 0.1 * odd + 8.0 * level
+                && off(&pair.even, &before.even, ratio * ratio)
+                    <= 0.3 * even + 0.05 * odd + 8.0 * level
+        };
+        let confirming = last > 0 && self.pairs[last - 1].step <= 2.5 * pair.step;
+        if lawful {
+            self.anchor = if confirming { last - 1 } else { last };
+            self.phase = Phase::Ladder;
+            self.next = 0.5 * pair.step;
+            return Ok(());
+        }
+        // One step that looks straight may be chance: the next must agree.
+        let next = 0.5 * pair.step;
+        if even > BENT * odd || confirming || next < self.least || last + 2 > MOST_PAIRS {
+            return self.shorter(bits, at, weight);
+        }
+        self.next = next;
+        Ok(())
+    }
+
+    /// Once the noise is known, a longer step may be better.
+    ///
+    /// Returns whether the step was chance instead, and the search goes on.
+    fn after_noise(&mut self, weight: &[f64], noise: &[f64]) -> bool {
+        if self.phase != Phase::Ladder {
+            return false;
+        }
+        let pair = &self.pairs[self.anchor];
+        let [odd, even, level] = self.sizes(pair, weight, noise);
+        if odd == 0.0 {
+            return false;
+        }
+        if level > 0.02 * odd && !self.noisy && !self.suspected && self.pairs.len() < 6 {
+            // What looks like noise may be detail that all steps so far have missed.
+            let next = power((pair.step / 8192.0).max(self.least));
+            if next < pair.step {
+                self.suspected = true;
+                self.phase = Phase::Search;
+                self.next = next;
+                self.shrunk = self.shrunk.max(3);
+                return true;
+            }
+        }
+        let bend = (even / odd).max(2.0 * level / odd);
+        // Error of the ladder from noise, and how much longer the step may be.
+        let wanted = if level > 1e-3 * odd { 0.15 } else { 0.06 };
+        let factor = (wanted / bend).min(64.0);
+        if level > 1e-11 * odd && factor > 2.0 {
+            let longer = power((pair.step * factor).min(self.most));
+            if longer > pair.step {
+                self.next = longer;
+            }
+        }
+        false
+    }
+
+    /// The pairs of the ladder, from long to short steps.
+    fn used(&self) -> impl DoubleEndedIterator<Item = &Pair> {
+        let first = self.detail.unwrap_or(self.anchor);
+        let mut pairs: Vec<&Pair> = self.pairs[first.min(self.pairs.len())..]
+            .iter()
+            .filter(|p| p.finite)
+            .collect();
+        pairs.sort_by(|a, b| b.step.total_cmp(&a.step));
+        pairs.into_iter()
+    }
+
+    fn climb(&mut self, weight: &[f64], noise: &[f64]) {
+        let last = self.pairs.len() - 1;
+        let m = noise.len();
+        if !self.pairs[last].finite {
+            // A step too long was tried.
+            self.most = self.most.min(0.5 * self.pairs[last].step);
+        } else if self.pairs[last].step > self.pairs[self.anchor].step {
+            let [odd, even, _] = self.sizes(&self.pairs[last], weight, noise);
+            let ratio = self.pairs[last].step / self.pairs[self.anchor].step;
+            let [first, ..] = self.sizes(&self.pairs[self.anchor], weight, noise);
+            if even > BENT * odd || !(odd > 0.5 * ratio * first) {
+                // Bent: not part of the ladder.
+                self.pairs[last].finite = false;
+            }
+        }
+        let steps: Vec<f64> = self.used().map(|p| p.step).collect();
+        let room = self.pairs.len() < MOST_PAIRS;
+        if steps.len() < 3 {
+            if !room || steps.is_empty() {
+                self.phase = Phase::Done;
+                return;
+            }
+            self.next = if steps.len() == 2 && steps[0] > 2.5 * steps[1] {
+                power((steps[0] * steps[1]).sqrt() * 1.42)
+            } else {
+                0.5 * steps[steps.len() - 1]
+            };
+            if self.next < self.least || steps.contains(&self.next) {
+                self.phase = Phase::Done;
+            }
+            return;
+        }
+        if self.noisy && self.lawful(weight, noise) {
+            self.reach = 0.0;
+        }
+        let (mut value, mut random, mut rest, mut odd_one) = (0.0, 0.0, 0.0, false);
+        for (k, i) in self.each(m).enumerate() {
+            let (d, error) = self.entry(k, noise[i], 0.0);
+            let floor = self.floor(k, noise[i]);
+            value = crate::scalar::hypot(value, d * weight[i]);
+            random = crate::scalar::hypot(random, floor * weight[i]);
+            rest = crate::scalar::hypot(rest, (error - floor).max(0.0) * weight[i]);
+            odd_one |= self.irregular(k, noise[i]);
+        }
+        if rest <= 1e-8 * value || (rest <= random && !odd_one) {
+            self.phase = Phase::Done;
+            return;
+        }
+        if !room {
+            self.phase = Phase::Done;
+            return;
+        }
+        let shortest = steps[steps.len() - 1];
+        if odd_one && self.detail.is_none() && self.pairs.len() + 3 <= MOST_PAIRS {
+            // Noise that the table of differences did not show, or detail far finer.
+            let next = power((shortest / 1024.0).max(self.least));
+            if next < 0.25 * shortest {
+                self.phase = Phase::Detail;
+                self.next = next;
+                return;
+            }
+        }
+        let next = 0.25 * shortest;
+        if next < self.least || rest <= 4.0 * random {
+            self.phase = Phase::Done;
+        } else {
+            self.next = next;
+        }
+    }
+
+    /// Whether the change is proportional to the step, all along the ladder.
+    fn lawful(&self, weight: &[f64], noise: &[f64]) -> bool {
+        let pairs: Vec<&Pair> = self.used().collect();
+        pairs.windows(2).all(|w| {
+            let [odd, even, level] = self.sizes(w[1], weight, noise);
+            let ratio = w[1].step / w[0].step;
+            let off = norm(
+                self.each(noise.len())
+                    .enumerate()
+                    .map(|(k, i)| weight[i] * (w[1].odd[k] - ratio * w[0].odd[k])),
+            );
+            odd > 10.0 * level && even < BENT * odd && off < 0.1 * odd
+        })
+    }
+
+    fn compare(&mut self, weight: &[f64], noise: &[f64]) {
+        let last = self.pairs.len() - 1;
+        let m = noise.len();
+        let short: Vec<usize> = (0..=last)
+            .filter(|&k| {
+                self.pairs[k].finite && self.pairs[k].step <= self.pairs[self.anchor].step / 500.0
+            })
+            .collect();
+        if short.len() < 2 {
+            self.next = 0.5 * self.pairs[last].step;
+            if self.next < self.least || self.pairs.len() >= MOST_PAIRS {
+                self.phase = Phase::Done;
+            }
+            return;
+        }
+        self.phase = Phase::Done;
+        // The derivative by short steps against that by long ones.
+        let (a, b) = (&self.pairs[short[0]], &self.pairs[short[1]]);
+        let (mut apart, mut apart_short, mut size) = (0.0, 0.0, 0.0);
+        let mut allowed = 0.0;
+        for (k, i) in self.each(m).enumerate() {
+            let (long, error) = self.entry(k, noise[i], 0.0);
+            let (da, db) = (a.odd[k] / a.step, b.odd[k] / b.step);
+            apart = crate::scalar::hypot(apart, (da - long) * weight[i]);
+            apart_short = crate::scalar::hypot(apart_short, (da - db) * weight[i]);
+            allowed = crate::scalar::hypot(allowed, error * weight[i]);
+            size = crate::scalar::hypot(size, da * weight[i]);
+        }
+        if apart > 10.0 * allowed && apart_short < 0.05 * size {
+            // Detail: a smooth function where steps are short.
+            self.detail = Some(short[0]);
+            if self.pairs.len() + 2 <= MOST_PAIRS {
+                self.phase = Phase::Ladder;
+                self.next = 0.5 * b.step;
+            }
+        } else {
+            // Noise: the short steps only amplify it.
+            for k in short {
+                self.pairs[k].finite = false;
+            }
+        }
+    }
+
+    /// Whether differences of one output stay where they should fall with the step.
+    fn irregular(&self, k: usize, noise: f64) -> bool {
+        let pairs: Vec<&Pair> = self.used().collect();
+        pairs.windows(3).any(|w| {
+            let d = |p: &Pair| p.odd[k] / p.step;
+            let rounding = noise / w[2].step;
+            let (first, second) = ((d(w[0]) - d(w[1])).abs(), (d(w[1]) - d(w[2])).abs());
+            second > 0.6 * first && second > 20.0 * rounding
+        })
+    }
+
+    /// What noise leaves of the best estimate.
+    fn floor(&self, k: usize, noise: f64) -> f64 {
+        let longest = self.longest();
+        let largest = self
+            .used()
+            .map(|p| p.odd[k].abs().max(p.even[k].abs()))
+            .fold(0.0, f64::max);
+        COVERAGE * (noise + f64::EPSILON * largest) / longest.max(f64::MIN_POSITIVE)
+    }
+
+    /// Derivative and error of one output.
+    fn entry(&self, k: usize, noise: f64, at: f64) -> (f64, f64) {
+        let pairs: Vec<&Pair> = self.used().collect();
+        if pairs.is_empty() {
+            return (0.0, f64::INFINITY);
+        }
+        let level =
+            |p: &Pair| noise.max(f64::EPSILON * (at.abs() + p.odd[k].abs() + p.even[k].abs()));
+        // One step alone tells nothing of truncation but how bent the function is.
+        let mut best = {
+            let p = pairs[pairs.len() - 1];
+            let bend = if pairs.len() > 1 { p.odd[k].abs() } else { 0.0 };
+            let even = p.even[k].abs().min(bend.max(p.odd[k].abs()));
+            (p.odd[k] / p.step, (even + COVERAGE * level(p)) / p.step)
+        };
+        for width in 2..=3.min(pairs.len()) {
+            for window in pairs.windows(width) {
+                let (value, weights) = extrapolate(window, k);
+                let shorter = extrapolate(&window[1..], k).0;
+                let mut gap = (value - shorter).abs();
+                if width == 3 {
+                    // The gap is the error of two steps; that of three is smaller as
+                    // the gap is smaller than the one before it.
+                    let before = (shorter - window[2].odd[k] / window[2].step).abs();
+                    let bend = 4.0 * (window[0].even[k] / window[0].odd[k]).powi(2);
+                    let fall = if before > 0.0 { gap / before } else { 1.0 };
+                    gap *= (10.0 * fall.max(bend)).clamp(1e-3, 1.0);
+                    if !gap.is_finite() {
+                        continue;
+                    }
+                }
+                let random = norm(
+                    window
+                        .iter()
+                        .zip(&weights)
+                        .map(|(p, w)| w * level(p) / p.step),
+                ) * core::f64::consts::FRAC_1_SQRT_2;
+                let error = gap + COVERAGE * random;
+                if error < best.1 {
+                    best = (value, error);
+                }
+            }
+        }
+        if self.reach > 0.0 {
+            // Unresolved: there may be detail as short as the shortest step.
+            let largest = self
+                .pairs
+                .iter()
+                .map(|p| p.odd[k].abs().max(p.even[k].abs()));
+            let largest = largest.filter(|x| x.is_finite()).fold(noise, f64::max);
+            best.1 = best.1.max(largest / self.reach);
+        }
+        best
+    }
+}
+
+/// The limit of odd / step as the step goes to zero, a polynomial in its square, and
+/// the weight of each pair in it.
+fn extrapolate(pairs: &[&Pair], k: usize) -> (f64, [f64; 3]) {
+    let mut weights = [0.0; 3];
+    let mut value = 0.0;
+    for (a, p) in pairs.iter().enumerate() {
+        let mut weight = 1.0;
+        for (b, q) in pairs.iter().enumerate() {
+            if a != b {
+                let ratio = p.step / q.step;
+                weight /= 1.0 - ratio * ratio;
+            }
+        }
+        weights[a] = weight;
+        value += weight * p.odd[k] / p.step;
+    }
+    (value, weights)
+}
+
+/// Noise along one direction in which all states move a little, from the differences of
+/// equally spaced values: close ones for rounding, wide ones for what changes now and
+/// then, such as printed digits or the steps of a solver. Returns how many evaluations
+/// it took.
+fn measure_noise<E>(
+    x: &[f64],
+    at: &[f64],
+    options: &Options<'_>,
+    given: &[bool],
+    columns: &[Column<'_>],
+    noise: &mut [f64],
+    evaluate: &mut impl FnMut(&[f64], &mut [f64]) -> Result<(), E>,
+) -> Result<usize, E> {
+    let (n, m) = (x.len(), at.len());
+    // Of one state alone as few points as its derivative may take.
+    let wide = if n > 1 {
+        NOISE_POINTS
+    } else {
+        NOISE_POINTS / 2
+    };
+    let close: Vec<f64> = (1..=NOISE_POINTS).map(|k| k as f64).collect();
+    let far: Vec<f64> = (1..=wide).flat_map(|k| [-(k as f64), k as f64]).collect();
+    let mut points = Vec::with_capacity((close.len() + far.len()) * n);
+    for (multiples, is_wide) in [(&close, false), (&far, true)] {
+        let spacing: Vec<f64> = columns
+            .iter()
+            .map(|column| column.spacing(is_wide, options.weight, noise))
+            .collect();
+        for k in multiples {
+            points.extend((0..n).map(|j| x[j] + spacing[j] * k));
+        }
+    }
+    let count = close.len() + far.len();
+    let mut values = vec![f64::NAN; count * m];
+    evaluate(&points, &mut values)?;
+    for i in (0..m).filter(|&i| !given[i]) {
+        let value = |k: usize| change(values[k * m + i], at[i], options.period[i]);
+        let line: Vec<f64> = core::iter::once(0.0)
+            .chain((0..close.len()).map(value))
+            .collect();
+        noise[i] = noise[i].max(close_noise(line));
+        // In order: from the last point below x to the last above.
+        let below = (0..wide).rev().map(|k| value(close.len() + 2 * k));
+        let above = (0..wide).map(|k| value(close.len() + 2 * k + 1));
+        noise[i] = noise[i].max(wide_noise(below.chain([0.0]).chain(above).collect()));
+    }
+    Ok(count)
+}
+
+/// Noise by the differences of each order of equally spaced values; 0 for values that
+/// are not finite.
+fn levels(mut table: Vec<f64>) -> Vec<f64> {
+    let count = table.len();
+    if table.iter().any(|v| !v.is_finite()) {
+        return vec![0.0; count];
+    }
+    let (mut levels, mut gamma) = (vec![0.0; count], 1.0);
+    for order in 1..count {
+        let left = count - order;
+        for k in 0..left {
+            table[k] = table[k + 1] - table[k];
+        }
+        // (k!)^2 / (2k)!
+        gamma *= order as f64 / (2.0 * (2.0 * order as f64 - 1.0));
+        let square: f64 = table[..left].iter().map(|d| d * d).sum();
+        levels[order] = (gamma * square / left as f64).sqrt();
+    }
+    levels
+}
+
+/// Of values so close that differences of order 3 to 5 hold nothing of a smooth function.
+fn close_noise(line: Vec<f64>) -> f64 {
+    let levels = levels(line);
+    levels[3].max(levels[4]).max(levels[5])
+}
+
+/// Of values so far apart that a smooth function still shows in all differences, but
+/// falls from one order to the next, as noise does not.
+fn wide_noise(line: Vec<f64>) -> f64 {
+    let levels = levels(line);
+    let [.., a, b, c] = levels.as_slice() else {
+        return 0.0;
+    };
+    if *c > 0.2 * a && *b > 0.2 * a {
+        b.max(*c)
+    } else {
+        0.0
+    }
+}
+
+/// Noise that the ladders show and the table did not, such as that of a solver whose
+/// steps change: the even part without its square, which should fall sixteenfold.
+fn from_ladders(columns: &[Column<'_>], noise: &mut [f64], given: &[bool]) {
+    let m = noise.len();
+    let (mut sum, mut count) = (vec![0.0; m], vec![0.0; m]);
+    for column in columns {
+        let pairs: Vec<&Pair> = column.used().collect();
+        for window in pairs.windows(3) {
+            for (k, i) in column.each(m).enumerate() {
+                let quartic = |a: &Pair, b: &Pair| {
+                    let ratio = a.step / b.step;
+                    a.even[k] - ratio * ratio * b.even[k]
+                };
+                let (first, second) =
+                    (quartic(window[0], window[1]), quartic(window[1], window[2]));
+                let ratio = window[1].step / window[2].step;
+                let spread = (0.5 + 0.5 * ratio.powi(4) + (ratio * ratio - 1.0).powi(2)).sqrt();
+                let sample = second.abs() / spread;
+                if second.abs() > 0.4 * first.abs() && sample > 4.0 * noise[i] {
+                    sum[i] += sample * sample;
+                    count[i] += 1.0;
+                }
+            }
+        }
+    }
+    for i in 0..m {
+        if count[i] > 0.0 && !given[i] {
+            noise[i] = noise[i].max((sum[i] / count[i]).sqrt());
+        }
+    }
+}
+
+/// Groups of states none of which moves an output of another: greedy, those that move
+/// most outputs first.
+#[must_use]
+pub fn color(pattern: &[Vec<usize>], outputs: usize) -> Vec<Vec<usize>> {
+    let mut order: Vec<usize> = (0..pattern.len()).collect();
+    order.sort_by_key(|&j| (core::cmp::Reverse(pattern[j].len()), j));
+    let mut groups: Vec<Vec<usize>> = Vec::new();
+    let mut taken: Vec<Vec<bool>> = Vec::new();
+    for j in order {
+        let free = taken
+            .iter()
+            .position(|taken| pattern[j].iter().all(|&i| !taken[i]));
+        let group = free.unwrap_or_else(|| {
+            groups.push(Vec::new());
+            taken.push(vec![false; outputs]);
+            groups.len() - 1
+        });
+        groups[group].push(j);
+        for &i in &pattern[j] {
+            taken[group][i] = true;
+        }
+    }
+    for group in &mut groups {
+        group.sort_unstable();
+    }
+    groups
+}

@@ -1,0 +1,277 @@
+"""Rows of a user's own function: each value of the table, and errors that hold."""
+
+import numpy as np
+import pytest
+
+import gramian as gm
+
+DAY = 1.7e9  # s, time from an epoch far away
+
+
+def rows_of(h, x, **options):
+    names = [f"x{i}" for i in range(len(x))]
+    return gm.from_function(h, x, 1.0, names, **options).rows()
+
+
+def test_detail_of_ten_metres_at_5300_km():
+    found = rows_of(lambda x: [np.hypot(x[0] - 5.3e6, 10.0)], [5.3e6 + 5])
+    assert found[0, 0] == pytest.approx(5 / np.sqrt(125), rel=1e-8)
+
+
+def test_degrees_as_metres():
+    """Beacons of a few hundred metres in degrees and in metres: the same bounds."""
+    radius = np.radians(1) * 6.371e6
+    beacons = np.array([[0.0, 0.0], [300.0, 0.0], [0.0, 200.0]])
+    at = np.array([120.0, 90.0])
+
+    def ranges(p):
+        return np.hypot(*(p - beacons).T)
+
+    def in_degrees(q):
+        return ranges((np.asarray(q) - [48.0, 11.0]) * radius)
+
+    metres = gm.crlb_std(gm.from_function(ranges, at, 0.1, ["n", "e"]))
+    degrees = gm.from_function(in_degrees, [48.0, 11.0] + at / radius, 0.1, ["lat", "lon"])
+    np.testing.assert_allclose(gm.crlb_std(degrees) * radius, metres, rtol=1e-6)
+
+
+def test_time_of_an_epoch():
+    times = np.linspace(0, 6, 9)
+
+    def from_origin(t0):
+        return lambda x: x[0] * np.cos(times + (x[1] - t0))
+
+    near = gm.from_function(from_origin(0.0), [2.0, 0.3], 0.1, ["a", "t"])
+    far = gm.from_function(from_origin(DAY), [2.0, DAY + 0.3], 0.1, ["a", "t"])
+    np.testing.assert_allclose(gm.crlb_std(far), gm.crlb_std(near), rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("h", "wanted"),
+    [(lambda x: [np.arctan2(x[0], -1)], -1), (lambda x: [np.mod(x[0], 2 * np.pi)], 1)],
+)
+def test_an_angle_that_wraps_at_x(h, wanted):
+    assert rows_of(h, [0.0], angles=[0])[0, 0] == pytest.approx(wanted, abs=1e-5)
+    assert rows_of(h, [0.0], periods=2 * np.pi)[0, 0] == pytest.approx(wanted, abs=1e-5)
+    with pytest.raises(gm.InputError, match=r"h\(x\)\[0\] jumps .* x0 .*angles=\[0\]"):
+        rows_of(h, [0.0])
+
+
+def test_a_kink_has_no_derivative():
+    with pytest.raises(gm.InputError, match="kink where x0 = 0"):
+        rows_of(lambda x: [abs(x[0])], [0.0])
+
+
+def test_rounding_alone_is_nothing():
+    model = gm.from_function(
+        lambda x: [(x[0] + 7.3) - x[0], ((x[0] - 21.9) + 14.6) - x[0], x[1]],
+        [3.0, 2.0],
+        1.0,
+        ["a", "b"],
+    )
+    answer = gm.analyze(model)
+    assert (answer.rank, answer.status) == (1, "unobservable")
+
+
+def test_single_precision():
+    """The product of two states, rounded to 24 bits."""
+    factors = np.array([1.0, 2.0, 3.3], dtype=np.float32)
+    model = gm.from_function(
+        lambda x: np.float64(np.float32(x[0]) * np.float32(x[1]) * factors),
+        [1.7, 2.9],
+        1.0,
+        ["a", "b"],
+    )
+    answer = gm.analyze(model)
+    assert answer.rank == 1
+    assert answer.status in {"unobservable", "undecided"}
+    true = np.outer(factors, [2.9, 1.7])
+    assert (np.abs(model.rows() - true) <= 3 * model.accuracy.error).all()
+
+
+def test_printed_digits():
+    model = gm.from_function(
+        lambda x: np.round((x[0] + 2 * x[1]) * np.array([1.0, 2.0, 3.3]), 4),
+        [1.7, 2.9],
+        1.0,
+        ["a", "b"],
+    )
+    answer = gm.analyze(model)
+    assert answer.rank == 1
+    assert answer.status in {"unobservable", "undecided"}
+
+
+@pytest.mark.parametrize("rtol", [1e-3, 1e-6, 1e-8])
+@pytest.mark.parametrize("method", ["RK45", "LSODA"])
+def test_a_solver_with_adaptive_steps(rtol, method):
+    """Two compartments: of volume and dose only the ratio can be found."""
+    from scipy.integrate import solve_ivp
+
+    def concentration(p):
+        k12, k21, ke, volume, dose = p
+        solution = solve_ivp(
+            lambda _, a: [-(k12 + ke) * a[0] + k21 * a[1], k12 * a[0] - k21 * a[1]],
+            (0, 8),
+            [dose, 0],
+            method=method,
+            rtol=rtol,
+            atol=1e-3 * rtol,
+            t_eval=np.linspace(0.5, 8, 8),
+        )
+        return solution.y[0] / volume
+
+    names = ["k12", "k21", "ke", "volume", "dose"]
+    answer = gm.analyze(gm.from_function(concentration, [0.5, 0.3, 0.2, 5.0, 100.0], 0.01, names))
+    assert answer.rank == 4
+    assert answer.status in {"unobservable", "undecided"}
+
+
+@pytest.mark.parametrize("offset", [0.0, 5e4, 5e6])
+def test_cancellation_inside_h(offset):
+    """Eight landmarks seen from a moving frame: yaw and the origin cannot be found."""
+    rng = np.random.default_rng(1)
+    landmarks = rng.uniform(-20, 20, (8, 3)) + offset
+    path = rng.uniform(-5, 5, (4, 3)) + offset
+
+    def seen(x):
+        origin, yaw, points = x[:3], x[3], x[4:].reshape(8, 3)
+        out = []
+        for k, at in enumerate(path):
+            c, s = np.cos(yaw + 0.3 * k), np.sin(yaw + 0.3 * k)
+            turned = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+            # The carrier's own path is known in a frame of its own.
+            c0, s0 = np.cos(yaw), np.sin(yaw)
+            own = np.array([[c0, -s0, 0], [s0, c0, 0], [0, 0, 1]]) @ (at - offset)
+            out.append(((points - (origin + own)) @ turned.T).ravel())
+        return np.concatenate(out)
+
+    x = np.concatenate([np.full(3, offset), [0.2], landmarks.ravel()])
+    names = ["x", "y", "z", "yaw", *[f"l{i}" for i in range(24)]]
+    answer = gm.analyze(gm.from_function(seen, x, 0.01, names))
+    assert answer.nullity == 4
+
+
+def test_complex_measurements():
+    times = np.arange(5.0)
+    model = gm.from_function(
+        lambda x: x[0] * np.exp(1j * x[1] * (1 + times)), [2.0, 0.5], 0.1, ["a", "p"]
+    )
+    assert model.rows().shape == (10, 2)
+    assert gm.analyze(model).rank == 2
+    # Circular: half the variance in each part.
+    assert model.rows()[0, 0] == pytest.approx(np.cos(0.5) * np.sqrt(2) / 0.1)
+    hermitian = 0.01 * np.eye(5, dtype=complex)
+    hermitian[0, 1], hermitian[1, 0] = 0.004j, -0.004j
+    other = gm.from_function(
+        lambda x: x[0] * np.exp(1j * x[1] * (1 + times)),
+        [2.0, 0.5],
+        hermitian,
+        ["a", "p"],
+    )
+    jacobian = np.stack(
+        [np.exp(1j * 0.5 * (1 + times)), 2j * (1 + times) * np.exp(1j * 0.5 * (1 + times))], axis=1
+    )
+    information = 2 * (jacobian.conj().T @ np.linalg.solve(hermitian, jacobian)).real
+    np.testing.assert_allclose(gm.gram(other.rows()), information, rtol=1e-8)
+
+
+class TestComplexStep:
+    @pytest.mark.parametrize(
+        "h",
+        [
+            lambda x: [np.linalg.norm(np.array([3e3, 4e3]) - x[:2]) + x[2]],
+            lambda x: [abs(x[0]) * x[1], x[1], x[2]],
+            lambda x: [np.real(x[0]) * x[1], x[1], x[2]],
+        ],
+    )
+    def test_what_is_not_analytic_is_found(self, h):
+        with pytest.raises(gm.InputError, match=r'not analytic.*method = "central"'):
+            gm.from_function(h, [-10.0, 20.0, 3.0], 1.0, ["a", "b", "c"], method="complex")
+
+    def test_differences_do_it(self):
+        model = gm.from_function(lambda x: [abs(x[0]) * x[1], x[1]], [-10.0, 20.0], 1.0, ["a", "b"])
+        assert gm.analyze(model).rank == 2
+
+
+class TestGivenJacobian:
+    @staticmethod
+    def h(x):
+        return np.array([x[0] + x[1] ** 2, 3 * x[0] + x[1]])
+
+    @staticmethod
+    def jacobian(x):
+        return np.array([[1.0, 2 * x[1]], [3.0, 1.0]])
+
+    def make(self, jacobian):
+        return gm.from_function(
+            self.h, [1.0, 2.0], 1.0, ["a", "b"], method="given", jacobian=jacobian
+        )
+
+    def test_right(self):
+        np.testing.assert_allclose(self.make(self.jacobian).rows(), self.jacobian([1.0, 2.0]))
+
+    @pytest.mark.parametrize(
+        ("wrong", "word"),
+        [
+            (lambda self, x: self.jacobian(x).T, "transposed"),
+            (lambda self, x: -self.jacobian(x), "sign"),
+            (lambda self, x: np.degrees(self.jacobian(x)), "factor 0.01745"),
+        ],
+    )
+    def test_wrong_is_named(self, wrong, word):
+        with pytest.raises(gm.InputError, match=word):
+            self.make(lambda x: wrong(self, x))
+
+
+def test_few_evaluations_for_a_chain():
+    calls = []
+
+    def chain(x):
+        calls.append(1)
+        return np.concatenate([[x[0]], np.diff(x) ** 2 + x[1:]])
+
+    n = 200
+    x = np.random.default_rng(0).normal(size=n)
+    names = [f"x{i}" for i in range(n)]
+    pattern = np.eye(n, dtype=bool) | np.eye(n, k=-1, dtype=bool)
+    local = gm.from_function(chain, x, 1.0, names, sparsity=pattern)
+    assert len(calls) < 60
+    assert local.accuracy.groups == 2
+    calls.clear()
+    found = gm.from_function(chain, x, 1.0, names, sparsity="find")
+    assert len(calls) < 250
+    jacobian = np.eye(n)
+    step = 2 * np.diff(x)
+    jacobian[np.arange(1, n), np.arange(1, n)] = 1 + step
+    jacobian[np.arange(1, n), np.arange(n - 1)] = -step
+    for model in (local, found):
+        assert (np.abs(model.rows() - jacobian) <= 3 * model.accuracy.error).all()
+
+
+def test_all_points_at_once():
+    times = np.linspace(0, 4, 9)
+    one = gm.from_function(lambda x: x[0] * np.sin(x[1] * times), [2.0, 0.7], 1.0, ["a", "w"])
+    many = gm.from_function(
+        lambda x: x[..., :1] * np.sin(x[..., 1:] * times),
+        [2.0, 0.7],
+        1.0,
+        ["a", "w"],
+        vectorized=True,
+    )
+    np.testing.assert_array_equal(one.rows(), many.rows())
+
+
+def test_errors_hold_for_random_smooth_functions():
+    """The error of each entry is at most three times the stated one (benches/derivatives.py: 2000)."""
+    from random_functions import smooth_function
+
+    rng = np.random.default_rng(7)
+    wrong = total = 0
+    for _ in range(80):
+        case = smooth_function(rng)
+        with np.errstate(all="ignore"):
+            model = gm.from_function(case.h, case.x, case.sigma, case.names)
+        off = np.abs(model.jacobian() - case.jacobian)
+        wrong += int((off > 3 * model.accuracy.error).sum())
+        total += off.size
+    assert wrong <= 0.002 * total
