@@ -181,15 +181,8 @@ fn along_weakest<M: Model + ?Sized>(model: &M, x: &Solution, starts: &mut Vec<Ve
     let Ok(found) = Observability::new(&rows, n, None) else {
         return;
     };
-    let (s, v, scale) = (found.singular_values(), found.vectors(), found.scale());
-    let mut directions = Vec::new();
-    for index in (n.saturating_sub(2)..n).rev() {
-        let length = s[index].max(1e-12 * s[0]);
-        if length > 0.0 {
-            let vector = v[index * n..][..n].iter().zip(scale);
-            directions.push(vector.map(|(v, c)| v * c / length).collect::<Vec<f64>>());
-        }
-    }
+    let scale = found.scale();
+    let mut directions = found.longest_axes(2);
     // A mirror image is often across an axis, whatever the weakest direction.
     for (k, std) in found.crlb_std().into_iter().enumerate() {
         let mut axis = vec![0.0; n];

@@ -286,6 +286,39 @@ impl<T: Real> Observability<T> {
         finite("weakest direction", direction)
     }
 
+    /// The `count` longest axes of the error ellipsoid in physical units, the longest
+    /// first; one that is not determined at all has the length that a singular value of
+    /// 1e-12 of the largest would give it.
+    pub fn longest_axes(&self, count: usize) -> Vec<Vec<T>> {
+        let n = self.n;
+        let largest = self
+            .singular_values
+            .iter()
+            .find(|s| s.is_finite())
+            .copied()
+            .unwrap_or_else(T::one);
+        let open = T::of(1e12) / largest.max(T::EPSILON);
+        let null = self.parts.null.chunks_exact(n).map(|v| (open, v));
+        let mut known: Vec<(T, &[T])> = self
+            .parts
+            .root
+            .chunks_exact(n)
+            .map(|axis| (T::one(), axis))
+            .collect();
+        known.sort_by(|a, b| {
+            norm(b.1)
+                .partial_cmp(&norm(a.1))
+                .unwrap_or(core::cmp::Ordering::Equal)
+        });
+        null.chain(known)
+            .take(count)
+            .map(|(length, axis)| {
+                let physical = axis.iter().zip(&self.scale).map(|(&x, &d)| length * x * d);
+                physical.collect()
+            })
+            .collect()
+    }
+
     /// Standard deviation of each state at the bound, infinite where an
     /// unobservable combination touches it, or it overflows.
     pub fn crlb_std(&self) -> Vec<T> {
