@@ -70,28 +70,21 @@ fn crlb_std<'py>(
     rows.expect_entries()?;
     let (count, n) = (rows.core_shape()[0], rows.core_shape()[1]);
     let batch = Batch::of(&mut [&mut rows])?;
-    if n >= dense::LEAST_STATES {
-        let out = batch.unset(py, &[n])?;
-        let items = rows.items()?;
-        {
-            let mut write = out.readwrite();
-            let write = write.as_slice_mut()?;
-            for (trial, out) in write.chunks_exact_mut(n).enumerate() {
-                let data = items.get(trial).to_vec();
-                let found = interruptible(py, move || dense::crlb_std(&data, n, rtol))?
-                    .map_err(|error| input_at(&batch.place(trial), error))?;
-                expect_representable(&found, items.get(trial), n)?;
-                out.copy_from_slice(&found);
-            }
-        }
-        return Ok(out);
-    }
     let rows = rows.items()?;
     let cost = (count * n * n + 100 * n * n * n) as f64;
     let mut refused = None;
     let out = batch.fill(py, &[n], cost, |range, threads, out| {
         let rows = rows.skip(range.start);
-        gramian::bounds::batch::crlb_std(rows, n, rtol, threads, Path::Best, out);
+        if n >= dense::LEAST_STATES {
+            for (trial, std) in out.chunks_exact_mut(n).enumerate() {
+                match dense::crlb_std(rows.get(trial), n, rtol) {
+                    Ok(found) => std.copy_from_slice(&found),
+                    Err(error) => refused = Some(input_at("", error)),
+                }
+            }
+        } else {
+            gramian::bounds::batch::crlb_std(rows, n, rtol, threads, Path::Best, out);
+        }
         for (trial, std) in out.chunks_exact(n).enumerate() {
             if refused.is_none() {
                 refused = expect_representable(std, rows.get(trial), n).err();
