@@ -4,8 +4,10 @@ Every question is asked of one array, the whitened Jacobian rows (d h / d x) / s
 shape (K, n). A model makes rows; `analyze` says what they determine.
 
 - `analyze` answers with an `Observability`: rank, null space, bounds, and a `Suggestion`
-  for each piece of knowledge that would help.
-- `Problem` is rows with names and units; `from_function` makes one of your own h(x).
+  for each piece of knowledge that would help; it ranks each `Candidate` for a further
+  measurement, and names each `Critical` one.
+- `Problem` is rows with names and units; `from_function` makes a `Model` of your own
+  h(x), with rows of known `Accuracy`.
 - `crlb`, `crlb_std` and `gram` are the bounds and the information of plain rows;
   `bounds` has those of filters too.
 - The models are `bearings`, `dipole`, `inertial`, `linear`, `registration`,

@@ -231,11 +231,17 @@ class Problem:
     ) -> Problem:
         """Make a problem of parts that a model made and that fit: no check, no copy."""
         problem = object.__new__(cls)
+        n = len(names)
         problem._set(
+            constraints=np.zeros((0, n)),
+            prior_rows=np.zeros((0, n)),
+            row_error=None,
+            row_sigma=None,
+            accuracy=None,
             rows=rows,
             names=names,
             units=units,
-            scale=np.full(len(names), np.nan),
+            scale=np.full(n, np.nan),
             rtol=rtol,
             priors=MappingProxyType({}),
             combinations=MappingProxyType(combinations),
@@ -308,9 +314,9 @@ class Problem:
 
     def doubt(self) -> Doubt:
         """Return what the errors of the rows leave open."""
-        norms = np.linalg.norm(self.rows, axis=0) if len(self.rows) else np.zeros(self.n)
         if self.row_error is None or self.rtol is not None:
             return Doubt(self.rtol, (), ())
+        norms = np.linalg.norm(self.rows, axis=0) if len(self.rows) else np.zeros(self.n)
         errors = np.linalg.norm(self.row_error, axis=0)
         hidden = (errors > 0) & ~(errors < norms / 3)
         # A column of rounding alone: not even a step as long as the state would show.

@@ -492,7 +492,7 @@ impl<T: Real> Observability<T> {
         if sigma == T::zero() {
             // What is known exactly leaves rounding.
             for (out, &before) in std.iter_mut().zip(&self.crlb_std()) {
-                if *out < before * T::EPSILON * T::of(8.0) {
+                if *out < before * T::EPSILON * T::of(32.0) {
                     *out = T::zero();
                 }
             }
