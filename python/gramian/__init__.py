@@ -92,10 +92,14 @@ __all__.extend(_REGISTRY)
 def __getattr__(name: str) -> _ModuleType:
     # Imported when they are first used, so that the import of the package stays light.
     if name in _REGISTRY or name == "dynamics":
-        return _load(f"models.{name}")
-    if name in ("choose", "io", "large", "monte_carlo"):
-        return _load(name)
-    raise AttributeError(f"module 'gramian' has no attribute {name!r}")
+        module = _load(f"models.{name}")
+    elif name in ("choose", "io", "large", "monte_carlo"):
+        module = _load(name)
+    else:
+        raise AttributeError(f"module 'gramian' has no attribute {name!r}")
+    # Found at once from now on: this function takes longer than a small call.
+    globals()[name] = module
+    return module
 
 
 def __dir__() -> list[str]:

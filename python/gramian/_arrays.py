@@ -65,7 +65,7 @@ def whole(value: Any, name: str, least: int = 0, most: int = 2**63 - 1) -> int:
     try:
         count = int(value)
         fits = count == value and not isinstance(value, (bool, str))
-    except (TypeError, ValueError, OverflowError):
+    except Exception:  # whatever a value of a strange kind raises
         fits = False
     if not fits:
         raise InputError(f"{name} = {value!r}: must be a whole number >= {least}")

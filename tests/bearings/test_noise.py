@@ -197,7 +197,8 @@ def test_the_streaming_statistic_has_its_size_where_the_range_changes():
         monitor = _core.BearingMonitor()
         for t, b in zip(TIMES, row, strict=True):
             monitor.push(t, b, SIGMA, None)
-        stream.append(monitor.answer()[2][3:6])
+        answer = monitor.answer()
+        stream.append((answer.statistic, answer.dof, answer.p_value))
     statistic, dof, p_value = np.array(stream).T
     assert statistic.mean() == pytest.approx(dof.mean(), rel=0.02)
     assert abs((p_value < 0.05).mean() - 0.05) < 0.02

@@ -71,7 +71,7 @@ def test_options():
     reports = reg.simulate(TRACK, SENSORS, SIGMA, seed=1)
     with pytest.raises(gm.InputError, match="method"):
         reg.estimate(reports, SENSORS, SIGMA, method="kalman")
-    with pytest.raises(gm.InputError, match="prior wants"):
+    with pytest.raises(gm.InputError, match="prior needs"):
         reg.estimate(reports, SENSORS, SIGMA, method="ls", prior={"A.range": 1.0})
     with pytest.raises(gm.InputError, match=r"prior of A\.range = -1"):
         reg.estimate(reports, SENSORS, SIGMA, prior={"A.range": -1.0})

@@ -167,7 +167,7 @@ def moment(
         np.einsum("...ij,...j->...i", turn, own)
         + number(induced_volume, "induced_volume") / MU0 * earth
     )
-    return total
+    return require_finite(total, "the moment")
 
 
 def rows(

@@ -79,7 +79,8 @@ def heading(
     >>> np.degrees(heading(0.0, [1000.0, 500.0], 20.0, side=-1)).round(3)
     array([-87.708, -85.419])
     """
-    options.choice(law, "law", LAWS)
+    if not isinstance(law, str):
+        options.choice(law, "law", LAWS)
     return _core.maneuver_heading(bearing, range_, step, law, side)[()]
 
 
@@ -227,7 +228,8 @@ def trajectory(
     array(159)
     """
     n = whole(samples, "samples", 1)
-    options.choice(law, "law", LAWS)
+    if not isinstance(law, str):
+        options.choice(law, "law", LAWS)
     options.choice(at_standoff, "at_standoff", ("stop", "circle"))
     step = _positive(speed, "speed", "m/s") * _positive(dt, "dt", "s")
     found = _core.maneuver_trajectory(

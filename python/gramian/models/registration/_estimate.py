@@ -331,7 +331,12 @@ def _unpacked(
 ) -> Estimate:
     n, d = known.n, known.d
     biases, covariance, directions = found["biases"], found["covariance"], found["directions"]
-    code, nullity, iterations = found["status"], found["nullity"], found["iterations"]
+    # Numbers where there is one estimate.
+    code, nullity, iterations = (
+        found["status"][()],
+        found["nullity"][()],
+        found["iterations"][()],
+    )
     lead = biases.shape[:-1]
     status = np.array(STATUSES)[code.astype(int)]
     std = np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 0))
@@ -375,10 +380,10 @@ def _unpacked(
         status=status,
         held_by_prior=held,
         iterations=iterations.astype(int),
-        chi_square=found["chi_square"],
+        chi_square=found["chi_square"][()],
         dof=dof,
-        noise_share=found["noise_share"],
-        bend=found["bend"],
+        noise_share=found["noise_share"][()],
+        bend=found["bend"][()],
         positions=found["positions"],
         method=method,
         prior={name: value for name, value in given.items() if np.isfinite(value)},
