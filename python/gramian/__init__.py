@@ -6,6 +6,8 @@ shape (K, n). A model makes rows; `analyze` says what they determine.
 - `analyze` answers with an `Observability`: rank, null space, bounds, and a `Suggestion`
   for each piece of knowledge that would help; it ranks each `Candidate` for a further
   measurement, and names each `Critical` one.
+- `estimate` finds the most likely state and says whether it may be believed, in an
+  `Estimate`; `other_solutions` the states that fit as well.
 - `Problem` is rows with names and units; `from_function` makes a `Model` of your own
   h(x), with rows of known `Accuracy`.
 - `crlb`, `crlb_std` and `gram` are the bounds and the information of plain rows;
@@ -31,6 +33,7 @@ from gramian._registry import REGISTRY as _REGISTRY
 from gramian._registry import load as _load
 from gramian.analysis import Candidate, Critical, Observability, Suggestion, analyze
 from gramian.bounds import crlb, crlb_std, gram
+from gramian.estimate import Estimate, estimate, other_solutions
 from gramian.exceptions import (
     ConvergenceError,
     GramianError,
@@ -62,6 +65,7 @@ __all__ = [
     "Candidate",
     "ConvergenceError",
     "Critical",
+    "Estimate",
     "GramianError",
     "InputError",
     "Model",
@@ -79,11 +83,13 @@ __all__ = [
     "crlb",
     "crlb_std",
     "dynamics",
+    "estimate",
     "from_function",
     "gram",
     "io",
     "large",
     "monte_carlo",
+    "other_solutions",
     "set_threads",
 ]
 __all__.extend(_REGISTRY)

@@ -4,6 +4,8 @@
 - `gram`: the Fisher information of rows.
 - `posterior`: the posterior bound of a filter over time, a `PosteriorBound`.
 - `Posterior`: the same one instant at a time, with `predict` and `update`.
+- `barankin`, `weiss_weinstein`, `threshold`: bounds that know of other solutions, and the
+  noise at which the local bound fails.
 - `expected_rows`, `expected_transition`, `cubature_points`: rows and transitions of
   random states, for `posterior`.
 """
@@ -17,10 +19,20 @@ from gramian.bounds._posterior import (
     posterior,
 )
 from gramian.bounds._rows import crlb, crlb_std, gram
+from gramian.bounds._threshold import (
+    Threshold,
+    WeissWeinstein,
+    barankin,
+    threshold,
+    weiss_weinstein,
+)
 
 __all__ = [
     "Posterior",
     "PosteriorBound",
+    "Threshold",
+    "WeissWeinstein",
+    "barankin",
     "crlb",
     "crlb_std",
     "cubature_points",
@@ -28,6 +40,8 @@ __all__ = [
     "expected_transition",
     "gram",
     "posterior",
+    "threshold",
+    "weiss_weinstein",
 ]
 
 

@@ -6,6 +6,8 @@ metres per second at the first time; x is east, y is north.
 
 - `problem`, `rows`: the whitened rows, for `gramian.analyze`; `NAMES`, `UNITS` and
   `state_names` name the states, `merge` joins several observers.
+- `estimate`: the most likely state as a `gramian.Estimate`, with its fit, other solutions and
+  intervals of the likelihood; `BearingsModel` is the model behind it.
 - `localize`: the most likely state, a `Localization` with one of the `STATUSES`;
   `residuals` of a state; `simulate` makes noisy bearings, `localize_trials` does both
   many times, with `Trials`.
@@ -26,6 +28,7 @@ from gramian.models.bearings._discriminant import (
     gram_det,
     observable,
 )
+from gramian.models.bearings._estimate import BearingsModel, estimate
 from gramian.models.bearings._localize import (
     STATUSES,
     Localization,
@@ -45,6 +48,7 @@ __all__ = [
     "NAMES",
     "STATUSES",
     "UNITS",
+    "BearingsModel",
     "Localization",
     "Monitor",
     "MonitorAnswer",
@@ -55,6 +59,7 @@ __all__ = [
     "best_quadruple",
     "discriminant",
     "discriminant_sum",
+    "estimate",
     "gram",
     "gram_det",
     "localize",

@@ -1,0 +1,60 @@
+"""A model of any kind as the extension calls it."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gramian import _core
+
+__all__ = ["EstimationModel", "handle_of"]
+
+Array = NDArray[np.float64]
+
+
+class EstimationModel(Protocol):
+    """What `estimate` needs of a model.
+
+    It may also have ``x`` or ``starts(z)`` (where to start), ``handle(z)`` (a compiled
+    model), ``symmetries(x)`` (states with the same data), ``functions`` (named functions
+    of the states), ``alternatives(x, z)`` (named columns) and ``scale``.
+    """
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the states."""
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the states."""
+
+    def h(self, x: Any) -> Array:
+        """Return the exact measurements (m,) at a state."""
+
+    def residuals(self, x: Any, z: Any) -> Array:
+        """Return the whitened residuals (m,) of measurements at a state."""
+
+    def rows(self, x: Any) -> Array:
+        """Return the whitened rows (m, n) at a state."""
+
+
+def handle_of(model: Any, z: Array) -> _core.Model:
+    """Return the extension's model of these measurements."""
+    made = getattr(model, "handle", None)
+    if made is not None:
+        handle: _core.Model = made(z)
+        return handle
+
+    def linearize(x: Array, with_rows: bool) -> tuple[Array, Array | None]:
+        return model.residuals(x, z), model.rows(x) if with_rows else None
+
+    def difference(start: Array, to: Array) -> Array:
+        between: Array = model.residuals(start, model.h(to))
+        return between
+
+    symmetries = getattr(model, "symmetries", None)
+    return _core.Model.from_functions(
+        len(model.names), np.size(z), linearize, difference, symmetries
+    )

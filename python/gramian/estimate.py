@@ -1,0 +1,875 @@
+"""From measurements to states, and whether the answer may be believed.
+
+`estimate` finds the most likely state of a model; its answer, an `Estimate`, says how
+well the model fits, which other states fit as well, and how large the region of likely
+states is. `other_solutions` asks the same of a state without measurements.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gramian import _core
+from gramian._arrays import SEED_MOST, finite, whole
+from gramian._handle import EstimationModel, handle_of
+from gramian._text import describe_combination, plain
+from gramian._text import number as readable
+from gramian.exceptions import InputError
+
+__all__ = [
+    "STATUSES",
+    "Alternative",
+    "Estimate",
+    "EstimationModel",
+    "Fit",
+    "Interval",
+    "Region",
+    "Solution",
+    "estimate",
+    "other_solutions",
+]
+
+Array = NDArray[np.float64]
+Status = Literal["unobservable", "misfit", "not_converged", "ambiguous", "weak", "determined"]
+
+#: Every status of an `Estimate`, worst first.
+STATUSES = ("unobservable", "misfit", "not_converged", "ambiguous", "weak", "determined")
+
+#: How residuals may count, with the constants of 95 % efficiency on normal noise.
+_LOSSES = {"squares": 0.0, "huber": 1.345, "tukey": 4.685}
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Another state that fits.
+
+    Attributes
+    ----------
+    state : ndarray, shape (n,)
+    chi2 : float
+        Sum of its squared whitened residuals.
+    distance : float
+        |h(other) - h(best)|, whitened: how many deviations apart their exact data are.
+    chance : float
+        The chance that noise prefers the wrong one of the two.
+    hits : int
+        How many of the starts reached it.
+    """
+
+    state: Array
+    chi2: float
+    distance: float
+    chance: float
+    hits: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the solution as plain lists and numbers, fit for JSON."""
+        return {
+            "state": plain(self.state),
+            "chi2": self.chi2,
+            "distance": self.distance,
+            "chance": self.chance,
+            "hits": self.hits,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Alternative:
+    """What a test says of one way in which the model may be wrong.
+
+    Attributes
+    ----------
+    name : str
+    p_value : float
+        Probability of as large a statistic where the model is true.
+    restored : float
+        p of the fit with the alternative in the model.
+    size : ndarray, shape (parameters,)
+        Its parameters that fit best.
+    detectable : float
+        The smallest size that is seen with 80 % power; `inf` where it leaves no trace,
+        or has several parameters.
+    effect : ndarray, shape (n,)
+        What that size does to each state: the external reliability.
+    alike : tuple of str
+        Alternatives that the residuals cannot tell from it (correlation above 0.9).
+    """
+
+    name: str
+    p_value: float
+    restored: float
+    size: Array
+    detectable: float
+    effect: Array
+    alike: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the test as plain lists and numbers, fit for JSON."""
+        return {
+            "name": self.name,
+            "p_value": self.p_value,
+            "restored": plain(self.restored),
+            "size": plain(self.size),
+            "detectable": plain(self.detectable),
+            "effect": plain(self.effect),
+            "alike": list(self.alike),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """How well the model fits.
+
+    Attributes
+    ----------
+    chi2 : float
+        Sum of the squared whitened residuals, those of priors included.
+    dof : int
+        Measurements and priors less states.
+    p_value : float
+        Probability of a larger chi2 if the model is true; NaN without degrees of freedom.
+    residuals : ndarray, shape (m,)
+        Whitened residuals in the order of the measurements.
+    standardized : ndarray, shape (m,)
+        The same over their own deviations after the fit: standard normal each.
+    lag1 : tuple of float
+        Correlation of neighbouring residuals; its mean and standard deviation for a true
+        model after this fit; the probability of a larger one.
+    alternatives : tuple of Alternative
+        What would explain a misfit, the likeliest first.
+    """
+
+    chi2: float
+    dof: int
+    p_value: float
+    residuals: Array
+    standardized: Array
+    lag1: tuple[float, float, float, float]
+    alternatives: tuple[Alternative, ...] = ()
+
+    @property
+    def outliers(self) -> NDArray[np.int64]:
+        """Measurements whose residual one honest record in a hundred would exceed."""
+        from scipy.special import ndtri
+
+        count = max(self.standardized.size, 1)
+        return np.flatnonzero(np.abs(self.standardized) > -ndtri(0.005 / count))
+
+    @property
+    def warning(self) -> str:
+        """What a p near 1 says; empty otherwise."""
+        if self.dof > 0 and self.p_value > 0.999:
+            return f"p = {self.p_value:.6g}: the residuals are too small; sigma or a unit is wrong"
+        return ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the fit as plain lists and numbers, fit for JSON."""
+        return {
+            "chi2": self.chi2,
+            "dof": self.dof,
+            "p_value": plain(self.p_value),
+            "lag1": [plain(value) for value in self.lag1],
+            "residuals": plain(self.residuals),
+            "alternatives": [alternative.to_dict() for alternative in self.alternatives],
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Interval:
+    """The values of a state or function that the measurements allow.
+
+    Attributes
+    ----------
+    name, unit : str
+    level : float
+        Confidence.
+    value : float
+        At the estimate.
+    pieces : tuple of (float or None, float or None)
+        Ascending; None for an end that does not exist.
+    local : float
+        Half the length of the interval of the local Gaussian approximation.
+    """
+
+    name: str
+    unit: str
+    level: float
+    value: float
+    pieces: tuple[tuple[float | None, float | None], ...]
+    local: float
+
+    @property
+    def length(self) -> float:
+        """Distance from the lowest to the highest end; `inf` for an open interval."""
+        low, high = self.pieces[0][0], self.pieces[-1][1]
+        return np.inf if low is None or high is None else high - low
+
+    @property
+    def is_local(self) -> bool:
+        """Whether the local approximation differs by less than 5 %."""
+        if len(self.pieces) != 1 or not np.isfinite(self.length):
+            return False
+        low, high = self.pieces[0]
+        ends = (self.value - (low or 0.0), (high or 0.0) - self.value)
+        return all(abs(end - self.local) < 0.05 * self.local for end in ends)
+
+    def __contains__(self, value: float) -> bool:
+        return any(
+            (low is None or value >= low) and (high is None or value <= high)
+            for low, high in self.pieces
+        )
+
+    def __str__(self) -> str:
+        words = []
+        unit = f" {self.unit}" if self.unit else ""
+        for low, high in self.pieces:
+            if low is None and high is None:
+                words.append("no limit either way")
+            elif high is None:
+                words.append(f"at least {readable(float(low or 0))}{unit}, no upper limit")
+            elif low is None:
+                words.append(f"at most {readable(high)}{unit}, no lower limit")
+            else:
+                words.append(f"{readable(low)} to {readable(high)}{unit}")
+        return f"{self.name} {' or '.join(words)}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the interval as plain lists and numbers, fit for JSON."""
+        return {
+            "name": self.name,
+            "unit": self.unit,
+            "level": self.level,
+            "value": self.value,
+            "pieces": [list(piece) for piece in self.pieces],
+            "local": plain(self.local),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """The values of a pair of states or functions that the measurements allow.
+
+    Attributes
+    ----------
+    names : tuple of str, length 2
+    level : float
+    contours : tuple of (ndarray, shape (k, 2))
+        A curve for each piece.
+    closed : tuple of bool
+        Whether each closes; one that does not has an open end.
+    """
+
+    names: tuple[str, str]
+    level: float
+    contours: tuple[Array, ...]
+    closed: tuple[bool, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """The answer of `estimate`.
+
+    Attributes
+    ----------
+    model : object
+    measurements : ndarray, shape (m,)
+    names, units : tuple of str, length n
+        The states that were estimated; those in `known` are not among them.
+    state : ndarray, shape (n,)
+        The most likely state that was found; one of many where the status is
+        "unobservable".
+    converged : bool
+    iterations : int
+    prior : mapping of str to (mean, sigma)
+    known : mapping of str to float
+    others : tuple of Solution
+        Other states that fit, the likeliest first.
+    unseen : float
+        Upper 95 % limit on the probability that a further start finds a solution not in
+        `others`; 1 where no starts were spread.
+    alpha, chance, weak_ratio : float
+        As for `estimate`.
+    """
+
+    model: Any
+    measurements: Array
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    state: Array
+    converged: bool
+    iterations: int
+    prior: Mapping[str, tuple[float, float]]
+    known: Mapping[str, float]
+    others: tuple[Solution, ...]
+    unseen: float
+    alpha: float
+    chance: float
+    weak_ratio: float
+    _loss: tuple[str, float] = field(default=("squares", 0.0), repr=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # What was worked out is worked out again.
+        kept = set(self.__dataclass_fields__)
+        return {name: value for name, value in self.__dict__.items() if name in kept}
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Estimate):
+            return NotImplemented
+        return self.to_dict() == other.to_dict()
+
+    __hash__ = None  # type: ignore[assignment]
+
+    @cached_property
+    def _handle(self) -> _core.Model:
+        return _informed(self.model, self.measurements, self.prior, self.known)
+
+    @cached_property
+    def _analysis(self) -> _core.Analysis:
+        return _core.Analysis(self._handle.linearize(self.state)[1], None)
+
+    @cached_property
+    def fit(self) -> Fit:
+        """How well the model fits, and what would explain that it does not."""
+        found = self._handle.fit(self.state)
+        return Fit(alternatives=self._alternatives(), **found)
+
+    def test(self, alternatives: Mapping[str, ArrayLike]) -> tuple[Alternative, ...]:
+        """Return score tests of alternatives, the likeliest first.
+
+        Parameters
+        ----------
+        alternatives : mapping of str to array_like, shape (m,) or (m, parameters)
+            For each the derivatives of the measurements, whitened, with respect to its
+            parameters, at zero.
+        """
+        columns = {}
+        for name, given in alternatives.items():
+            column = finite(given, f"alternatives[{name!r}]")
+            columns[name] = column[:, None] if column.ndim == 1 else column
+        records, alike = self._handle.scores(self.state, list(columns.values()), self.alpha, 0.8)
+        names = list(columns)
+        found = [
+            Alternative(
+                name=name,
+                p_value=record["p_value"],
+                restored=record["restored"],
+                size=record["size"],
+                detectable=record["detectable"],
+                effect=record["effect"],
+                alike=tuple(
+                    other
+                    for other, value in zip(names, line, strict=True)
+                    if other != name and abs(value) > 0.9
+                ),
+            )
+            for name, record, line in zip(names, records, alike, strict=True)
+        ]
+        return tuple(sorted(found, key=lambda alternative: alternative.p_value))
+
+    def _alternatives(self) -> tuple[Alternative, ...]:
+        made = getattr(self.model, "alternatives", None)
+        if made is None or self.known:
+            return ()
+        return self.test(made(self.state, self.measurements))
+
+    @cached_property
+    def covariance(self) -> Array:
+        """The local Gaussian approximation (n, n); `inf` where none exists."""
+        found = self._analysis.crlb()
+        n = len(self.names)
+        return np.full((n, n), np.inf) if found is None else found
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations (n,) of the local Gaussian approximation."""
+        std: Array = self._analysis.crlb_std()
+        return std
+
+    def __getitem__(self, name: str) -> float:
+        if name in self.known:
+            return float(self.known[name])
+        return float(self.state[self._index(name)])
+
+    def _index(self, name: str) -> int:
+        if name not in self.names:
+            raise InputError(f"no state {name!r}: the states are {', '.join(self.names)}")
+        return self.names.index(name)
+
+    def _function(self, what: Any) -> tuple[str, str, Any, float]:
+        """Return name, unit, what the extension takes, and the value at the estimate."""
+        functions = getattr(self.model, "functions", {})
+        if isinstance(what, str) and what in functions and not self.known:
+            given, unit = functions[what]
+            states, start = given
+            value = np.linalg.norm(self.state[list(states)] - np.asarray(start))
+            return what, unit, (list(states), [float(x) for x in start]), float(value)
+        if isinstance(what, str):
+            row = np.zeros(len(self.names))
+            row[self._index(what)] = 1.0
+            return what, self.units[self._index(what)], row, float(self[what])
+        if isinstance(what, Mapping):
+            row = np.zeros(len(self.names))
+            for name, factor in what.items():
+                row[self._index(name)] = factor
+            return describe_combination(row, self.names), "", row, float(row @ self.state)
+        if callable(what):
+            name = getattr(what, "__name__", "function")
+            return name, "", what, float(what(self.state.copy())[0])
+        row = finite(what, "combination")
+        if row.shape != self.state.shape:
+            raise InputError(
+                f"combination has shape {row.shape}: must be ({len(self.names)},), "
+                "one coefficient for each state"
+            )
+        return describe_combination(row, self.names), "", row, float(row @ self.state)
+
+    def interval(
+        self,
+        what: str | Mapping[str, float] | ArrayLike | Callable[[Array], tuple[float, Array]],
+        level: float = 0.95,
+    ) -> Interval:
+        """Return the values of a state or function that the measurements allow.
+
+        Parameters
+        ----------
+        what : str, mapping, array_like, shape (n,), or callable
+            A state or a function of the model by its name; the coefficients of a
+            combination of states; or a function ``x -> (value, gradient)``.
+        level : float
+            Confidence, between 0 and 1.
+
+        Returns
+        -------
+        Interval
+            By profile likelihood: all values at which chi2, at its least, rises by no more
+            than the critical value of chi-square with one degree of freedom.
+
+        Raises
+        ------
+        InputError
+            A name or shape that does not fit, a level outside (0, 1).
+
+        Notes
+        -----
+        Venzon & Moolgavkar 1988. Open ends are None: looked for to a thousand times the
+        distance of the estimate.
+        """
+        name, unit, function, value = self._function(what)
+        found = self._handle.interval(
+            self.state, self._other_states(), function, _critical(level, 1)
+        )
+        return Interval(name, unit, level, value, tuple(found["pieces"]), float(found["local"]))
+
+    def region(self, pair: Sequence[Any], level: float = 0.95) -> Region:
+        """Return the values of a pair of states or functions that the measurements allow.
+
+        Parameters
+        ----------
+        pair : two of what `interval` takes
+        level : float
+
+        Raises
+        ------
+        InputError
+            As `interval`; not two.
+        """
+        if isinstance(pair, str) or len(pair) != 2:
+            raise InputError(f"pair = {pair!r}: must be two states or functions")
+        first, second = (self._function(what) for what in pair)
+        found = self._handle.contours(
+            self.state, self._other_states(), (first[2], second[2]), _critical(level, 2)
+        )
+        return Region(
+            (first[0], second[0]),
+            level,
+            tuple(points for points, _ in found),
+            tuple(closed for _, closed in found),
+        )
+
+    def contains(self, state: ArrayLike, level: float = 0.95) -> bool:
+        """Say whether a state (n,) is in the likelihood region of all states."""
+        x = finite(state, "state")
+        if x.shape != self.state.shape:
+            raise InputError(f"state has shape {x.shape}: must be ({len(self.names)},)")
+        residuals = self._handle.linearize(x)[0]
+        limit = self.fit.chi2 + _critical(level, len(self.names))
+        return bool(residuals @ residuals <= limit)
+
+    def _other_states(self) -> Array:
+        states = [other.state for other in self.others]
+        return np.array(states).reshape(-1, len(self.names))
+
+    @cached_property
+    def _weak(self) -> str:
+        """What makes the answer weak, in words; empty where nothing does."""
+        for name in getattr(self.model, "functions", {}) if not self.known else ():
+            interval = self.interval(name)
+            # 1.96 deviations either way, each at most this share of the value.
+            if not interval.length <= 2 * 1.96 * self.weak_ratio * abs(interval.value):
+                return str(interval)
+        scale = getattr(self.model, "scale", None)
+        if scale is not None:
+            whole_scale = dict(zip(self.model.names, np.asarray(scale, dtype=float), strict=True))
+            for name in self.names:
+                limit = whole_scale[name]
+                if np.isfinite(limit):
+                    interval = self.interval(name)
+                    if not interval.length <= 2 * 1.96 * limit:
+                        return f"{interval}; more than {readable(limit)} says nothing"
+        return ""
+
+    @cached_property
+    def _verdict(self) -> tuple[Status, str]:
+        analysis = self._analysis
+        if analysis.rank < len(self.names):
+            direction = analysis.null_space()[:, 0]
+            direction[np.abs(direction) < 1e-9 * np.abs(direction).max()] = 0
+            return (
+                "unobservable",
+                f"no measurement sees {describe_combination(direction, self.names)}",
+            )
+        fit = self.fit
+        if fit.dof > 0 and fit.p_value < self.alpha and self._loss[0] == "squares":
+            reason = (
+                f"chi2 = {fit.chi2:.4g} for {fit.dof} degrees of freedom (p = {fit.p_value:.2g}): "
+                "the model does not fit"
+            )
+            if fit.alternatives and fit.alternatives[0].restored > self.alpha:
+                best = fit.alternatives[0]
+                reason += f"; {best.name} would explain it (p = {best.restored:.2g})"
+            return "misfit", reason
+        if not self.converged:
+            return "not_converged", f"no minimum within {self.iterations} steps"
+        near = [other for other in self.others if other.chance > self.chance]
+        if near:
+            place = ", ".join(f"{value:.6g}" for value in near[0].state)
+            return "ambiguous", (
+                f"({place}) fits as well: noise prefers the wrong one in "
+                f"{100 * near[0].chance:.3g} % of trials"
+            )
+        if self._weak:
+            return "weak", self._weak
+        return "determined", "one solution fits"
+
+    @property
+    def status(self) -> Status:
+        """One of `STATUSES`."""
+        return self._verdict[0]
+
+    @property
+    def reason(self) -> str:
+        """What decided the status."""
+        return self._verdict[1]
+
+    def __str__(self) -> str:
+        return f"{self.status}: {self.reason}"
+
+    def summary(self, level: float = 0.95) -> str:
+        """Return status, states with their intervals, fit and other solutions as text."""
+        lines = [f"{self.status.upper()}: {self.reason}"]
+        usable = self.status != "unobservable"
+        for index, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
+            value = f"  {name}  {readable(float(self.state[index]), 6)} {unit}"
+            if usable:
+                interval = self.interval(name, level)
+                spread = (
+                    f"+- {readable(float(self.std[index]), 3)}"
+                    if interval.is_local
+                    else f"({100 * level:g} %: {str(interval).removeprefix(name + ' ')})"
+                )
+                value = f"{value} {spread}"
+            lines.append(value)
+        fit = self.fit
+        lines.append(
+            f"  chi2 {fit.chi2:.4g} with {fit.dof} degrees of freedom, p {fit.p_value:.3g}"
+        )
+        if fit.warning:
+            lines.append(f"  {fit.warning}")
+        for other in self.others:
+            place = ", ".join(f"{value:.6g}" for value in other.state)
+            lines.append(
+                f"  other solution ({place}): chi2 {other.chi2:.4g}, chance {other.chance:.2g}"
+            )
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        return f"<pre>{escape(self.summary())}</pre>"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the answer as plain lists, numbers and strings, fit for JSON."""
+        return {
+            "status": self.status,
+            "reason": self.reason,
+            "names": list(self.names),
+            "units": list(self.units),
+            "state": plain(self.state),
+            "std": plain(self.std),
+            "covariance": plain(self.covariance),
+            "known": dict(self.known),
+            "fit": self.fit.to_dict(),
+            "others": [other.to_dict() for other in self.others],
+            "unseen": self.unseen,
+            "iterations": self.iterations,
+        }
+
+
+def estimate(
+    model: EstimationModel,
+    measurements: ArrayLike,
+    *,
+    start: ArrayLike | None = None,
+    prior: Mapping[str, tuple[float, float]] | None = None,
+    known: Mapping[str, float] | None = None,
+    box: Mapping[str, tuple[float, float]] | None = None,
+    starts: int = 32,
+    seed: int = 0,
+    loss: Literal["squares", "huber", "tukey"] = "squares",
+    alpha: float = 0.001,
+    chance: float = 0.01,
+    weak_ratio: float = 0.25,
+    max_iterations: int = 200,
+) -> Estimate:
+    """Return the most likely state of a model, and whether it may be believed.
+
+    Parameters
+    ----------
+    model : EstimationModel
+        A `gramian` model, or anything with ``names``, ``units``, ``h(x)``,
+        ``residuals(x, z)`` and ``rows(x)``.
+    measurements : array_like, shape (m,)
+    start : array_like, shape (n,) or (k, n), optional
+        Where to start; by default where the model says, or points of prior and box.
+    prior : mapping of str to (mean, sigma), optional
+        What is known of states beforehand.
+    known : mapping of str to float, optional
+        States that are known exactly.
+    box : mapping of str to (low, high), optional
+        Where states without a prior may be: there further solutions are looked for.
+    starts : int
+        How many points of prior and box are followed in search of other solutions.
+    seed : int
+        Of the independent half of them.
+    loss : {"squares", "huber", "tukey"}
+        How residuals count.
+    alpha : float
+        Level of the test of the fit: "misfit" where p is below it.
+    chance : float
+        "ambiguous" where noise prefers another solution more often than this.
+    weak_ratio : float
+        "weak" where a named function, a range, has an interval wider than that of this
+        share of its value as deviation.
+    max_iterations : int
+
+    Returns
+    -------
+    Estimate
+        Look at its status first.
+
+    Raises
+    ------
+    InputError
+        A name, shape or number that does not fit; no place to start from.
+
+    Notes
+    -----
+    Damped Gauss-Newton steps on orthogonally reduced rows. Where a search finds a state
+    that fits better than where the starts ended, that is the answer.
+    """
+    z = finite(measurements, "measurements")
+    prior, known, box = dict(prior or {}), dict(known or {}), dict(box or {})
+    for given, what in ((prior, "prior"), (known, "known"), (box, "box")):
+        for name in given:
+            if name not in model.names:
+                raise InputError(f"{what} of {name!r}: the states are {', '.join(model.names)}")
+    free = [k for k, name in enumerate(model.names) if name not in known]
+    names = tuple(model.names[k] for k in free)
+    if not names:
+        raise InputError("every state is known: nothing is left to estimate")
+    if loss not in _LOSSES:
+        raise InputError(f"loss = {loss!r}: must be one of {', '.join(_LOSSES)}")
+    for value, what in ((alpha, "alpha"), (chance, "chance")):
+        if not 0 < value < 1:
+            raise InputError(f"{what} = {value}: must be between 0 and 1")
+    if not weak_ratio > 0:
+        raise InputError(f"weak_ratio = {weak_ratio}: must be > 0")
+    starts = whole(starts, "starts", 0, 2**31)
+    seed = whole(seed, "seed", 0, SEED_MOST)
+    max_iterations = whole(max_iterations, "max_iterations", 1, 2**31)
+    handle = _informed(model, z, prior, known)
+    spread = _spread(names, prior, box)
+    first = _starts(model, z, start, free, spread, prior, names)
+    weighting = (loss, _LOSSES[loss])
+    found = handle.minimize(first, weighting, max_iterations)
+    if not found:
+        raise InputError("the model has no value at any of the starts")
+    best = found[0]
+    others: tuple[Solution, ...] = ()
+    unseen = 1.0
+    if best["converged"] and loss == "squares":
+        searched = handle.others(best["x"], spread, starts, seed)
+        unseen = searched["unseen"]
+        best = best | {"x": searched["x"], "chi2": searched["chi2"]}
+        others = tuple(_solution(other) for other in searched["others"])
+    return Estimate(
+        model=model,
+        measurements=z,
+        names=names,
+        units=tuple(model.units[k] for k in free),
+        state=best["x"],
+        converged=best["converged"],
+        iterations=best["iterations"],
+        prior=prior,
+        known=known,
+        others=others,
+        unseen=unseen,
+        alpha=alpha,
+        chance=chance,
+        weak_ratio=weak_ratio,
+        _loss=weighting,
+    )
+
+
+def other_solutions(
+    model: EstimationModel,
+    x: ArrayLike,
+    *,
+    prior: Mapping[str, tuple[float, float]] | None = None,
+    box: Mapping[str, tuple[float, float]] | None = None,
+    starts: int = 64,
+    seed: int = 0,
+) -> tuple[Solution, ...]:
+    """Return the states whose exact data lie near those of `x`, before anything is measured.
+
+    Parameters
+    ----------
+    model : EstimationModel
+    x : array_like, shape (n,)
+    prior, box, starts, seed
+        As for `estimate`: where else to look.
+
+    Returns
+    -------
+    tuple of Solution
+        Local minima of chi2 for the exact data of `x`, the likeliest first.
+
+    Raises
+    ------
+    InputError
+        As `estimate`.
+    """
+    state = finite(x, "x")
+    names = tuple(model.names)
+    if state.shape != (len(names),):
+        raise InputError(f"x has shape {state.shape}: must be ({len(names)},)")
+    spread = _spread(names, dict(prior or {}), dict(box or {}))
+    handle = _informed(model, model.h(state), {}, {})
+    starts, seed = whole(starts, "starts", 0, 2**31), whole(seed, "seed", 0, SEED_MOST)
+    found = handle.others(state, spread, starts, seed)
+    return tuple(_solution(other) for other in found["others"])
+
+
+def _solution(record: Mapping[str, Any]) -> Solution:
+    return Solution(
+        record["x"], record["chi2"], record["distance"], record["chance"], record["hits"]
+    )
+
+
+def _informed(
+    model: Any,
+    z: Array,
+    prior: Mapping[str, tuple[float, float]],
+    known: Mapping[str, float],
+) -> _core.Model:
+    """Return the extension's model of these measurements, with what is known beside them."""
+    handle = handle_of(model, z)
+    if prior:
+        mean, sigma = np.zeros(len(model.names)), np.full(len(model.names), np.inf)
+        for name, given in prior.items():
+            try:
+                value, deviation = (float(number) for number in given)
+            except (TypeError, ValueError):
+                raise InputError(f"prior of {name} = {given!r}: must be (mean, sigma)") from None
+            if not (np.isfinite(value) and 0 < deviation < np.inf):
+                raise InputError(
+                    f"prior of {name} = ({value}, {deviation}): the mean must be finite, "
+                    "sigma > 0 and finite"
+                )
+            index = tuple(model.names).index(name)
+            mean[index], sigma[index] = value, deviation
+        handle = handle.with_prior(mean, sigma)
+    if known:
+        for name, value in known.items():
+            if not np.isfinite(value):
+                raise InputError(f"known {name} = {value}: must be finite")
+        handle = handle.with_known([known.get(name) for name in model.names])
+    return handle
+
+
+def _spread(
+    names: tuple[str, ...],
+    prior: Mapping[str, tuple[float, float]],
+    box: Mapping[str, tuple[float, float]],
+) -> tuple[str, list[float], list[float]] | None:
+    """Return where the states may be; None where one of them may be anywhere."""
+    for name, (low, high) in box.items():
+        if not (np.isfinite(low) and np.isfinite(high) and low < high):
+            raise InputError(f"box of {name} = ({low}, {high}): must be two finite ends, ascending")
+    if any(name not in prior and name not in box for name in names):
+        return None
+    if not any(name in box for name in names):
+        pairs = [prior[name] for name in names]
+        return "normal", [float(p[0]) for p in pairs], [float(p[1]) for p in pairs]
+    ends = [
+        box[name]
+        if name in box
+        else (prior[name][0] - 4 * prior[name][1], prior[name][0] + 4 * prior[name][1])
+        for name in names
+    ]
+    return "box", [float(end[0]) for end in ends], [float(end[1]) for end in ends]
+
+
+def _starts(
+    model: Any,
+    z: Array,
+    start: ArrayLike | None,
+    free: list[int],
+    spread: tuple[str, list[float], list[float]] | None,
+    prior: Mapping[str, tuple[float, float]],
+    names: tuple[str, ...],
+) -> Array:
+    n = len(model.names)
+    if start is not None:
+        given = np.atleast_2d(finite(start, "start"))
+        if given.ndim != 2 or given.shape[1] not in (n, len(free)):
+            raise InputError(f"start has shape {np.shape(start)}: must be ({n},) or (k, {n})")
+        return given[:, free] if given.shape[1] == n else given
+    made = getattr(model, "starts", None)
+    if made is not None:
+        return np.asarray(made(z), dtype=float)[:, free]
+    at = getattr(model, "x", None)
+    if at is not None:
+        return np.asarray(at, dtype=float)[None, free]
+    if spread is not None:
+        first, second = np.array(spread[1]), np.array(spread[2])
+        middle = first if spread[0] == "normal" else 0.5 * (first + second)
+        return middle[None, :]
+    missing = [name for name in names if name not in prior]
+    raise InputError(
+        f"nowhere to start: give start, or a prior or box for {', '.join(missing) or 'the states'}"
+    )
+
+
+def _critical(level: float, dof: int) -> float:
+    from scipy.special import chdtri
+
+    if not 0 < level < 1:
+        raise InputError(f"level = {level}: must be between 0 and 1")
+    return float(chdtri(dof, 1 - level))

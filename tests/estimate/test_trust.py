@@ -1,0 +1,276 @@
+"""Estimates, other solutions, intervals and bounds against the values of trust.json.
+
+Source of tests/reference/trust.json: bounded scalar minimisation over the free states in
+extended steps, and quadrature of the posterior; see its fields.
+"""
+
+from __future__ import annotations
+
+import json
+import pickle
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gramian as gm
+from gramian.estimate import STATUSES
+
+REFERENCE = json.loads(
+    (Path(__file__).parents[1] / "reference" / "trust.json").read_text(encoding="utf-8")
+)
+REGIONS = REFERENCE["regions"]
+TIMES, PATH = np.array(REGIONS["times_s"]), np.array(REGIONS["observer_m"])
+
+
+@dataclass
+class Beacons:
+    """Ranges to beacons in the plane: a model of the user's own."""
+
+    places: np.ndarray
+    sigma: float = 0.5
+    names: tuple[str, ...] = ("east", "north")
+    units: tuple[str, ...] = ("m", "m")
+
+    def h(self, x):
+        return np.linalg.norm(np.asarray(x) - self.places, axis=1)
+
+    def residuals(self, x, z):
+        return (z - self.h(x)) / self.sigma
+
+    def rows(self, x):
+        return (x - self.places) / self.h(x)[:, None] / self.sigma
+
+
+@dataclass
+class Ring:
+    """z = (cos 8x, sin 8x, x) + noise."""
+
+    sigma: float
+    names: tuple[str, ...] = ("x",)
+    units: tuple[str, ...] = ("",)
+
+    def h(self, x):
+        return np.array([np.cos(8 * x[0]), np.sin(8 * x[0]), x[0]])
+
+    def residuals(self, x, z):
+        return (z - self.h(x)) / self.sigma
+
+    def rows(self, x):
+        return np.array([[-8 * np.sin(8 * x[0])], [8 * np.cos(8 * x[0])], [1.0]]) / self.sigma
+
+
+BOX = {"east": (-200.0, 200.0), "north": (-200.0, 200.0)}
+
+
+def recorded(name, **options):
+    case = REGIONS[name]
+    sigma = np.deg2rad(case["sigma_deg"])
+    return gm.bearings.estimate(TIMES, case["bearings_rad"], PATH, sigma, **options)
+
+
+@pytest.mark.parametrize("name", ["easy", "skewed", "wide", "open"])
+def test_recorded_bearings_reach_the_reference(name):
+    case, answer = REGIONS[name], recorded(name)
+    assert answer.converged
+    assert answer.fit.chi2 == pytest.approx(case["chi2"], abs=1e-6)
+    assert answer.state == pytest.approx(case["estimate"], rel=1e-4)
+    assert answer.contains(case["truth"])
+    interval = answer.interval("range")
+    assert interval.local / 1.959964 == pytest.approx(case["range_std_from_covariance_m"], rel=1e-4)
+    assert len(interval.pieces) == 1
+    for found, wanted in zip(interval.pieces[0], case["range_interval_95_m"], strict=True):
+        assert found is None if wanted is None else found == pytest.approx(wanted, rel=1e-4)
+    expected = {"easy": "determined", "wide": "weak", "open": "weak", "skewed": "determined"}
+    assert answer.status == expected[name]
+
+
+def test_an_open_interval_is_told_in_words():
+    assert str(recorded("open").interval("range")) == "range no limit either way"
+    assert "no limit either way" in recorded("open").reason
+
+
+def test_other_solutions_of_beacons():
+    for name in ("two beacons", "three beacons nearly in line"):
+        case = REFERENCE["ghosts"][name]
+        model = Beacons(np.array(case["beacons"]))
+        found = gm.other_solutions(model, case["truth"], box=BOX)
+        assert len(found) == 1
+        assert found[0].state == pytest.approx(np.array(case["others"][0]), abs=1e-6)
+    assert found[0].chi2 == pytest.approx(case["chi2"][0], rel=1e-6)
+    chance = case["chance_that_noise_prefers_it"][0]
+    assert found[0].chance == pytest.approx(chance, rel=1e-6)
+    answer = gm.estimate(model, model.h(case["truth"]), box=BOX)
+    assert answer.status == "ambiguous"
+    assert answer.unseen == pytest.approx(3 / 16, rel=0.5)
+
+
+def test_four_satellites_have_one_solution():
+    case = REFERENCE["ghosts"]["four satellites"]
+    places = np.array(case["satellites_m"])
+
+    class Satellites(Beacons):
+        def h(self, x):
+            return np.linalg.norm(np.asarray(x)[:3] - self.places, axis=1) + x[3]
+
+        def rows(self, x):
+            offset = x[:3] - self.places
+            unit = offset / np.linalg.norm(offset, axis=1)[:, None]
+            return np.hstack([unit, np.ones((4, 1))]) / self.sigma
+
+    names = ("x", "y", "z", "clock")
+    model = Satellites(places, 5.0, names, ("m",) * 4)
+    wide = dict.fromkeys(names, (-4e7, 4e7))
+    answer = gm.estimate(model, np.array(case["pseudoranges_m"]), box=wide)
+    assert answer.state == pytest.approx(np.array(case["truth"]), abs=1e-5)
+    assert not [other for other in answer.others if other.chance > 0.01]
+
+
+@pytest.mark.parametrize("row", REFERENCE["barankin"]["rows"], ids=lambda r: str(r["sigma_m"]))
+def test_barankin(row):
+    places = np.array(REFERENCE["ghosts"]["three beacons nearly in line"]["beacons"])
+    model = Beacons(places, row["sigma_m"])
+    local = gm.bounds.barankin(model, [40, 30], np.zeros((0, 2)))
+    assert np.sqrt(np.diag(local)) == pytest.approx(row["crlb_std"], rel=1e-6)
+    bound = gm.bounds.barankin(model, [40, 30], [row["test_point"]])
+    assert np.sqrt(np.diag(bound)) == pytest.approx(row["barankin_std"], rel=1e-6)
+
+
+def test_barankin_does_not_overflow():
+    model = Beacons(np.array([[0.0, 0], [50, 1], [100, 0]]), 1e-3)
+    local = gm.bounds.barankin(model, [40, 30], np.zeros((0, 2)))
+    far = gm.bounds.barankin(model, [40, 30], [[40.2, -28.8], [4000, 30]])
+    assert far == pytest.approx(local, rel=1e-12)
+
+
+@pytest.mark.parametrize("row", REFERENCE["threshold"]["rows"], ids=lambda r: str(r["sigma"]))
+def test_weiss_weinstein(row):
+    vectors = np.array(row["weiss_weinstein_points"])[:, None]
+    found = gm.bounds.weiss_weinstein(Ring(row["sigma"]), {"x": (0.0, 1.0)}, vectors)
+    assert found.bound[0, 0] == pytest.approx(row["weiss_weinstein"], rel=1e-3)
+    assert found.bound[0, 0] < row["mmse"] + 3 * row["mmse_standard_error"]
+
+
+def test_the_threshold_is_where_the_bounds_part():
+    noise = np.geomspace(0.05, 1, 30)
+    found = gm.bounds.threshold(Ring(1.0), {"x": (0.0, 1.0)}, [[np.pi / 4]], noise)
+    assert 0.1 < found.factor[0] < 0.2
+    ratio = found.bound[:, 0] / found.local[:, 0]
+    assert (ratio[noise < 0.9 * found.factor[0]] < 2).all()
+    assert (ratio[noise > 1.1 * found.factor[0]] > 2).all()
+
+
+def test_a_target_that_turns_is_a_misfit_and_the_turn_is_named():
+    truth = np.array([1500.0, 2500.0, 3.0, -1.0])
+    place = truth[:2] + TIMES[:, None] * truth[2:]
+    place += np.maximum(TIMES - 292.5, 0)[:, None] * [-4.0, 3.0]
+    off = place - PATH
+    seen = np.arctan2(off[:, 0], off[:, 1]) + 0.0035 * np.random.default_rng(1).normal(size=40)
+    answer = gm.bearings.estimate(TIMES, seen, PATH, 0.0035)
+    assert answer.status == "misfit"
+    assert answer.fit.p_value < 1e-6
+    assert answer.fit.lag1[3] < 1e-3
+    assert answer.fit.alternatives[0].name == "turn at 292.5 s"
+
+
+def test_residuals_that_are_too_small_are_told():
+    case = REGIONS["easy"]
+    answer = gm.bearings.estimate(TIMES, case["bearings_rad"], PATH, 0.2)
+    assert answer.fit.p_value > 0.999
+    assert "sigma or a unit is wrong" in answer.fit.warning
+    assert not recorded("easy").fit.warning
+
+
+def test_honest_trials_are_rarely_misfits_and_their_lag_is_calibrated():
+    truth = [1500.0, 2500.0, 3.0, -1.0]
+    model = gm.bearings.BearingsModel(TIMES, PATH, np.array([0.0035]))
+    normals = np.random.default_rng(5).normal(size=(400, 40))
+    exact = model.h(truth)
+    fits, inside = [], 0
+    for noise in normals:
+        z = exact + 0.0035 * noise
+        answer = gm.estimate(model, z, start=truth, starts=0)
+        fits.append(answer.fit)
+        inside += answer.contains(truth)
+    p, late = np.array([f.p_value for f in fits]), np.array([f.lag1[3] for f in fits])
+    # Five deviations of a binomial count.
+    for values in (p, late):
+        assert abs((values < 0.05).sum() - 20) < 5 * np.sqrt(400 * 0.05 * 0.95)
+    assert abs(inside - 380) < 5 * np.sqrt(400 * 0.05 * 0.95)
+    scores = [f.alternatives for f in fits]
+    bias = np.array([next(a.p_value for a in s if a.name == "bias") for s in scores])
+    assert abs((bias < 0.05).sum() - 20) < 5 * np.sqrt(400 * 0.05 * 0.95)
+
+
+def test_the_undetected_bias_moves_the_answer_as_the_reliability_says():
+    model = gm.bearings.BearingsModel(TIMES, PATH, np.array([1e-4]))
+    truth = np.array([1500.0, 2500.0, 3.0, -1.0])
+    clean = gm.estimate(model, model.h(truth), start=truth)
+    bias = next(a for a in clean.fit.alternatives if a.name == "bias")
+    moved = gm.estimate(model, model.h(truth) + bias.detectable, start=truth)
+    assert moved.state - truth == pytest.approx(bias.effect, rel=0.03)
+    # Noncentrality 17.07: seen at alpha = 0.001 with a power of 80 %.
+    assert moved.fit.chi2 == pytest.approx(17.07, rel=0.02)
+
+
+def test_prior_and_known():
+    model = Beacons(np.array([[0.0, 0.0]]))
+    answer = gm.estimate(model, [50.0], prior={"east": (40.0, 1.0)}, start=[40, 20])
+    assert answer.state == pytest.approx([40, 30])
+    held = gm.estimate(model, [50.0], known={"east": 40.0}, start=[40, 20])
+    assert held.names == ("north",)
+    assert held["north"] == pytest.approx(30)
+    assert held["east"] == 40
+    lost = gm.estimate(model, [50.0], start=[40, 20])
+    assert lost.status == "unobservable"
+    assert np.isinf(lost.std).all()
+
+
+def test_a_region_closes_and_holds_the_truth():
+    model = Beacons(np.array([[0.0, 0.0], [100, 0], [0, 100]]))
+    answer = gm.estimate(model, model.h([40.0, 30.0]), start=[45, 25])
+    region = answer.region(("east", "north"))
+    assert region.closed == (True,)
+    chi2 = [(model.residuals(p, answer.measurements) ** 2).sum() for p in region.contours[0]]
+    assert np.array(chi2) == pytest.approx(5.991465, abs=1e-4)
+    assert str(answer.interval({"east": 1.0, "north": -1.0})).startswith("1 east - 1 north")
+
+
+def test_the_answer_pickles_and_compares():
+    answer = recorded("easy")
+    again = pickle.loads(pickle.dumps(answer))
+    assert again.to_dict() == answer.to_dict()
+    assert json.dumps(answer.to_dict())
+    assert answer.status in STATUSES
+    assert answer.summary().startswith("DETERMINED")
+    assert "<pre>" in answer._repr_html_()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"prior": {"up": (0, 1)}}, "prior of 'up': the states are east, north"),
+        ({"prior": {"east": (0, -1)}}, "sigma > 0"),
+        ({"known": {"east": np.inf}}, "known east = inf"),
+        ({"known": {"east": 1.0, "north": 2.0}}, "every state is known"),
+        ({"box": {"east": (1, 0)}}, "box of east"),
+        ({"alpha": 2}, "alpha = 2: must be between 0 and 1"),
+        ({"start": [1, 2, 3]}, "start has shape"),
+        ({"start": None}, "nowhere to start"),
+        ({"loss": "cubes"}, "loss = 'cubes'"),
+    ],
+)
+def test_bad_input_is_named(options, message):
+    model = Beacons(np.array([[0.0, 0.0], [100, 0]]))
+    with pytest.raises(gm.InputError, match=message):
+        gm.estimate(model, [50.0, 60.0], **({"start": [40, 20]} | options))
+
+
+def test_ctrl_c_in_the_users_function_comes_out():
+    class Rude(Beacons):
+        def residuals(self, x, z):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        gm.estimate(Rude(np.array([[0.0, 0.0], [100, 0]])), [50.0, 60.0], start=[40, 20])
