@@ -859,8 +859,11 @@ def _starts(
         return np.asarray(at, dtype=float)[None, free]
     if spread is not None:
         first, second = np.array(spread[1]), np.array(spread[2])
-        middle = first if spread[0] == "normal" else 0.5 * (first + second)
-        return middle[None, :]
+        normal = spread[0] == "normal"
+        middle = first if normal else 0.5 * (first + second)
+        # And a step off it along each state: the middle itself may be a singular place.
+        steps = np.diag(second if normal else 0.25 * (second - first))
+        return np.vstack([middle, middle + steps, middle - steps])
     missing = [name for name in names if name not in prior]
     raise InputError(
         f"nowhere to start: give start, or a prior or box for {', '.join(missing) or 'the states'}"

@@ -40,7 +40,8 @@ class Beacons:
         return (z - self.h(x)) / self.sigma
 
     def rows(self, x):
-        return (x - self.places) / self.h(x)[:, None] / self.sigma
+        with np.errstate(invalid="ignore"):
+            return (x - self.places) / self.h(x)[:, None] / self.sigma
 
 
 @dataclass
@@ -208,10 +209,12 @@ def test_the_undetected_bias_moves_the_answer_as_the_reliability_says():
     truth = np.array([1500.0, 2500.0, 3.0, -1.0])
     clean = gm.estimate(model, model.h(truth), start=truth)
     bias = next(a for a in clean.fit.alternatives if a.name == "bias")
-    moved = gm.estimate(model, model.h(truth) + bias.detectable, start=truth)
-    assert moved.state - truth == pytest.approx(bias.effect, rel=0.03)
+    # A tenth of it, where the model is linear to 3 %.
+    moved = gm.estimate(model, model.h(truth) + 0.1 * bias.detectable, start=truth)
+    assert moved.state - truth == pytest.approx(0.1 * bias.effect, rel=0.03)
+    whole = gm.estimate(model, model.h(truth) + bias.detectable, start=truth)
     # Noncentrality 17.07: seen at alpha = 0.001 with a power of 80 %.
-    assert moved.fit.chi2 == pytest.approx(17.07, rel=0.02)
+    assert whole.fit.chi2 == pytest.approx(17.07, rel=0.02)
 
 
 def test_prior_and_known():

@@ -94,7 +94,7 @@ class BearingsModel:
         record = _core.bearings_localize(
             self.times, self.observer, z, self.sigma, n, None, True, None, 50, 0.25
         )
-        state = record[:n]
+        state = np.asarray(record["state"])
         known = [state[None, :]] if np.isfinite(state).all() else []
         return np.concatenate([*known, ladder, moving])
 
@@ -165,7 +165,7 @@ def estimate(
     >>> import numpy as np, gramian as gm
     >>> t = np.arange(0.0, 600.0, 20.0)
     >>> path = np.stack([np.maximum(0, 5 * (t - 300)), np.minimum(5 * t, 1500)], axis=1)
-    >>> seen = gm.bearings.simulate(t, path, [2000, 6000, 3, -1], 1e-3, seed=1)
+    >>> seen = gm.bearings.simulate(t, path, [2000, 6000, 3, -1], 1e-3, seed=2)
     >>> answer = estimate(t, seen, path, 1e-3)
     >>> answer.status, answer.contains([2000, 6000, 3, -1])
     ('determined', True)

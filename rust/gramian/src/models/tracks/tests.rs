@@ -66,6 +66,10 @@ impl Lane for Dual {
     fn hypot(self, other: Self) -> Self {
         (self * self + other * other).sqrt()
     }
+    fn inverted([x, y]: [Self; 2], scale: Self) -> [Self; 2] {
+        let weight = (x * x + y * y) * scale;
+        [x / weight, y / weight]
+    }
     fn round(self) -> Self {
         Self(self.0.round(), 0.0)
     }
