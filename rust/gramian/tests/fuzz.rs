@@ -1074,9 +1074,6 @@ mod sized {
         if let Some(std) = draw.taken(found.combination_std(&combination)) {
             draw.bounds(&[std]);
         }
-        if let Some(values) = draw.taken(found.singular_values_scaled(&combination)) {
-            draw.finite(&values);
-        }
     }
 
     fn system<T: Number>(draw: &mut Draw<T>, n: usize, count: usize) -> Vec<T> {
@@ -1097,8 +1094,9 @@ mod sized {
         let Some(found) = draw.taken(Analysis::new(&a, &c, n, rtol)) else {
             return;
         };
-        assert!(found.rank() <= n && found.ranks().len() == n);
-        assert_eq!(found.state_levels().len(), n);
+        assert!(found.rank() <= n);
+        assert!(found.ranks().is_none_or(|ranks| ranks.len() == n));
+        assert!(found.state_levels().is_none_or(|levels| levels.len() == n));
         draw.finite(found.scale());
         draw.finite(found.row_space());
         draw.finite(found.kernel());

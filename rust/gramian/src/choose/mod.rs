@@ -378,6 +378,11 @@ fn golden(most: f64, at: impl Fn(f64) -> (f64, Vec<f64>)) -> (f64, f64, Vec<f64>
 }
 
 #[cfg(test)]
+#[allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap
+)]
 mod tests {
     use super::*;
 

@@ -557,6 +557,11 @@ pub(super) fn pivots(component: &Component) -> Vec<usize> {
 }
 
 #[cfg(test)]
+#[allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap
+)]
 mod tests {
     use super::*;
     use crate::observability::Observability;

@@ -569,7 +569,7 @@ mod tests {
                 a[i * n + n - 1] = 0.0;
             }
             c[n - 1] = 0.0;
-            let one = crate::linear::analysis::Analysis::new(&a, &c, n, None).unwrap();
+            let one = Analysis::new(&a, &c, n, None).unwrap();
             assert_eq!(one.rank(), n - 1);
             for path in Path::available() {
                 let mut out = vec![0.0; 2 * n];

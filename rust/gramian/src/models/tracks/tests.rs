@@ -270,7 +270,7 @@ fn motions<const D: usize>(delay: Option<f64>) {
         if D == 3 {
             x[D + 3] = random.next();
         }
-        check_motion::<D>(&CoordinatedTurn, &x[..2 * D + 1], u, delay);
+        check_motion::<D>(&CoordinatedTurn, &x[..=2 * D], u, delay);
     }
 }
 
@@ -333,7 +333,9 @@ fn check_sensor<const D: usize>(sensor: &impl Sensor<D>, random: &mut Random, cl
     let carried: [f64; D] = random.vector(8.0);
     let mut heading: [f64; D] = random.vector(1.0);
     let length = heading.iter().map(|x| x * x).sum::<f64>().sqrt();
-    heading.iter_mut().for_each(|x| *x /= length);
+    for x in &mut heading {
+        *x /= length;
+    }
     let away: [f64; D] = random.vector(closest);
     let place: [f64; D] = core::array::from_fn(|k| carrier[k] + away[k]);
     let velocity: [f64; D] = random.vector(10.0);

@@ -82,7 +82,7 @@ fn state(dimension: usize, motion: &Moving) -> Vec<f64> {
         Moving::Polynomial { order } => {
             for k in 1..=*order {
                 for axis in 0..dimension {
-                    x.push([3.0, -2.0, 0.4][axis] * 0.01_f64.powi(k as i32 - 1));
+                    x.push([3.0, -2.0, 0.4][axis] * 0.01_f64.powf(k as f64 - 1.0));
                 }
             }
         }
