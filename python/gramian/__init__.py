@@ -13,7 +13,7 @@ shape (K, n). A model makes rows; `analyze` says what they determine.
 - `crlb`, `crlb_std` and `gram` are the bounds and the information of plain rows;
   `bounds` has those of filters too.
 - The models are `bearings`, `dipole`, `inertial`, `linear`, `registration`,
-  `maneuver` and `tracks`.
+  `maneuver` and `tracks`; `dynamics` makes rows along a trajectory of your own system.
 - `large` has what `analyze` answers for sparse rows; `choose` says which measurements to
   add.
 - `io` reads files of tracks and measurements, and pose graphs.

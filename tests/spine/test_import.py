@@ -54,7 +54,9 @@ def test_what_is_typed_is_what_the_registry_has(name):
     typed = [alias.asname for line in block.body for alias in line.names]
     experiments = [entry.experiment for entry in REGISTRY.values() if entry.experiment]
     wanted = (
-        [*REGISTRY, "choose", "io", "large", "monte_carlo"] if name == "gramian" else experiments
+        [*REGISTRY, "choose", "dynamics", "io", "large", "monte_carlo"]
+        if name == "gramian"
+        else experiments
     )
     assert sorted(typed) == sorted(wanted)
 

@@ -4,8 +4,8 @@
 - `gram`: the Fisher information of rows.
 - `posterior`: the posterior bound of a filter over time, a `PosteriorBound`.
 - `Posterior`: the same one instant at a time, with `predict` and `update`.
-- `barankin`, `weiss_weinstein`, `threshold`: bounds that know of other solutions, and the
-  noise at which the local bound fails.
+- `barankin`, `weiss_weinstein`: bounds that know of other solutions, the second as a
+  `WeissWeinstein`; `threshold`: the noise at which the local bound fails, a `Threshold`.
 - `expected_rows`, `expected_transition`, `cubature_points`: rows and transitions of
   random states, for `posterior`.
 """

@@ -8,6 +8,10 @@ SciPy or python-control (anything with attributes ``A`` and ``C``), or a `System
 - `degree`, `information`: how well, as `Degree` and `Information`.
 - `problem`, `rows`: the whitened rows of a window of samples, for `gramian.analyze`;
   `gramian`, their information; `transition`.
+- `distance`: how far the nearest unobservable system is, a `Distance`; `unobservable`: what
+  is not seen, as an `Unobservable` with its `Mode` objects.
+- `gramian_factor`, `split_gramian`, `hankel`: Gramians over all time, as `SplitGramian` and
+  `Hankel`.
 - `piecewise`: systems that are constant by segments, as `Piecewise`.
 """
 
