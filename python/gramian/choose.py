@@ -149,11 +149,11 @@ def select(
     Examples
     --------
     >>> import numpy as np
-    >>> angles = np.radians([0, 10, 20, 90, 100])
+    >>> angles = np.radians([0, 10, 20, 80, 100])
     >>> looks = {f"{np.degrees(a):.0f} deg": [[np.cos(a), np.sin(a)]] for a in angles}
     >>> choice = select(looks, 2)
     >>> choice.chosen, round(choice.within, 3)
-    (('10 deg', '100 deg'), 0.0)
+    (('0 deg', '80 deg'), 0.008)
     """
     named = (
         {str(key): value for key, value in candidates.items()}

@@ -8,7 +8,8 @@ import pytest
 import gramian as gm
 
 T = np.arange(1200) * 0.01
-SENSORS = np.array([[0.0, 0.0, 0.0], [0.0, 0.5, 0.0]])
+# One behind the other: both see the same pass, half a second apart.
+SENSORS = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]])
 
 
 def record(seed=1, sigma=1e-9):

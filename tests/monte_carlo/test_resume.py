@@ -225,7 +225,7 @@ def test_a_manifest_that_someone_has_edited_is_refused(tmp_path, chunk):
 
 def test_another_version_is_refused(tmp_path, monkeypatch):
     gm.monte_carlo.run(Level(10), 64, SEED, mean, resume=tmp_path)
-    monkeypatch.setattr(gm, "__version__", "99.0")
+    monkeypatch.setattr("gramian._core.__version__", "99.0")
     with pytest.raises(gm.InputError, match=r"another version of gramian .*99\.0 here"):
         gm.monte_carlo.run(Level(10), 64, SEED, mean, resume=tmp_path)
 

@@ -330,7 +330,7 @@ def distance(
     --------
     >>> found = distance([[1.0, 0.0], [0.0, 2.0]], [[1.0, 1.0]])
     >>> round(found.distance, 4)
-    0.4472
+    0.5
     """
     system = system_of(A, C, names, prior=prior, R=R)
     a, c = system.A, system.C
