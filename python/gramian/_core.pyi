@@ -6,6 +6,7 @@ from typing import Any, Self, TypedDict, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from typing_extensions import disjoint_base
 
 _Array = NDArray[np.float64]
 
@@ -261,6 +262,7 @@ def bearing_frame(
 ) -> tuple[_Array, float | None, dict[str, _Array]]: ...
 def bearing_test(times: ArrayLike, bearings: ArrayLike, sigma: ArrayLike) -> _MotionTest: ...
 
+@disjoint_base
 class BearingMonitor:
     def __new__(cls) -> Self: ...
     def push(

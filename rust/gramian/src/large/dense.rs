@@ -128,8 +128,11 @@ mod tests {
     fn rows(count: usize, n: usize, rank: usize) -> Vec<f64> {
         // Products of two thin factors.
         let entry = |i: usize, j: usize, salt: usize| {
-            let x = (i * 7919 + j * 104_729 + salt * 31) % 10_007;
-            x as f64 / 5003.0 - 1.0
+            // Mixed, for steps of one size would make the factors dependent themselves.
+            let mut x = (i * 7919 + j * 104_729 + salt * 31 + 1) as u64;
+            x = x.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            x = (x ^ (x >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            ((x ^ (x >> 32)) % 10_007) as f64 / 5003.0 - 1.0
         };
         (0..count * n)
             .map(|k| {
