@@ -417,6 +417,12 @@ WITHOUT = {
     "monte_carlo.Experiment": "a base class",
     **dict.fromkeys(
         (
+            "bearings.estimate",
+            "bounds.barankin",
+            "bounds.threshold",
+            "bounds.weiss_weinstein",
+            "estimate",
+            "other_solutions",
             "linear.distance",
             "linear.unobservable",
             "tracks.choose_legs",
