@@ -169,7 +169,7 @@ pub fn integrate<S: System>(
     look(system, states, transitions, times, steps)
 }
 
-/// Follows `x[k+1]` = f(t[k], `x[k]`).
+/// Follows `x[k+1] = f(t[k], x[k])`.
 ///
 /// # Errors
 /// [`Failure`].
