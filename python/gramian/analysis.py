@@ -610,7 +610,7 @@ def _undecided(
             f"the derivatives by {names} are smaller than their errors: {advice}, "
             "from which the step is found"
         )
-    if doubt.rtol is None:
+    if doubt.rtol is None or problem.row_error is None or problem.rtol is not None:
         return None
     rank = analysis.rank
     tolerance = analysis.rtol * values[0]

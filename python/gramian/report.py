@@ -250,7 +250,12 @@ def answer_pictures(answer: Observability) -> list[Picture]:
 
 def tone_of(answer: Observability) -> Tone:
     """Return the colour of an answer's status."""
-    tones: dict[str, Tone] = {"observable": "good", "weak": "weak", "unobservable": "bad"}
+    tones: dict[str, Tone] = {
+        "observable": "good",
+        "weak": "weak",
+        "undecided": "weak",
+        "unobservable": "bad",
+    }
     return tones[answer.status]
 
 

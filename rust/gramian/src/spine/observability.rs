@@ -118,7 +118,7 @@ impl<T: Real> Observability<T> {
         };
         let a = scaled(rows);
         let parts = if exact.is_empty() {
-            determined(&a, n, rtol)
+            determined(&a, n, rtol, &scale)
         } else {
             with_exact(&a, &scaled(exact), n, rtol)
         };
@@ -147,7 +147,7 @@ impl<T: Real> Observability<T> {
                 }
             }
             let ones = vec![T::one(); n];
-            levels(&a, n, rtol, &ones, s, v, rank)
+            levels(&a, n, rtol, &ones, s, v, rank, &scale)
         };
         Self::of_parts(n, rtol, scale, parts)
     }
@@ -464,11 +464,19 @@ impl<T: Real> Observability<T> {
                 }
             }
             null = rest;
-            let rank = self.parts.rank + 1;
-            return Ok((
-                rank,
-                deviations(&root, &null, self.parts.touch, &self.scale),
-            ));
+            let mut std = deviations(&root, &null, self.parts.touch, &self.scale);
+            if sigma == T::zero() {
+                // What is known exactly leaves rounding of what cancels.
+                let before = column_norms(&self.parts.root, n);
+                let tied = norm(&along) / free;
+                for i in 0..n {
+                    let size = before[i] + tied * direction[i].abs();
+                    if std[i] <= self.scale[i] * size * T::EPSILON * T::of(32.0) {
+                        std[i] = T::zero();
+                    }
+                }
+            }
+            return Ok((self.parts.rank + 1, std));
         }
         let spread = norm(&along);
         if spread > T::zero() {
@@ -671,8 +679,8 @@ fn sort_rows<T: Real>(a: &[T], n: usize) -> Vec<T> {
         .collect()
 }
 
-/// What rows of length `n` determine.
-fn determined<T: Real>(a: &[T], n: usize, rtol: T) -> Parts<T> {
+/// What rows of length `n` determine; `units` is what their columns were multiplied by.
+fn determined<T: Real>(a: &[T], n: usize, rtol: T, units: &[T]) -> Parts<T> {
     let count = a.len() / n;
     let (mut scale, mut s) = (vec![T::one(); n], vec![T::zero(); n]);
     let (mut v, mut work) = (vec![T::zero(); n * n], vec![T::zero(); n * n]);
@@ -698,7 +706,7 @@ fn determined<T: Real>(a: &[T], n: usize, rtol: T) -> Parts<T> {
             parts
         }
     } else {
-        levels(a, n, rtol, &scale, &s, &v, rank)
+        levels(a, n, rtol, &scale, &s, &v, rank, units)
     };
     parts.rank = n - parts.null.len() / n;
     parts
@@ -851,6 +859,7 @@ fn levels<T: Real>(
     s: &[T],
     v: &[T],
     rank: usize,
+    units: &[T],
 ) -> Parts<T> {
     let touch = spectrum::touch_tolerance(s, rank, rtol).max(T::EPSILON * T::of(4.0));
     // In the coordinates of a: directions that count, and the others without rounding.
@@ -865,7 +874,21 @@ fn levels<T: Real>(
     let p = n - rank;
     let mut rest = vec![T::zero(); a.len() / n * p];
     let mut found = false;
+    // Far above what inaccurate rows leave: a light row is seen by most of its size.
+    let sure = (rtol * T::of(32.0)).max(T::EPSILON.sqrt() * T::of(64.0));
     for (row, out) in a.chunks_exact(n).zip(rest.chunks_exact_mut(p)) {
+        // In the units given, an entry far below the largest of its row is rounding.
+        let given = |(i, &x): (usize, &T)| units.get(i).map_or(x, |&d| x / d).abs();
+        let most = row.iter().enumerate().map(given).fold(T::zero(), T::max);
+        let row: Vec<T> = row
+            .iter()
+            .enumerate()
+            .map(|(i, x)| {
+                let rounding =
+                    !units.is_empty() && given((i, x)) <= most * T::EPSILON * T::of(64.0);
+                if rounding { T::zero() } else { *x }
+            })
+            .collect();
         for (vector, x) in open.iter().zip(out) {
             let (mut sum, mut size, mut part) = (T::zero(), T::zero(), T::zero());
             for ((&r, &c), &d) in row.iter().zip(vector).zip(scale) {
@@ -875,7 +898,7 @@ fn levels<T: Real>(
                     part += (r * d).abs();
                 }
             }
-            if sum.abs() > rtol.max(T::EPSILON * T::of(32.0)) * size + touch * part {
+            if sum.abs() > sure * size + touch * part {
                 *x = sum;
                 found = true;
             }
@@ -924,7 +947,7 @@ fn levels<T: Real>(
         .chunks_exact(n)
         .flat_map(|row| row[rank..].iter().copied())
         .collect();
-    let below = determined(&light, p, rtol);
+    let below = determined(&light, p, rtol, &[]);
     let parts = join(&b, n, rank, &seen, &open, &below, &s[..rank], touch, &to_a);
     // The same rank by a factor of the rows themselves, with more digits.
     pivoted(a, n, rtol, parts.rank, &parts.values).unwrap_or(parts)
@@ -1056,7 +1079,7 @@ fn with_exact<T: Real>(a: &[T], exact: &[T], n: usize, rtol: T) -> Parts<T> {
             });
         }
     }
-    let below = determined(&rest, p, rtol);
+    let below = determined(&rest, p, rtol, &[]);
     let lift = |y: &[T]| -> Vec<T> {
         let mut x = vec![T::zero(); n];
         for (vector, &y) in open.iter().zip(y) {
