@@ -877,18 +877,17 @@ fn levels<T: Real>(
     // Far above what inaccurate rows leave: a light row is seen by most of its size.
     let sure = (rtol * T::of(32.0)).max(T::EPSILON.sqrt() * T::of(64.0));
     for (row, out) in a.chunks_exact(n).zip(rest.chunks_exact_mut(p)) {
-        // In the units given, an entry far below the largest of its row is rounding.
-        let given = |(i, &x): (usize, &T)| units.get(i).map_or(x, |&d| x / d).abs();
-        let most = row.iter().enumerate().map(given).fold(T::zero(), T::max);
-        let row: Vec<T> = row
-            .iter()
-            .enumerate()
-            .map(|(i, x)| {
-                let rounding =
-                    !units.is_empty() && given((i, x)) <= most * T::EPSILON * T::of(64.0);
-                if rounding { T::zero() } else { *x }
-            })
-            .collect();
+        // In the units given, entries far below the largest of their row are rounding: a
+        // row that has no others here says nothing.
+        let given = |i: usize| units.get(i).map_or(row[i], |&d| row[i] / d).abs();
+        let most = (0..n).map(given).fold(T::zero(), T::max);
+        let here = (0..n)
+            .filter(|&i| open.iter().any(|vector| vector[i] != T::zero()))
+            .map(given)
+            .fold(T::zero(), T::max);
+        if here <= most * T::EPSILON.sqrt() {
+            continue;
+        }
         for (vector, x) in open.iter().zip(out) {
             let (mut sum, mut size, mut part) = (T::zero(), T::zero(), T::zero());
             for ((&r, &c), &d) in row.iter().zip(vector).zip(scale) {
