@@ -101,7 +101,7 @@ def as_noise(sigma: ArrayLike, count: int, *, is_complex: bool = False) -> Noise
     each = np.broadcast_to(noise, (whole,))
     if (bad := np.flatnonzero(~(each >= 0))).size:
         place = f"[{bad[0]}]" if noise.ndim else ""
-        raise InputError(f"sigma{place} = {each[bad[0]]}: must be >= 0, or inf where missing")
+        raise InputError(f"sigma{place} = {each[bad[0]]}: must be > 0 (0: exact, inf: missing)")
     if noise.ndim == 0 and not 0 < noise < np.inf:
         raise InputError(f"sigma = {noise}: must be > 0 and finite")
     if is_complex:

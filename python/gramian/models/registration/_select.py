@@ -186,7 +186,9 @@ def _factor(array: Array) -> Array:
     n = array.shape[1]
     padded = np.vstack([array, np.zeros((max(n - len(array), 0), n))])
     factor: Array = np.asarray(np.linalg.qr(padded, mode="r"))
-    return factor
+    # Rounding of the columns must not pass for light rows.
+    rounding = 64 * np.finfo(float).eps * np.linalg.norm(array, axis=0)
+    return np.where(np.abs(factor) > rounding, factor, 0.0)
 
 
 def _information_gains(stacks: Sequence[Array], have: Array) -> Array:

@@ -1214,10 +1214,19 @@ pub fn marginal_rows<T: Real>(
     let rtol = rtol.unwrap_or_else(|| spectrum::default_rtol(rows.len() / n, n));
     spectrum::check_rtol(rtol)?;
     let (mut a, mut work) = (rows.to_vec(), vec![T::zero(); n + eliminated]);
+    // Rounding of a column must not pass for a light row.
+    let rounding: Vec<T> = column_norms(rows, n)
+        .iter()
+        .map(|&norm| norm * T::EPSILON * T::of(64.0))
+        .collect();
     let rank = eliminate(&mut a, n, eliminated, rtol, &mut work);
     a.chunks_exact(n)
         .skip(rank)
-        .map(|row| finite("rows", row[eliminated..].to_vec()))
+        .map(|row| {
+            let left = row[eliminated..].iter().zip(&rounding[eliminated..]);
+            let left = left.map(|(&x, &r)| if x.abs() <= r { T::zero() } else { x });
+            finite("rows", left.collect())
+        })
         .collect()
 }
 
