@@ -21,7 +21,7 @@ use gramian::rows::RowSink;
 use gramian::scalar::{Real, wrap_angle};
 use gramian::spectrum::Spectrum;
 use gramian::square_root::SquareRootInformation;
-use gramian::tracks::motion::{CoordinatedTurn, Legs, Polynomial, SteadyLegs, Turns};
+use gramian::tracks::motion::{self, CoordinatedTurn, Polynomial, SteadyLegs, Turns};
 use gramian::tracks::sensors::{Bearing, ConeAngle, Frequency, Range, RangeRate, SignalStrength};
 use gramian::tracks::stream::{Sample, Tracker};
 
@@ -108,7 +108,7 @@ fn tracks<T: Real>(x: T, sum: &Sum<T>) {
     let Ok(mut tracker) = Tracker::new(&[x; 7], &[T::one(); 7]) else {
         return;
     };
-    let legs = Legs { turns: Turns::Unknown(1) };
+    let legs = motion::Legs { turns: Turns::Unknown(1) };
     sum.done(tracker.push(&legs, &SignalStrength, &none, &sample).map(|_| ()));
     sum.add(&tracker.answer().state);
     let Ok(mut tracker) = Tracker::new(&[x; 5], &[T::one(); 5]) else {

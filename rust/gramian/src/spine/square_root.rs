@@ -332,9 +332,19 @@ pub(crate) fn reflect<T: Real>(a: &mut [T], n: usize, top: usize, column: usize,
     } else {
         norm
     };
-    let v0 = head[column] - alpha;
+    let mut v0 = head[column] - alpha;
     // H = I - v v^T / beta, with v = (v0, tail column) and beta = -alpha v0.
-    let beta = -alpha * v0;
+    let mut beta = -alpha * v0;
+    if beta <= T::one() / (T::MAX * T::EPSILON) {
+        // The square of a tiny column vanishes: any multiple of v does as well, and the
+        // column itself is overwritten below.
+        head[column] *= unit;
+        for row in tail.chunks_exact_mut(n) {
+            row[column] *= unit;
+        }
+        v0 *= unit;
+        beta = -(alpha * unit) * v0;
+    }
     // Columns before `column` are zero in these rows already.
     let head = &mut head[column..];
     let work = &mut work[..head.len()];
@@ -492,6 +502,20 @@ mod tests {
         for (i, wanted) in [0.25, 3.25, 0.0625].into_iter().enumerate() {
             assert!((crlb[i][i] - wanted).abs() < 1e-14 && (std[i].powi(2) - wanted).abs() < 1e-14);
         }
+    }
+
+    #[test]
+    fn a_column_whose_square_underflows_is_reflected() {
+        let tiny = 1e-200;
+        let mut a = [1.0, tiny, 1.0, -tiny, 1.0, tiny];
+        triangularize(&mut a, 2, &mut [0.0; 2]);
+        // det of the Gram matrix: 3 * 3 - 1, times tiny^2.
+        let (first, second) = (a[0], a[3] / tiny);
+        assert!(
+            (first * first * second * second - 8.0_f64).abs() < 1e-14,
+            "{a:?}"
+        );
+        assert_eq!(a[4..], [0.0, 0.0]);
     }
 
     #[test]

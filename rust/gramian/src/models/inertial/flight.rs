@@ -107,6 +107,7 @@ impl<'a, T: Real> Segments<'a, T> {
         check_finite("longitude", &[start.longitude])?;
         check_finite("speed", &[start.speed])?;
         check_finite("heading", &[start.heading])?;
+        check_finite("earth_rate", &[earth_rate])?;
         Ok(Self {
             legs,
             now: start,
@@ -157,7 +158,8 @@ impl<'a, T: Real> Segments<'a, T> {
             return Err(Error::Segments { leg, segments });
         }
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        Ok(pieces.ceil().double() as usize)
+        // A turn so slow that the quotient underflows is one segment too.
+        Ok((pieces.ceil().double() as usize).max(1))
     }
 
     fn segment(&mut self) -> Result<Segment<T>, Error> {
