@@ -378,6 +378,8 @@ class Problem:
         *names : str
             States, whose columns fall away, or named combinations.
         """
+        for name in names:
+            self.direction(name)
         states = [name for name in names if name not in self.combinations]
         combined = [self.combinations[name] for name in names if name in self.combinations]
         problem = self.constrain(np.array(combined)) if combined else self

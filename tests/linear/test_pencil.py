@@ -120,7 +120,7 @@ def test_which_output_repairs_it():
 @pytest.mark.parametrize("kind", ["integer", "orthogonal"])
 @pytest.mark.parametrize("repeated", [False, True])
 def test_planted_blocks_are_found_exactly(kind, repeated):
-    """A larger run of the same: benches/planted.py."""
+    """A larger run of the same: benches/planted_systems.py."""
     rng = np.random.default_rng(20)
     wrong = []
     for trial in range(40):

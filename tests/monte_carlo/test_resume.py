@@ -311,9 +311,17 @@ def test_a_device_without_room_is_a_clear_error(tmp_path, monkeypatch):
     """The same from the operating system itself."""
     first = gm.monte_carlo.run(Level(10), 64, SEED, mean, resume=tmp_path, chunk=16)
     parts(tmp_path)[2].unlink()
-    (tmp_path / "chunk-000000000000032.part").symlink_to("/dev/full")
-    with pytest.raises(gm.StorageError, match="No space left on device; the 3 chunks"):
-        gm.monte_carlo.run(Level(10), 64, SEED, mean, resume=tmp_path)
+    opened = []
+
+    def full(**_):
+        opened.append(str(tmp_path / "never-there.part"))
+        return os.open("/dev/full", os.O_WRONLY), opened[-1]
+
+    with monkeypatch.context() as patch:
+        patch.setattr("gramian._files.tempfile.mkstemp", full)
+        with pytest.raises(gm.StorageError, match="No space left on device; the 3 chunks"):
+            gm.monte_carlo.run(Level(10), 64, SEED, mean, resume=tmp_path)
+    assert len(opened) == 1
     same(gm.monte_carlo.run(Level(10), 64, SEED, mean, resume=tmp_path), first)
 
 

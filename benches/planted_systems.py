@@ -1,6 +1,6 @@
 """Thousands of pairs with an exactly planted unobservable block, and of observable ones.
 
-    python benches/planted.py [--pairs 2000] [--most 200] [--seed 0]
+    python benches/planted_systems.py [--pairs 2000] [--most 200] [--seed 0]
 
 Prints how many were judged wrong. The tests run a small part of this.
 """
