@@ -243,3 +243,22 @@ def test_bad_input_is_named():
     ):
         with pytest.raises(gm.InputError, match=message):
             call()
+
+
+def test_a_last_leg_that_is_open_is_weak_though_the_start_is_known():
+    """Four bearings of the last leg: its velocity is open, and the answer says so."""
+    times = np.arange(0.0, 1200.0, 20.0)
+    ship = gm.tracks.Carrier(
+        [[0, 0], [2000, 0], [2000, 2000], [4000, 2000]], [0.0, 400.0, 800.0, 1200.0]
+    )
+    seen = gm.tracks.Sensor.bearing(ship, times, sigma=np.radians(0.3))
+    truth = [3000.0, 5000.0, -4.0, 2.0, 3.0, 3.0]
+    late = gm.tracks.Scene(gm.tracks.Motion.legs([1120.0]), [seen])
+    answer = gm.tracks.estimate(late, gm.tracks.simulate(late, truth, seed=1))
+    assert np.hypot(*answer.std[:2]) < 0.05 * np.hypot(*answer.state[:2])
+    assert answer.std[4:].max() > 10
+    assert answer.status == "weak"
+    # The same with the turn at half time.
+    early = gm.tracks.Scene(gm.tracks.Motion.legs([600.0]), [seen])
+    answer = gm.tracks.estimate(early, gm.tracks.simulate(early, truth, seed=1))
+    assert answer.status == "determined"

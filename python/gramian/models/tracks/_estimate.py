@@ -58,8 +58,8 @@ def estimate(
     alpha : float
         Level of the test for "misfit".
     weak_ratio : float
-        "weak" where the deviation of the first position exceeds this many times its
-        distance from the nearest carrier.
+        "weak" where the deviation of a position, at any time while the sensors look,
+        exceeds this many times the median distance from the nearest carrier.
     max_iterations : int
         Steps at most from each start.
     polish : int

@@ -122,7 +122,9 @@ class TrackEstimate:
             rise = float(self.other_cost - self.cost)
             return f"another solution fits as well: chi2 is larger by {rise:.2g}"
         if status == "weak":
-            return "the position is known no better than a quarter of the distance"
+            return (
+                "a position of the track is uncertain by a good part of its distance (weak_ratio)"
+            )
         if status == "not_converged":
             return "the steps did not come to rest"
         return "one solution fits"
@@ -296,12 +298,7 @@ def judged(
     def mark(where: NDArray[Any], status: str) -> None:
         code[np.asarray(where, dtype=bool)] = STATUSES.index(status)
 
-    d = scene.motion.dimension
-    variance = np.diagonal(found["covariance"], axis1=-2, axis2=-1)[..., :d].sum(axis=-1)
-    places = [s.carrier.at(s.times[:1])[0][0] for s in scene.sensors if s.carrier is not None]
-    if places:
-        away = np.linalg.norm(found["state"][..., None, :d] - np.array(places), axis=-1)
-        mark(np.sqrt(variance) > weak_ratio * away.min(axis=-1), "weak")
+    mark(_is_weak(scene, found["state"], found["covariance"], weak_ratio), "weak")
     mark(found["other_cost"] - cost < 6.0, "ambiguous")
     mark(found["converged"] < 1, "not_converged")
     mark(p_value < alpha, "misfit")
@@ -321,3 +318,40 @@ def judged(
         null_direction=found["null_direction"],
         iterations=found["iterations"].astype(np.int32),
     )
+
+
+def _is_weak(scene: Scene, states: Array, covariances: Array, ratio: float) -> NDArray[Any]:
+    """Say which estimates leave a position of the track uncertain by `ratio` of its distance.
+
+    Any position while the sensors look, not the first alone: a velocity, or the last leg,
+    may be open where the start is known.
+    """
+    seen = [
+        (s.times[picked], s.carrier.at(s.times[picked])[0])
+        for s in scene.sensors
+        if s.carrier is not None
+        for picked in [np.unique(np.linspace(0, s.times.size - 1, 5).astype(int))]
+    ]
+    weak = np.zeros(states.shape[:-1], dtype=bool)
+    if not seen:
+        return weak
+    times = np.concatenate([t for t, _ in seen])
+    for trial in np.ndindex(weak.shape):
+        state, covariance = states[trial], covariances[trial]
+        if not (np.isfinite(state).all() and np.isfinite(covariance).all()):
+            weak[trial] = True
+            continue
+        values, axes = np.linalg.eigh(covariance)
+        track = scene.track(state, times)
+        spread = np.zeros(times.size)
+        for axis in (axes * np.sqrt(np.maximum(values, 0.0))).T:
+            if axis.any():
+                spread += ((scene.track(state + axis, times) - track) ** 2).sum(axis=1)
+        # A target that passes close by is no worse known for it: its usual distance.
+        ends = np.cumsum([t.size for t, _ in seen])[:-1]
+        away = min(
+            float(np.median(np.linalg.norm(part - path, axis=1)))
+            for part, (_, path) in zip(np.split(track, ends), seen, strict=True)
+        )
+        weak[trial] = np.sqrt(spread.max()) > ratio * away
+    return weak
