@@ -7,7 +7,7 @@ import gramian as gm
 from geometry import reference, straight_track, two_leg_track
 from gramian.models.bearings import STATUSES, localize, localize_trials, residuals, simulate
 
-CONVERGED, WEAK, UNOBSERVABLE, UNBOUNDED, NOT_CONVERGED = range(5)
+CONVERGED, WEAK, UNOBSERVABLE, UNBOUNDED, NOT_CONVERGED, MISFIT = range(6)
 
 
 @pytest.fixture(params=["B1", "B2"])
@@ -123,7 +123,7 @@ def test_a_prior_makes_it_observable_again():
     times, observer, state = straight_track(60)
     noisy = simulate(times, observer, state, 1e-3, seed=2)
     known = localize(times, noisy, observer, 1e-3, prior={"vx": (3.0, 0.05)})
-    assert known.status == "converged"
+    assert known.status == "determined"
     assert (np.abs(known.state - state) < 4 * known.std).all()
     rows = np.vstack([gm.bearings.rows(times, observer, known.state, 1e-3), [0, 0, 1 / 0.05, 0]])
     assert known.std == pytest.approx(gm.crlb_std(rows), rel=1e-6)
@@ -131,7 +131,7 @@ def test_a_prior_makes_it_observable_again():
     two = localize(
         times[:2], noisy[:2], observer[:2], 1e-3, prior={"vx": (3.0, 0.1), "y0": (1e4, 100.0)}
     )
-    assert two.status == "converged"
+    assert two.status == "determined"
     assert two.std[1] == pytest.approx(100.0, rel=1e-3)
 
 
@@ -197,7 +197,7 @@ def test_several_observers_at_the_same_instants():
     place = truth[:2] + times[:, None] * truth[2:]
     z = np.arctan2(*(place - observer).T)
     answer = localize(times, z, observer, 1e-3, observer_index=np.tile([0, 1], 20))
-    assert answer.status == "converged"
+    assert answer.status == "determined"
     assert answer.state == pytest.approx(truth, rel=1e-9)
     with pytest.raises(gm.InputError, match=r"times\[2\].*same observer, 0"):
         localize(times * 0, z, observer, 1e-3, observer_index=np.tile([0, 1], 20))
@@ -224,9 +224,11 @@ def test_wild_bearings_give_a_status_and_no_exception():
     times, observer = circling(24)
     wild = np.random.default_rng(1).uniform(-np.pi, np.pi, (500, 24))
     answer = localize(times, wild, observer, 1e-3)
-    assert set(answer.code) <= set(range(5))
-    finite = np.isfinite(answer.state).all(axis=1)
-    assert (finite == (answer.code != UNBOUNDED) & (answer.code != UNOBSERVABLE)).all()
+    # No target moves like that, and every answer says so.
+    assert set(answer.code) <= {MISFIT, UNOBSERVABLE}
+    finite = np.isfinite(answer.state)
+    assert (finite.all(axis=1) == finite.any(axis=1)).all()
+    assert not finite[answer.code == UNOBSERVABLE].any()
     assert np.isfinite(answer.chi2).all()
 
 
@@ -236,6 +238,7 @@ def test_a_turning_target_shows_in_the_residuals():
     noisy = simulate(times, observer, path, 1e-3, seed=1)
     answer = localize(times, noisy, observer, 1e-3)
     assert answer.p_value < 1e-6
+    assert answer.status == "misfit"
     assert "residuals: chi2" in answer.summary()
     assert answer.to_dict()["names"] == ["x0", "y0", "vx", "vy"]
 
@@ -277,3 +280,22 @@ def test_bad_input_of_trials():
         localize_trials(times, observer, [0, 0, 0], 0.1, trials=1, seed=1)
     with pytest.raises(gm.InputError, match="must have none, or one for each of 5 trials"):
         localize_trials(times, observer, np.ones((3, 4)), 0.1, trials=5, seed=1)
+
+
+def test_a_target_that_turned_is_a_misfit_and_not_a_position():
+    """The kind that began this: a confident position of a track that turned once."""
+    t = np.arange(0.0, 1200.0, 30.0)
+    path = np.stack([np.minimum(5 * t, 3000.0), np.maximum(0.0, 5 * t - 3000.0)], axis=1)
+    turned = np.array([3000.0, 6000.0]) + t[:, None] * [-2.0, 1.0]
+    turned += np.maximum(t - 500.0, 0.0)[:, None] * [8.0, -6.0]
+    sigma = np.radians(0.5)
+    seen = np.arctan2(*(turned - path).T) + np.random.default_rng(5).normal(0, sigma, t.size)
+    answer = localize(t, seen, path, sigma)
+    assert answer.status == "misfit"
+    assert answer.p_value < 1e-6
+    straight = np.array([3000.0, 6000.0]) + t[:, None] * [-2.0, 1.0]
+    noise = np.random.default_rng(6).normal(0, sigma, (400, t.size))
+    honest = localize(t, np.arctan2(*(straight - path).T) + noise, path, sigma)
+    assert (honest.status == "misfit").mean() <= 0.01
+    with pytest.raises(gm.InputError, match=r"alpha = 2"):
+        localize(t, seen, path, sigma, alpha=2.0)

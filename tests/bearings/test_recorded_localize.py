@@ -51,7 +51,9 @@ def test_a_ship_that_can_be_located_is(tracks, observer, target, start, bounds):
     bound = gm.crlb_std(rows)
     assert bound[:2] == pytest.approx(bounds, rel=5e-4)
     # Bearings of the recorded positions, of a target at constant velocity only nearly.
-    answer = localize(times, simulate(times, path, ship, SIGMA, seed=1, trials=2000), path, SIGMA)
+    # One honest trial in 1000 is a misfit at the level of 0.001: none at this one.
+    seen = simulate(times, path, ship, SIGMA, seed=1, trials=2000)
+    answer = localize(times, seen, path, SIGMA, alpha=1e-9)
     assert (answer.code == 0).all()
     error = answer.state[:, :2] - ship[0]
     # The scatter is the bound's; the bias is what departing from a straight line costs.
@@ -81,7 +83,7 @@ def test_a_hopeless_ship_is_never_converged(tracks):
     times, path = tracks("observer_d", 900.0)
     _, ship = tracks("ship_g", 900.0)
     answer = localize(times, simulate(times, path, ship, SIGMA, seed=1, trials=1000), path, SIGMA)
-    assert (answer.status == "converged").mean() < 0.2
+    assert (answer.status == "determined").mean() < 0.2
 
 
 def test_a_ship_that_turned_shows_in_the_residuals(tracks):

@@ -42,7 +42,7 @@ def test_the_example_is_found(scenario, tmp_path):
     assert report.data["p_value"] > 0.01
     page, data = report.write(tmp_path / "out")
     assert page.read_text().count("data:image/svg+xml") == 2
-    assert json.loads(data.read_text())["status"] == "converged"
+    assert json.loads(data.read_text())["status"] == "determined"
     # The ellipse is that of the covariance: semi-axes over sqrt(chi-square) multiply to its root.
     covariance = np.array(report.data["covariance"])[:2, :2]
     axes = np.array(report.data["error_ellipse"]["semi_axes"])

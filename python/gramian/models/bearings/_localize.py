@@ -21,7 +21,11 @@ __all__ = ["STATUSES", "Localization", "Trials", "localize", "localize_trials", 
 Array = NDArray[np.float64]
 
 #: What a status code means; `Localization.code` is the place in this tuple.
-STATUSES = ("converged", "weak", "unobservable", "unbounded", "not converged")
+STATUSES = ("determined", "weak", "unobservable", "unbounded", "not_converged", "misfit")
+
+#: Of these the extension finds all but the last, which is decided from the fit.
+_MISFIT = STATUSES.index("misfit")
+_UNOBSERVABLE = STATUSES.index("unobservable")
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,6 +165,7 @@ def localize(
     weak_ratio: float = 0.25,
     max_iterations: int = 50,
     rtol: float | None = None,
+    alpha: float = 0.001,
 ) -> Localization:
     """Return the most likely state of a moving target, with its covariance.
 
@@ -188,14 +193,18 @@ def localize(
     rtol : float, optional
         Relative tolerance of the rank decision; by default what rounding of the
         coordinates calls for.
+    alpha : float
+        "misfit" where a true model gives so large a chi-square with a smaller
+        probability than this, in (0, 1).
 
     Returns
     -------
     Localization
         Leading axes are a batch, computed by all threads. Look at its status:
-        "converged"; "weak", a state whose range is hardly known; "unbounded",
-        the likelihood grows towards infinite range; "not converged", the
-        iterations ran out; in a batch also "unobservable".
+        "determined"; "weak", a state whose range is hardly known; "unbounded",
+        the likelihood grows towards infinite range; "not_converged", the
+        iterations ran out; "misfit", the bearings contradict the motion or their
+        sigma, which outranks these; in a batch also "unobservable".
 
     Raises
     ------
@@ -229,13 +238,14 @@ def localize(
     >>> seen = gm.bearings.simulate(t, path, [2000, 6000, 3, -1], 1e-3, seed=1)
     >>> answer = localize(t, seen, path, 1e-3)
     >>> answer.status, bool((abs(answer.state - [2000, 6000, 3, -1]) < 3 * answer.std).all())
-    ('converged', True)
+    ('determined', True)
     """
     names, units = state_names(order)
     n = len(names)
     known = _prior(prior, names)
     seen = as_float_array(bearings, "bearings")
     _check_options(weak_ratio, max_iterations, rtol)
+    options.fraction(alpha, "alpha")
     known = _prior(prior, names)
     _check_count(seen.shape[-1] if seen.ndim else 0, order, len(prior or {}))
     check_index(times, observer_index)
@@ -251,12 +261,14 @@ def localize(
         max_iterations,
         weak_ratio,
     )
+    chi2, dof = found["chi2"], seen.shape[-1] + len(prior or {}) - n
+    code = found["status"].astype(np.int8)
     answer = Localization(
         state=found["state"],
         covariance=found["covariance"],
-        code=found["status"].astype(np.int8),
-        chi2=found["chi2"],
-        dof=seen.shape[-1] + len(prior or {}) - n,
+        code=np.asarray(_judged(code, chi2, dof, alpha)),
+        chi2=chi2,
+        dof=dof,
         iterations=found["iterations"].astype(np.int32),
         nullity=found["nullity"].astype(np.int32),
         null_direction=found["null_direction"],
@@ -266,6 +278,17 @@ def localize(
     if answer.code.ndim == 0 and answer.status == "unobservable":
         raise _unobservable(answer)
     return answer
+
+
+def _judged(code: NDArray[np.int8], chi2: Array, dof: int, alpha: float) -> NDArray[np.int8]:
+    """Return the codes with what does not fit marked: it outranks all that trust the model."""
+    from scipy.special import chdtrc
+
+    if dof < 1:
+        return code
+    with np.errstate(invalid="ignore"):
+        bad = (chdtrc(dof, chi2) < alpha) & (code != _UNOBSERVABLE)
+    return np.where(bad, np.int8(_MISFIT), code)
 
 
 def localize_trials(

@@ -21,10 +21,11 @@ __all__ = ["localize"]
 Array = NDArray[np.float64]
 
 _VERDICTS: dict[str, tuple[Tone, str]] = {
-    "converged": ("good", "LOCATED"),
+    "determined": ("good", "LOCATED"),
     "weak": ("weak", "WEAKLY LOCATED"),
     "unbounded": ("bad", "NOT LOCATED"),
-    "not converged": ("bad", "NOT LOCATED"),
+    "not_converged": ("bad", "NOT LOCATED"),
+    "misfit": ("bad", "MISFIT"),
 }
 
 
@@ -70,9 +71,17 @@ def _report(
     tone, headline = _VERDICTS[str(answer.status)]
     data: dict[str, Any] = {"model": scenario.model, "bearings": times.size} | answer.to_dict()
     agree = float(answer.p_value)
-    says = "no degrees of freedom to tell" if np.isnan(agree) else (
-        f"{'yes' if agree > 0.05 else 'NO'} (p = {agree:.2g})"
-    )  # fmt: skip
+    if np.isnan(agree):
+        says = "no degrees of freedom to tell"
+    elif agree > 0.999:
+        says = f"better than chance allows (p = {agree:.5g}): is sigma too large, or a unit wrong?"
+    else:
+        says = f"{'yes' if agree > 0.05 else 'NO'} (p = {agree:.2g})"
+    misfit = (
+        f"no target at constant velocity gives these bearings (chi2 {number(float(answer.chi2))} "
+        f"for {answer.dof} degrees of freedom, p = {agree:.2g}): it turned, the bearings are "
+        "biased, or their sigma is larger than stated"
+    )
     facts = [("do the bearings agree with constant velocity?", says)]
     if not np.isfinite(answer.state).all():
         return Report(
@@ -80,7 +89,9 @@ def _report(
             subtitle=subtitle,
             tone=tone,
             headline=headline,
-            verdict="the likelihood grows towards infinite range: no position is the most likely",
+            verdict=misfit
+            if answer.status == "misfit"
+            else "the likelihood grows towards infinite range: no position is the most likely",
             facts=facts,
             data=data,
         )
@@ -94,8 +105,10 @@ def _report(
         f"{np.degrees(np.arctan2(*offset)) % 360:.1f} deg, "
         f"moving {number(np.hypot(vx, vy), 3)} m/s on course {course:.0f} deg"
     )
-    if answer.status == "not converged":
+    if answer.status == "not_converged":
         verdict = "the iterations did not settle; the last state is shown, do not use it"
+    elif answer.status == "misfit":
+        verdict = f"{misfit}; the state below trusts a model that does not hold, do not use it"
     elif agree <= 0.05:
         tone = "weak"
         headline += " IF IT KEEPS ITS COURSE"

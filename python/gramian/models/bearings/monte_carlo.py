@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 _BEARINGS_FAILURES = {
     2: "unobservable",
     3: "likelihood grows to infinite range",
-    4: "not converged",
+    4: "not_converged",
 }
 
 
