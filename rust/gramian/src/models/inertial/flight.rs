@@ -66,8 +66,8 @@ pub struct Segment<T> {
 /// ```
 /// use gramian::inertial::{EARTH_RATE, Leg, Segments, Start};
 /// let start = Start { latitude: 0.8, longitude: 0.0, height: 0.0, speed: 50.0, heading: 0.0 };
-/// let turn = Leg { duration: 30.0, turn: 1.5, speed_change: 0.0, bank: 0.0 };
-/// let segments = Segments::new(&[turn], start, 5.0, 0.05, EARTH_RATE)?;
+/// let turn = [Leg { duration: 30.0, turn: 1.5, speed_change: 0.0, bank: 0.0 }];
+/// let segments = Segments::new(&turn, start, 5.0, 0.05, EARTH_RATE)?;
 /// assert_eq!(segments.count(), 30);
 /// # Ok::<(), gramian::inertial::Error>(())
 /// ```
