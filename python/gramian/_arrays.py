@@ -56,7 +56,8 @@ def real(value: Any, name: str) -> float:
 
 def _one(array: Array, name: str) -> float:
     if array.shape != ():
-        raise InputError(f"{name} has shape {array.shape}: must be one number")
+        shown = name.rpartition(" [")[0] if name.endswith("]") and " [" in name else name
+        raise InputError(f"{shown} has shape {array.shape}: must be one number")
     return float(array)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian._arrays import as_float_array
+from gramian._units import bare
 from gramian.exceptions import InputError
 
 __all__ = ["Noise", "as_noise", "prior_sigma"]
@@ -81,6 +82,7 @@ def as_noise(sigma: ArrayLike, count: int, *, is_complex: bool = False) -> Noise
         Number of real measurements: of complex ones the real parts, then the imaginary.
     is_complex : bool
     """
+    sigma = bare(sigma, "sigma")
     given = np.asarray(sigma)
     whole = count // 2 if is_complex else count
     if np.iscomplexobj(given) and given.ndim >= 2:

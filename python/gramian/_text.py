@@ -89,7 +89,7 @@ def _together(names: Sequence[str]) -> str:
 
 def plain(value: Any) -> Any:
     """Return numbers and arrays as what JSON can hold; "inf", "-inf" for infinities."""
-    if isinstance(value, np.ndarray):
+    if isinstance(value, np.ndarray) and value.ndim:
         return [plain(item) for item in value]
     number = float(value)
     return number if np.isfinite(number) else str(number)

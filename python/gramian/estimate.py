@@ -871,8 +871,6 @@ def _starts(
 
 
 def _critical(level: float, dof: int) -> float:
-    from scipy.special import chdtri
-
     if not 0 < level < 1:
         raise InputError(f"level = {level}: must be between 0 and 1")
-    return float(chdtri(dof, 1 - level))
+    return _core.chi_square_critical(1 - level, dof)

@@ -36,7 +36,7 @@ fn bearing_rows<'py>(
     } else {
         target.expect(&[Some(m), Some(2)], "an east and a north for each time")?;
     }
-    let mut sigma = Input::levels(sigma, "sigma")?;
+    let mut sigma = Input::levels(sigma, "sigma [rad]")?;
     sigma.expect_one_or(m, "one standard deviation, or one for each time")?;
     sigma.expect_positive("rad")?;
     let batch = Batch::of(&mut [&mut times, &mut observer, &mut target, &mut sigma])?;
@@ -285,7 +285,7 @@ fn bearing_test<'py>(
         m,
         ..
     } = Track::new(times, bearings, None, 4)?;
-    let mut sigma = Input::levels(sigma, "sigma")?;
+    let mut sigma = Input::levels(sigma, "sigma [rad]")?;
     sigma.expect_one_or(m, "one standard deviation, or one for each bearing")?;
     sigma.expect_positive("rad")?;
     let batch = Batch::of(&mut [&mut times, &mut bearings, &mut sigma])?;
@@ -363,7 +363,7 @@ impl BearingMonitor {
             .transpose()?;
         let (time, bearing) = (real(time, "time")?, real(bearing, "bearing")?);
         self.0
-            .push(time, bearing, real(sigma, "sigma")?, distance)
+            .push(time, bearing, real(sigma, "sigma [rad]")?, distance)
             .map_err(|error| errors::input_at("", error))?;
         Ok(self.answer())
     }

@@ -40,7 +40,7 @@ impl<'py> Given<'py> {
         let m = times.core_shape()[0];
         let observer = Input::new(observer, "observer", 2)?;
         observer.expect(&[Some(m), Some(2)], "an east and a north for each time")?;
-        let sigma = Input::levels(sigma, "sigma")?;
+        let sigma = Input::levels(sigma, "sigma [rad]")?;
         sigma.expect_one_or(m, "one standard deviation, or one for each time")?;
         sigma.expect_positive("rad")?;
         let prior = prior

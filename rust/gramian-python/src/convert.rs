@@ -43,6 +43,7 @@ impl<'py> Input<'py> {
     /// The same where NaN and infinity have a meaning.
     pub fn unchecked(value: &Bound<'py, PyAny>, name: &'static str, core: usize) -> PyResult<Self> {
         let (numbers, shape) = read(value, name)?;
+        let name = shown(name);
         if shape.len() < core {
             return Err(InputError::new_err(format!(
                 "{name} has shape {}: must have at least {core} {}",
@@ -317,8 +318,18 @@ fn read<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<(Numbers<'py>, V
     let shape = array.shape().to_vec();
     let array = array
         .try_readonly()
-        .map_err(|error| unreadable(name, &error.to_string()))?;
+        .map_err(|error| unreadable(shown(name), &error.to_string()))?;
     Ok((Numbers::Array(array), shape))
+}
+
+/// An argument's name without its unit: "sigma" of "sigma [rad]".
+fn shown(name: &str) -> &str {
+    if name.ends_with(']')
+        && let Some(at) = name.rfind(" [")
+    {
+        return &name[..at];
+    }
+    name
 }
 
 /// An array that is plain float64, of no subclass.
@@ -400,6 +411,11 @@ fn refuse_masked(value: &Bound<'_, PyAny>, name: &str) -> PyResult<()> {
 /// What numpy makes of a value, refused where it would convert at a loss.
 fn converted<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let py = value.py();
+    // Units are converted to those of the argument, dates to seconds.
+    let value = &py
+        .import("gramian._units")?
+        .call_method1("bare", (value, name))?;
+    let name = shown(name);
     refuse_masked(value, name)?;
     let refused = |error: PyErr| {
         // What the value itself raises on Ctrl-C or a full memory is not its fault.
@@ -459,6 +475,7 @@ pub fn as_finite_array<'py>(
     name: &str,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let array = as_float_array(value, name)?;
+    let name = shown(name);
     match first_bad(&array, name)? {
         None => Ok(array),
         Some((index, number)) => Err(InputError::new_err(format!(

@@ -92,7 +92,7 @@ impl<'py> PassInputs<'py> {
         let mut position = vector(position, "r0")?;
         let mut velocity = vector(velocity, "v")?;
         let mut moment = vector(moment, "m")?;
-        let mut sigma = sigma.map(|s| Input::levels(s, "sigma")).transpose()?;
+        let mut sigma = sigma.map(|s| Input::levels(s, "sigma [T]")).transpose()?;
         if let Some(sigma) = &sigma {
             sigma.expect_one_or(samples, "one standard deviation, or one for each time")?;
             sigma.expect_positive("T")?;

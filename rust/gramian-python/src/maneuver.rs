@@ -50,7 +50,7 @@ fn maneuver_heading<'py>(
     let mut bearing = Input::new(bearing, "bearing", 0)?;
     let mut range = Input::new(range_, "range_", 0)?;
     range.expect_positive("m")?;
-    let mut step = Input::new(step, "step", 0)?;
+    let mut step = Input::new(step, "step [m]", 0)?;
     step.expect_positive("m")?;
     let mut side = Input::new(side, "side", 0)?;
     expect_sides(&side)?;
@@ -88,13 +88,13 @@ fn maneuver_trajectory<'py>(
     let law = self::law(law)?;
     let mut target = Input::new(target, "target", 1)?;
     target.expect(&[Some(2)], "east and north")?;
-    let mut start = Input::new(start, "start", 1)?;
+    let mut start = Input::new(start, "start [m]", 1)?;
     start.expect(&[Some(2)], "east and north")?;
-    let mut step = Input::new(step, "step", 0)?;
+    let mut step = Input::new(step, "step [m]", 0)?;
     step.expect_positive("m")?;
     let mut side = Input::new(side, "side", 0)?;
     expect_sides(&side)?;
-    let mut sigma = Input::new(sigma, "sigma", 0)?;
+    let mut sigma = Input::new(sigma, "sigma [rad]", 0)?;
     sigma.expect_positive("rad")?;
     let mut standoff = Input::new(standoff, "standoff", 0)?;
     standoff.expect_nonnegative()?;
@@ -185,7 +185,7 @@ impl<'py> Inputs<'py> {
         } else {
             Input::absent("times")
         };
-        let mut sigma = Input::levels(sigma, "sigma")?;
+        let mut sigma = Input::levels(sigma, "sigma [rad]")?;
         sigma.expect_one_or(m, "one standard deviation, or one for each position")?;
         sigma.expect_positive("rad")?;
         let batch = Batch::of(&mut [&mut positions, &mut target, &mut times, &mut sigma])?;

@@ -1,7 +1,7 @@
 //! `gram`, `crlb_std`, and the analysis of one problem.
 
 use gramian::batch::{self, simd::Path};
-use gramian::rounding;
+use gramian::{chi_square, rounding};
 
 use gramian::large::dense;
 use gramian::observability::{Observability, marginal_rows as marginal};
@@ -92,6 +92,38 @@ fn crlb_std<'py>(
         }
     })?;
     refused.map_or(Ok(out), Err)
+}
+
+/// The probability that a chi-square variable of `dof` exceeds `value`; NaN for NaN.
+#[pyfunction]
+fn chi_square_survival<'py>(
+    py: Python<'py>,
+    value: &Bound<'py, PyAny>,
+    dof: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let mut value = Input::unchecked(value, "value", 0)?;
+    let mut dof = Input::new(dof, "dof", 0)?;
+    dof.expect_positive("")?;
+    let batch = Batch::of(&mut [&mut value, &mut dof])?;
+    let (value, dof) = (value.items()?, dof.items()?);
+    batch.fill(py, &[], 100.0, |range, _, out| {
+        for (trial, p) in range.zip(out) {
+            let value = value.get(trial)[0];
+            *p = if value.is_nan() {
+                f64::NAN
+            } else if value == f64::INFINITY {
+                0.0
+            } else {
+                chi_square::survival(value.max(0.0), dof.get(trial)[0]).unwrap_or(f64::NAN)
+            };
+        }
+    })
+}
+
+/// What a chi-square variable of `dof` exceeds with probability `alpha`.
+#[pyfunction]
+fn chi_square_critical(alpha: f64, dof: f64) -> PyResult<f64> {
+    chi_square::critical(alpha, dof).map_err(|error| input_at("", error))
 }
 
 /// Standard normal numbers (trials, count) of the streams `first..first + trials`.
@@ -392,6 +424,8 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(crlb_std, module)?)?;
     module.add_function(wrap_pyfunction!(above_rounding, module)?)?;
     module.add_function(wrap_pyfunction!(empty_call, module)?)?;
+    module.add_function(wrap_pyfunction!(chi_square_critical, module)?)?;
+    module.add_function(wrap_pyfunction!(chi_square_survival, module)?)?;
     module.add_function(wrap_pyfunction!(normals, module)?)?;
     module.add_function(wrap_pyfunction!(output::representable, module)?)?;
     module.add_function(wrap_pyfunction!(rounding_of_columns, module)?)?;

@@ -180,6 +180,6 @@ def estimate(
             f"times has shape {when.shape}, bearings {z.shape}: must be (m,) both; "
             "localize takes batches"
         )
-    model = BearingsModel(when, path, np.atleast_1d(finite(sigma, "sigma")), order)
+    model = BearingsModel(when, path, np.atleast_1d(finite(sigma, "sigma [rad]")), order)
     model.handle(z)
     return general(model, z, prior=prior, **options)

@@ -85,11 +85,9 @@ class Localization:
         Small values say that the target did not move as the model has it, or
         that the noise is larger than `sigma`. NaN without degrees of freedom.
         """
-        from scipy.special import chdtrc
-
         if self.dof < 1:
             return np.full(self.chi2.shape, np.nan)
-        return np.asarray(chdtrc(self.dof, self.chi2), dtype=float)
+        return _core.chi_square_survival(self.chi2, self.dof)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the answer as plain lists, numbers and strings, fit for JSON."""
@@ -282,12 +280,10 @@ def localize(
 
 def _judged(code: NDArray[np.int8], chi2: Array, dof: int, alpha: float) -> NDArray[np.int8]:
     """Return the codes with what does not fit marked: it outranks all that trust the model."""
-    from scipy.special import chdtrc
-
     if dof < 1:
         return code
     with np.errstate(invalid="ignore"):
-        bad = (chdtrc(dof, chi2) < alpha) & (code != _UNOBSERVABLE)
+        bad = (_core.chi_square_survival(chi2, dof) < alpha) & (code != _UNOBSERVABLE)
     return np.where(bad, np.int8(_MISFIT), code)
 
 

@@ -153,7 +153,7 @@ def rows(
     if dimensions == 2 and order == 1 and observer_index is None:
         result = _core.bearing_rows(times, path, place, sigma, is_state)
     else:
-        noise = np.atleast_1d(as_float_array(sigma, "sigma"))
+        noise = np.atleast_1d(as_float_array(sigma, "sigma [rad]"))
         if dimensions == 3:
             up = noise
             if sigma_elevation is not None:
@@ -390,7 +390,7 @@ def simulate(
     offsets = (_positions(t, place, 2) if _target_kind(place, 2, order)[1] else place) - path
     exact = np.arctan2(offsets[:, 0], offsets[:, 1])
     noise = _core.normals(seed, 0, trials or 1, t.size)
-    noisy = exact + as_float_array(sigma, "sigma") * noise
+    noisy = exact + as_float_array(sigma, "sigma [rad]") * noise
     wrapped = wrap_angles(noisy)
     return wrapped if trials is not None else wrapped[0]
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from gramian import io
+from gramian import _core, io
 from gramian._arrays import wrap_angles
 from gramian._text import number, plain
 from gramian.analysis import Observability, analyze
@@ -590,8 +590,6 @@ class Geometry:
 
     def straight_line_fit(self, answer: Observability) -> StraightLineFit:
         """Fit constant velocity to the positions, and to their noise-free bearings."""
-        from scipy.special import chdtrc
-
         t = self.times - self.times[0]
         design = np.stack([np.ones_like(t), t], axis=1)
         line = np.linalg.lstsq(design, self.target, rcond=None)[0]
@@ -633,7 +631,7 @@ class Geometry:
             bias=bias,
             residuals=residual,
             ratio=ratio,
-            p_value=float(chdtrc(dof, dof + misfit)),
+            p_value=float(_core.chi_square_survival(dof + misfit, dof)),
         )
 
     def turns(self, problem: Problem) -> list[tuple[str, Problem]]:

@@ -138,7 +138,7 @@ def localize(
     setup = _Setup(known, prior, sensors, background, loss, sigma, starts)
     t, y, dropped = setup.samples(times, field, missing)
     # The instant of the state, whichever samples are used.
-    origin = float(np.ravel(times)[0])
+    origin = float(np.ravel(as_float_array(times, "times"))[0])
     offsets = np.zeros((y.shape[1], 3))
     if background == "median":
         # Over the whole record: a window of the pass alone has no quiet part.
@@ -333,8 +333,10 @@ class _Setup:
         if background is not None:
             options.choice(background, "background", ("median", "fit"))
         options.choice(loss, "loss", ("gaussian", "huber"))
-        if sigma is not None and not number(sigma, "sigma") > 0:
-            raise InputError(f"sigma = {sigma} T: must be > 0 and finite")
+        if sigma is not None:
+            sigma = number(sigma, "sigma [T]")
+            if not sigma > 0:
+                raise InputError(f"sigma = {sigma} T: must be > 0 and finite")
         starts = whole(starts, "starts", 1, 10_000)
         self.one_sensor = sensors is None
         self.sensors = (

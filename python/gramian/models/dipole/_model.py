@@ -305,7 +305,7 @@ def simulate(
     seed = whole(seed, "seed", 0, SEED_MOST)
     if trials is not None:
         trials = whole(trials, "trials", 1)
-    sigma = number(sigma, "sigma")
+    sigma = number(sigma, "sigma [T]")
     if sigma < 0:
         raise InputError(f"sigma = {sigma} T: must be >= 0 and finite")
     exact = measure(r0, v, m, times, sensors=sensors, ambient=ambient)
@@ -461,8 +461,12 @@ def problem(
     if values.ndim != 2:
         raise InputError(f"the rows have shape {values.shape}: a problem is one pass")
     combinations = {}
-    for name, vector, first in (("range", r0, 0), ("speed", v, 3), ("moment", m, 6)):
-        along = as_float_array(vector, name)
+    for name, key, vector, first in (
+        ("range", "r0", r0, 0),
+        ("speed", "v", v, 3),
+        ("moment", "m", m, 6),
+    ):
+        along = as_float_array(vector, key)
         size = np.linalg.norm(along)
         if size > 0:
             combinations[name] = np.zeros(9)
@@ -475,7 +479,7 @@ def _sensors(sensors: ArrayLike | None) -> ArrayLike:
 
 
 def _at_least_1d(sigma: ArrayLike) -> Array:
-    array = as_float_array(sigma, "sigma")
+    array = as_float_array(sigma, "sigma [T]")
     return array[None] if array.ndim == 0 else array
 
 

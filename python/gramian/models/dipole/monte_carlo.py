@@ -80,7 +80,7 @@ class Dipole(Experiment):
     ) -> None:
         for name, value in {"r0": r0, "v": v, "m": m, "times": times}.items():
             object.__setattr__(self, name, as_float_array(value, name).copy())
-        object.__setattr__(self, "sigma", number(sigma, "sigma"))
+        object.__setattr__(self, "sigma", number(sigma, "sigma [T]"))
         object.__setattr__(self, "known", options.names(known, "known"))
         places = None if sensors is None else as_float_array(sensors, "sensors").copy()
         object.__setattr__(self, "sensors", places)

@@ -282,7 +282,7 @@ def _follow(
     if start.ndim != 1 or not start.size:
         raise InputError(f"x0 has shape {start.shape}: must be (n,)")
     n = len(start)
-    at = np.atleast_1d(finite(times, "times"))
+    at = np.atleast_1d(finite(times, "times [-]"))
     if at.ndim != 1 or len(at) < 2:
         raise InputError(f"times has shape {at.shape}: must be (K,) with K >= 2")
     if (bad := np.flatnonzero(np.diff(at) <= 0)).size:

@@ -117,6 +117,7 @@ def static_base(
     >>> found.ranks[:4], found.states["phi_N"], found.combinations["Delta_N - g phi_W"]
     ((6, 9, 11, 12), None, 1)
     """
+    latitude, height = number(latitude, "latitude"), number(height, "height")
     system = error_model(
         latitude,
         height,

@@ -397,7 +397,9 @@ def information(
         seen = rows(A, C, window=window, dt=dt, R=R, time=time)
     else:
         step = (
-            system.A if time == "discrete" else _core.linear_transition(system.A, number(dt, "dt"))
+            system.A
+            if time == "discrete"
+            else _core.linear_transition(system.A, number(dt, "dt [-]"))
         )
         noise = np.diag(system.noise**2) if R is None and not np.isnan(system.noise).any() else R
         j = gramian(step, system.C, window=window, dt=dt, R=noise, Q=Q)

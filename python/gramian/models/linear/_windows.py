@@ -46,7 +46,7 @@ def transition(A: ArrayLike, duration: float) -> Array:
     array([[1., 3.],
            [0., 1.]])
     """
-    return _core.linear_transition(A, number(duration, "duration"))
+    return _core.linear_transition(A, number(duration, "duration [-]"))
 
 
 def gramian(
@@ -150,7 +150,7 @@ def rows(
         About the state at time 0.
     """
     system = system_of(A, C, R=R)
-    samples = _samples(window, number(dt, "dt"))
+    samples = _samples(window, number(dt, "dt [-]"))
     options.choice(time, "time", ("continuous", "discrete"))
     assert samples is not None
     if samples > MOST_SAMPLES:
@@ -286,7 +286,7 @@ class Piecewise:
         ndarray, shape (samples p, n)
             About the state at the beginning.
         """
-        if not number(dt, "dt") > 0:
+        if not number(dt, "dt [-]") > 0:
             raise InputError(f"dt = {dt}: must be > 0 and finite")
         n, p = self.A.shape[-1], self.C.shape[-2]
         white = whitener(R, p)
@@ -408,7 +408,7 @@ def _samples(window: float, dt: float | None) -> int | None:
         raise InputError(f"window = {window}: must be > 0 and finite")
     if dt is None:
         return None
-    dt = number(dt, "dt")
+    dt = number(dt, "dt [-]")
     if not 0 < dt <= window:
         raise InputError(f"dt = {dt}: must be > 0 and no longer than the window, {window}")
     if not window / dt < 2**53:

@@ -287,7 +287,7 @@ def closed_loop(
             out = setting.run(method, [float(side)], noise, gone)
         runs.append(_run(method, out, setting.target))
     runs.sort(key=lambda run: run.final_rms)
-    return ClosedLoop(tuple(runs), setting.target, float(dt), float(lost), seed)
+    return ClosedLoop(tuple(runs), setting.target, number(dt, "dt"), number(lost, "lost"), seed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,7 +321,7 @@ class _Setting:
         keep_out: ArrayLike | None,
         max_turn_rate: float | None,
     ) -> _Setting:
-        place, origin = finite(target, "target"), finite(start, "start")
+        place, origin = finite(target, "target"), finite(start, "start [m]")
         for name, point in (("target", place), ("start", origin)):
             if point.shape != (2,):
                 raise InputError(f"{name} has shape {point.shape}: must be (2,), east and north")
@@ -340,12 +340,13 @@ class _Setting:
             ("first_range[1]", deviation, "m"),
         ):
             positive(value, name, unit)
-        speed, dt, sigma = number(speed, "speed"), number(dt, "dt"), number(sigma, "sigma")
+        speed, dt, sigma = number(speed, "speed"), number(dt, "dt"), number(sigma, "sigma [rad]")
         if not speed * dt < 1e150:
             raise InputError(f"a step of {speed * dt:.3g} m: its square overflows float64")
         standoff = None if standoff is None else number(standoff, "standoff")
         if max_turn_rate is not None:
             positive(max_turn_rate, "max_turn_rate", "rad/s")
+            max_turn_rate = number(max_turn_rate, "max_turn_rate")
         discs = checked_discs(keep_out)
         check_outside(origin, np.concatenate([place, [0.0, 0.0]])[None], standoff, discs)
         return cls(

@@ -135,7 +135,7 @@ def problem(path: ArrayLike, target: ArrayLike, sigma: ArrayLike) -> Problem:
     offsets = at - places
     ranges = np.hypot(offsets[:, 0], offsets[:, 1])
     east, north = (offsets / ranges[:, None]).T
-    noise = np.broadcast_to(as_float_array(sigma, "sigma"), ranges.shape)
+    noise = np.broadcast_to(as_float_array(sigma, "sigma [rad]"), ranges.shape)
     rows = np.stack([north, -east], axis=1) / (ranges * noise)[:, None]
     # Offsets between large coordinates carry the rounding of those coordinates.
     size = (np.abs(places) + np.abs(at)).max(axis=1)
@@ -156,7 +156,7 @@ def problem(path: ArrayLike, target: ArrayLike, sigma: ArrayLike) -> Problem:
 def _arguments(
     path: ArrayLike, target: ArrayLike, sigma: ArrayLike, times: ArrayLike | None
 ) -> tuple[ArrayLike, Array, Array, ArrayLike | None]:
-    place, noise = as_float_array(target, "target"), as_float_array(sigma, "sigma")
+    place, noise = as_float_array(target, "target"), as_float_array(sigma, "sigma [rad]")
     if place.ndim == 0 or place.shape[-1] not in (2, 4):
         raise InputError(
             f"target has shape {place.shape}: must be (..., 2), or (..., 4): x0, y0, vx, vy"

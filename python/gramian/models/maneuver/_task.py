@@ -87,7 +87,7 @@ class Task:
         names = FIXED if n == 2 else MOVING
         full = np.zeros((states.shape[0], 4))
         full[:, :n] = states
-        origin = finite(start, "start")
+        origin = finite(start, "start [m]")
         if origin.shape != (2,):
             raise InputError(f"start has shape {origin.shape}: must be (2,), east and north")
         slow, fast = _speeds(speed)
@@ -121,7 +121,7 @@ class Task:
             dt=dt,
             moves=moves,
             kind=kind,
-            sigma=number(sigma, "sigma"),
+            sigma=number(sigma, "sigma [rad]"),
             standoff=float(standoff),
             keep_out=discs,
             max_turn=np.inf

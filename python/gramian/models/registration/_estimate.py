@@ -84,11 +84,9 @@ class Estimate:
 
         NaN without degrees of freedom.
         """
-        from scipy.special import chdtrc
-
         if self.dof < 1:
             return np.nan * self.chi_square
-        value: Array = chdtrc(self.dof, self.chi_square)
+        value: Array = _core.chi_square_survival(self.chi_square, self.dof)[()]
         return value
 
     def __getitem__(self, name: str) -> Array:

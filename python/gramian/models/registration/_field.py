@@ -106,7 +106,8 @@ def field(
     west, east, south, north = edges
     if not (west < east and south < north):
         raise InputError(f"extent = {extent!r}: must have west < east and south < north")
-    if not number(radius, "radius") > 0:
+    radius = number(radius, "radius")
+    if not radius > 0:
         raise InputError(f"radius = {radius} m: must be > 0 and finite")
     points = whole(points, "points", 2)
     if heading is not None:

@@ -249,9 +249,10 @@ def match(
     (2, 2, 2)
     """
     options.choice(interpolate, "interpolate", ("none", "linear"))
-    if number(tolerance, "tolerance") < 0:
+    tolerance, max_gap = number(tolerance, "tolerance [s]"), real(max_gap, "max_gap")
+    if tolerance < 0:
         raise InputError(f"tolerance = {tolerance} s: must be >= 0")
-    if not real(max_gap, "max_gap") > 0:
+    if not max_gap > 0:
         raise InputError(f"max_gap = {max_gap} s: must be > 0")
     clean = _recordings(recordings)
     if len(clean) < 2:

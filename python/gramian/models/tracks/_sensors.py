@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gramian._arrays import as_float_array, finite
+from gramian._arrays import as_float_array, finite, number
 from gramian.exceptions import InputError
 from gramian.models.tracks._motion import Carrier
 
@@ -282,7 +282,7 @@ class Sensor:
         InputError
             For shapes that do not fit, negative ranges, angles in degrees.
         """
-        z = as_float_array(readings, self.name)
+        z = as_float_array(readings, f"{self.name} [{self.unit}]")
         width = self.width(dimension)
         core = (dimension,) if width > 1 else ()
         lead = z.ndim - 1 - len(core)
@@ -354,7 +354,8 @@ def _made(
     if (sigma is None) == (covariance is None):
         raise InputError(f"{name}: give sigma, or covariance")
     detection = np.atleast_1d(finite(noise.get("detection", 1.0), f"{name}: detection"))
-    sigma = None if sigma is None else np.atleast_1d(finite(sigma, f"{name}: sigma"))
+    unit = UNITS[kind]
+    sigma = None if sigma is None else np.atleast_1d(finite(sigma, f"{name}: sigma [{unit}]"))
     covariance = None if covariance is None else finite(covariance, f"{name}: covariance")
     mask = _mask(noise.get("mask"), stamps, name)
     if mask is not None:
@@ -365,11 +366,14 @@ def _made(
         if detection.size == stamps.size:
             detection = detection[mask]
         stamps = stamps[mask]
-    bias = noise.get("bias")
-    for key in ("bias", "scale", "clock"):
-        value = noise.get(key)
-        if value is not None and not isinstance(value, str):
-            finite(value, f"{name}: {key}")
+
+    def plain(value: Any, key: str, unit: str) -> Any:
+        if value is None or isinstance(value, str):
+            return value
+        return number(value, f"{name}: {key} [{unit}]")
+
+    bias = plain(noise.get("bias"), "bias", unit)
+    first = "dB" if kind == "signal_strength" else "Hz"
     return Sensor(
         kind=kind,
         times=stamps,
@@ -377,16 +381,19 @@ def _made(
         second=second,
         sigma=sigma,
         covariance=None if covariance is None else finite(covariance, f"{name}: covariance"),
-        correlation_time=noise.get("correlation_time"),
+        correlation_time=plain(noise.get("correlation_time"), "correlation_time", "s"),
         bias=() if bias is None else ((1.0, bias),),
-        scale=noise.get("scale"),
-        clock=noise.get("clock"),
+        scale=plain(noise.get("scale"), "scale", "-"),
+        clock=plain(noise.get("clock"), "clock", "s"),
         true_path=bool(noise.get("true_path", False)),
-        delay=noise.get("delay"),
+        delay=plain(noise.get("delay"), "delay", "m/s"),
         detection=detection,
         mask=mask,
-        speed=speed,
-        parameters=parameters,
+        speed=plain(speed, "speed", "m/s"),
+        parameters=(
+            plain(parameters[0], "the first parameter", first),
+            plain(parameters[1], "the second parameter", "-"),
+        ),
         name=name,
     )
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gramian import _core
 from gramian._arrays import finite, whole
 from gramian._registry import draw
 from gramian.exceptions import InputError
@@ -285,12 +286,10 @@ def judged(
     weak_ratio: float,
 ) -> TrackEstimate:
     """Return an estimate with its status from what the extension found."""
-    from scipy.special import chdtrc
-
     dof = (found["present"] + information - free).astype(int)
     cost = found["cost"]
     with np.errstate(invalid="ignore"):
-        p_value = np.where(dof > 0, chdtrc(np.maximum(dof, 1), cost), np.nan)
+        p_value = np.where(dof > 0, _core.chi_square_survival(cost, np.maximum(dof, 1)), np.nan)
     if loss != "squares":
         p_value = np.full(np.shape(cost), np.nan)
     code = np.full(np.shape(cost), STATUSES.index("determined"), dtype=np.int8)
