@@ -428,6 +428,7 @@ def maneuver_fisher_det(
 def maneuver_heading(
     bearing: ArrayLike, range_: ArrayLike, step: ArrayLike, law: str, side: ArrayLike
 ) -> _Array: ...
+def maneuver_best_sides(bearings: ArrayLike, ranges: ArrayLike, count: ArrayLike) -> _Array: ...
 def maneuver_trajectory(
     target: ArrayLike,
     start: ArrayLike,

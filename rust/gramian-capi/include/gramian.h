@@ -39,10 +39,12 @@ typedef enum GramianLaw {
   GRAMIAN_LAW_MAX_DET = 0,
   // The law of Hammel and Liu: step <= range.
   GRAMIAN_LAW_HAMMEL_LIU,
-  // The fastest bearing, the circle about the target: step <= 2 range.
+  // The largest change of bearing, the tangent: step <= range.
   GRAMIAN_LAW_BEARING_RATE,
   // Perpendicular to the line of sight now.
   GRAMIAN_LAW_PERPENDICULAR,
+  // The circle about the target, a chord of it: step <= 2 range.
+  GRAMIAN_LAW_CIRCLE,
 } GramianLaw;
 
 // To which side of the line of sight.

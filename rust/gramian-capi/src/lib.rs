@@ -63,10 +63,12 @@ pub enum GramianLaw {
     MaxDet = 0,
     /// The law of Hammel and Liu: step <= range.
     HammelLiu,
-    /// The fastest bearing, the circle about the target: step <= 2 range.
+    /// The largest change of bearing, the tangent: step <= range.
     BearingRate,
     /// Perpendicular to the line of sight now.
     Perpendicular,
+    /// The circle about the target, a chord of it: step <= 2 range.
+    Circle,
 }
 
 /// To which side of the line of sight.
@@ -245,6 +247,7 @@ pub unsafe extern "C" fn gramian_heading(
         GramianLaw::HammelLiu => Law::HammelLiu,
         GramianLaw::BearingRate => Law::BearingRate,
         GramianLaw::Perpendicular => Law::Perpendicular,
+        GramianLaw::Circle => Law::Circle,
     };
     let side = match side {
         GramianSide::Right => Side::Right,

@@ -44,11 +44,12 @@ fn finite(values: &[f32]) -> bool {
     values.iter().all(|x| x.is_finite())
 }
 
-const LAWS: [GramianLaw; 4] = [
+const LAWS: [GramianLaw; 5] = [
     GramianLaw::MaxDet,
     GramianLaw::HammelLiu,
     GramianLaw::BearingRate,
     GramianLaw::Perpendicular,
+    GramianLaw::Circle,
 ];
 
 #[test]

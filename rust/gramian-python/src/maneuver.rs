@@ -11,16 +11,17 @@ use crate::convert::Input;
 use crate::errors::InputError;
 use crate::output::Batch;
 
-fn law(name: &str) -> PyResult<Law> {
+pub fn law(name: &str) -> PyResult<Law> {
     Ok(match name {
         "max_det" => Law::MaxDet,
         "hammel_liu" => Law::HammelLiu,
         "bearing_rate" => Law::BearingRate,
+        "circle" => Law::Circle,
         "perpendicular" => Law::Perpendicular,
         _ => {
             return Err(InputError::new_err(format!(
-                "law = \"{name}\": must be \"max_det\", \"hammel_liu\", \"bearing_rate\" or \
-                 \"perpendicular\""
+                "law = \"{name}\": must be \"max_det\", \"hammel_liu\", \"bearing_rate\", \
+                 \"circle\" or \"perpendicular\""
             )));
         }
     })
@@ -92,7 +93,8 @@ fn maneuver_trajectory<'py>(
     start.expect(&[Some(2)], "east and north")?;
     let mut step = Input::new(step, "step [m]", 0)?;
     step.expect_positive("m")?;
-    let mut side = Input::new(side, "side", 0)?;
+    let mut side = Input::new(side, "side", 1)?;
+    side.expect_one_or(samples.saturating_sub(1), "one side for each leg")?;
     expect_sides(&side)?;
     let mut sigma = Input::new(sigma, "sigma [rad]", 0)?;
     sigma.expect_positive("rad")?;
@@ -142,6 +144,36 @@ fn maneuver_trajectory<'py>(
         ("det", &[samples]),
     ];
     batch.named(&records, &parts)
+}
+
+/// Sides (..., samples - 1) of the legs of paths flown to one side.
+#[pyfunction]
+fn maneuver_best_sides<'py>(
+    py: Python<'py>,
+    bearings: &Bound<'py, PyAny>,
+    ranges: &Bound<'py, PyAny>,
+    count: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let mut bearings = Input::new(bearings, "bearings", 1)?;
+    bearings.expect_entries()?;
+    let samples = bearings.core_shape()[0];
+    let mut ranges = Input::new(ranges, "ranges", 1)?;
+    ranges.expect(&[Some(samples)], "one for each bearing")?;
+    let mut count = Input::new(count, "count", 0)?;
+    let batch = Batch::of(&mut [&mut bearings, &mut ranges, &mut count])?;
+    let (bearings, ranges, count) = (bearings.items()?, ranges.items()?, count.items()?);
+    let cost = (samples as f64).min(512.0).powi(2) * 10.0;
+    batch.fill(py, &[samples - 1], cost, |trials, threads, out| {
+        let first = trials.start;
+        batch::sides(
+            bearings.skip(first),
+            ranges.skip(first),
+            count.skip(first),
+            samples,
+            threads,
+            out,
+        )
+    })
 }
 
 /// The checked inputs of `maneuver_fisher` and `maneuver_fisher_det`.
@@ -261,6 +293,7 @@ fn maneuver_fisher_det<'py>(
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_function(wrap_pyfunction!(maneuver_best_sides, module)?)?;
     module.add_function(wrap_pyfunction!(maneuver_fisher, module)?)?;
     module.add_function(wrap_pyfunction!(maneuver_fisher_det, module)?)?;
     module.add_function(wrap_pyfunction!(maneuver_heading, module)?)?;

@@ -1,11 +1,11 @@
 //! The planner's objective and its paths, and the closed loop.
 
 use gramian::batch::{Items, Threads};
+use gramian::maneuver::Side;
 use gramian::maneuver::batch::closed_loop::{self, Guidance, LostBearing, PER_SAMPLE, Setting};
 use gramian::maneuver::batch::plan::{self, Candidate, Course, HeadingSource};
 use gramian::maneuver::plan::Criterion;
 use gramian::maneuver::steer::Limits;
-use gramian::maneuver::{Law, Side};
 use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 
@@ -348,7 +348,7 @@ fn plan_steered<'py>(
         }
         law => {
             wanted.expect(&[Some(1)], "the side")?;
-            Some(law_named(law)?)
+            Some(crate::maneuver::law(law)?)
         }
     };
     let batch = Batch::of(&mut [&mut wanted])?;
@@ -436,7 +436,7 @@ fn maneuver_closed_loop<'py>(
         None
     } else {
         wanted.expect(&[Some(1)], "the side")?;
-        Some(law_named(guide)?)
+        Some(crate::maneuver::law(guide)?)
     };
     let side = side_of(wanted.slice()?.first().copied().unwrap_or(1.0));
     let batch = Batch::of(&mut [&mut noise, &mut lost, &mut wanted])?;
@@ -456,18 +456,6 @@ fn maneuver_closed_loop<'py>(
             out,
         );
     })
-}
-
-fn law_named(name: &str) -> PyResult<Law> {
-    match name {
-        "max_det" => Ok(Law::MaxDet),
-        "hammel_liu" => Ok(Law::HammelLiu),
-        "bearing_rate" => Ok(Law::BearingRate),
-        "perpendicular" => Ok(Law::Perpendicular),
-        other => Err(InputError::new_err(format!(
-            "law = {other:?}: must be \"max_det\", \"hammel_liu\", \"bearing_rate\" or \"perpendicular\""
-        ))),
-    }
 }
 
 fn side_of(sign: f64) -> Side {

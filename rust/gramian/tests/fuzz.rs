@@ -758,10 +758,11 @@ fn law<T: Number>(draw: &mut Draw<T>) -> (Law, Side) {
         Law::MaxDet,
         Law::HammelLiu,
         Law::BearingRate,
+        Law::Circle,
         Law::Perpendicular,
     ];
     let sides = [Side::Right, Side::Left];
-    (laws[draw.index(4)], sides[draw.index(2)])
+    (laws[draw.index(5)], sides[draw.index(2)])
 }
 
 fn laws<T: Number>(draw: &mut Draw<T>) {

@@ -201,7 +201,8 @@ def closed_loop(
         Laws, as for `trajectory`, and "plan": the rest of the path is planned anew
         every `replan` bearings, over the targets that the estimate leaves possible.
     side : {1, -1}
-        The side of the laws.
+        The side of the laws, kept throughout. Over more than two legs a change of
+        side can do better: see `trajectory`.
     lost : float
         Probability that a bearing (not the first) is lost, from 0 to below 1.
     when_lost : {"predict", "hold"}

@@ -16,10 +16,10 @@ from gramian.exceptions import InputError
 __all__ = ["LAWS", "AtStandoff", "Law", "Trajectory", "heading", "trajectory"]
 
 Array = NDArray[np.float64]
-Law = Literal["max_det", "hammel_liu", "bearing_rate", "perpendicular"]
+Law = Literal["max_det", "hammel_liu", "bearing_rate", "circle", "perpendicular"]
 AtStandoff = Literal["stop", "circle"]
 
-LAWS: tuple[Law, ...] = ("max_det", "hammel_liu", "bearing_rate", "perpendicular")
+LAWS: tuple[Law, ...] = ("max_det", "hammel_liu", "bearing_rate", "circle", "perpendicular")
 
 
 def heading(
@@ -39,12 +39,14 @@ def heading(
         Its range, metres, > 0.
     step : array_like, shape (...)
         Length of the leg: speed times interval, metres, > 0.
-    law : {"max_det", "hammel_liu", "bearing_rate", "perpendicular"}
+    law : {"max_det", "hammel_liu", "bearing_rate", "circle", "perpendicular"}
         With alpha = atan(step / range_), the angle off the line of sight is
-        pi/2 - 2 alpha, pi/2 - 1.5 alpha, pi/2 - asin(step / (2 range_)) and pi/2.
+        pi/2 - 2 alpha, pi/2 - 1.5 alpha, acos(step / range_),
+        acos(step / (2 range_)) and pi/2.
     side : array_like, shape (...)
-        1 to turn right of the line of sight (clockwise), -1 to turn left. Keeping
-        the side is better than changing it.
+        1 to turn right of the line of sight (clockwise), -1 to turn left. Over two
+        legs keeping the side is better than changing it; over more it need not be
+        (see `trajectory`).
 
     Returns
     -------
@@ -55,20 +57,23 @@ def heading(
     ------
     InputError
         A range or step that is not positive and finite; a step longer than the
-        range ("max_det", "hammel_liu") or than twice the range ("bearing_rate"),
-        where the law has no heading; a side that is not 1 or -1.
+        range ("max_det", "hammel_liu", "bearing_rate") or than twice the range
+        ("circle"), where the law has no heading; a side that is not 1 or -1.
 
     Notes
     -----
     Xu et al. 2009: "max_det" is Theorem 1, eq. (12), the largest determinant of
-    two bearings, one at each end of the leg. "bearing_rate" is Theorem 5, whose
-    path is the circle of Theorem 6; on a discrete path that is a chord.
+    two bearings, one at each end of the leg. "bearing_rate" is Theorem 5: the heading
+    is perpendicular to the line of sight at the end of the leg, C = beta_{k+1} +- pi/2,
+    the tangent. No other heading changes the bearing more; the range falls,
+    r'^2 = r^2 - s^2. "circle" stays on the circle of Theorem 6, which "bearing_rate"
+    becomes in the limit of small steps: its leg is a chord.
     "hammel_liu" is not printed in the paper; this form gives its 15 figures.
     "perpendicular" is the paper's substitute for "bearing_rate" when only the
     present bearing is known; its path spirals outward.
 
     All are greedy. Over a horizon a planned path gives several times the
-    determinant, and the inward turn of the first two comes from the length of the
+    determinant, and the inward turn of the first three comes from the length of the
     step: as the interval goes to zero they become the circle.
 
     Examples
@@ -78,6 +83,10 @@ def heading(
     np.float64(87.708)
     >>> np.degrees(heading(0.0, [1000.0, 500.0], 20.0, side=-1)).round(3)
     array([-87.708, -85.419])
+    >>> np.degrees(heading(0.0, 100.0, 60.0, law="bearing_rate")).round(3)
+    np.float64(53.13)
+    >>> np.degrees(heading(0.0, 100.0, 60.0, law="circle")).round(3)
+    np.float64(72.542)
     """
     if not isinstance(law, str):
         options.choice(law, "law", LAWS)
@@ -109,6 +118,8 @@ class Trajectory:
         and measures no more.
     law : str
         The law followed.
+    sides : ndarray of int, shape (..., samples - 1)
+        The side of each leg: 1 for right, -1 for left.
     """
 
     path: Array
@@ -119,6 +130,7 @@ class Trajectory:
     det: Array
     count: NDArray[np.int64]
     law: Law
+    sides: NDArray[np.int64]
 
     @property
     def crlb_std(self) -> Array:
@@ -140,6 +152,7 @@ class Trajectory:
             "headings": self.headings.tolist(),
             "information": self.information.tolist(),
             "det": self.det.tolist(),
+            "sides": self.sides.tolist(),
         }
 
     def summary(self) -> str:
@@ -168,7 +181,8 @@ def trajectory(
     samples: int,
     *,
     law: Law = "max_det",
-    side: ArrayLike = 1,
+    side: ArrayLike | Literal["best"] = 1,
+    sides: ArrayLike | None = None,
     sigma: ArrayLike = 1.0,
     standoff: ArrayLike | None = None,
     at_standoff: AtStandoff = "stop",
@@ -187,8 +201,14 @@ def trajectory(
         Time between bearings, s, > 0.
     samples : int
         Number of samples >= 1, the first at the start: samples - 1 legs.
-    law, side
+    law
         As for `heading`.
+    side : array_like, shape (...), or "best"
+        1 to turn right of the line of sight, -1 to turn left, on all legs. "best"
+        searches the changes of side that make the determinant at the end large,
+        the first leg to the right; see Notes.
+    sides : array_like, shape (..., samples - 1), optional
+        The side of each leg, instead of `side`.
     sigma : array_like, shape (...)
         Standard deviation of a bearing, radians, > 0. With 1, the information is
         that of unit noise: divide by sigma^2 afterwards.
@@ -216,7 +236,15 @@ def trajectory(
     Xu et al. 2009, eqs. (15) and (16); the range then follows (17),
     r'^2 = (r^2 - s^2)^2 / (r^2 + s^2) with the step s: r^2 falls by about 3 s^2 a
     step, so that every path of "max_det" comes to r = s in the end, where the
-    law ends: give a stand-off range of at least a step. Cost: 0.02 us a sample in a batch,
+    law ends: give a stand-off range of at least a step.
+
+    Theorem 2, "keep the side", is proved for two legs. For the sum over all pairs of
+    bearings it fails: with step / range = 0.2, ten legs of "max_det" to the sides
+    ++--++-+++ have 1.257 times the determinant of ten legs to one side; with
+    step / range = 0.02, 160 legs with one change after leg 17 have 1.0015 times.
+    ``side="best"`` tries every sequence up to 16 legs; on a longer path it adds, moves
+    and takes back one change and two at a time until none gains, a local optimum
+    that is never below one side. Cost: 0.02 us a sample in a batch,
     0.1 us alone.
 
     Examples
@@ -226,23 +254,36 @@ def trajectory(
     500 samples by law max_det: range 1000 m to 633.787 m, det J 0.1452 1/m^4, bound ...
     >>> trajectory([0, 1000], [0, 0], 20.0, 1.0, 500, standoff=900.0).count
     array(159)
+    >>> both = trajectory([0, 100], [0, 0], 20.0, 1.0, 11, side="best")
+    >>> "".join("+" if side > 0 else "-" for side in both.sides)
+    '++--++-+++'
     """
     n = whole(samples, "samples", 1)
     if not isinstance(law, str):
         options.choice(law, "law", LAWS)
     options.choice(at_standoff, "at_standoff", ("stop", "circle"))
     step = _positive(speed, "speed", "m/s") * _positive(dt, "dt", "s")
-    found = _core.maneuver_trajectory(
-        target,
-        start,
-        step,
-        n,
-        law,
-        side,
-        sigma,
-        0.0 if standoff is None else standoff,
-        at_standoff == "circle",
-    )
+    least = 0.0 if standoff is None else standoff
+
+    def fly(sides: ArrayLike) -> Any:
+        circles = at_standoff == "circle"
+        return _core.maneuver_trajectory(target, start, step, n, law, sides, sigma, least, circles)
+
+    if sides is not None:
+        if not (isinstance(side, int) and side == 1):
+            raise InputError("side and sides: give one of them")
+        flown = as_float_array(sides, "sides")
+        if flown.shape[-1:] != (n - 1,):
+            raise InputError(
+                f"sides has shape {flown.shape}: must be (..., {n - 1}): one for each leg"
+            )
+    elif isinstance(side, str):
+        options.choice(side, "side", ("best",))
+        one = fly([1.0])
+        flown = _core.maneuver_best_sides(one["bearings"], one["ranges"], one["count"])
+    else:
+        flown = as_float_array(side, "side")[..., None]
+    found = fly(flown if n > 1 else np.ones(1))
     require_finite(found["information"], "the information")
     require_finite(found["det"], "det J")
     return Trajectory(
@@ -254,6 +295,7 @@ def trajectory(
         det=found["det"],
         count=found["count"].astype(np.int64),
         law=law,
+        sides=np.broadcast_to(flown, found["headings"].shape).astype(np.int64),
     )
 
 

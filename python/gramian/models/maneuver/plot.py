@@ -24,6 +24,7 @@ _STYLES = {
     "max_det": (COLORS["bad"], "--"),
     "hammel_liu": (COLORS["weak"], "-."),
     "bearing_rate": (COLORS["muted"], ":"),
+    "circle": (COLORS["muted"], "-."),
     "perpendicular": (COLORS["muted"], "--"),
     "plan": (COLORS["observer"], "-"),
 }

@@ -21,7 +21,7 @@ __all__ = ["ManeuverScenario"]
 
 Positive = Annotated[float, Field(gt=0)]
 Pair = tuple[float, float]
-Method = Literal["max_det", "hammel_liu", "bearing_rate", "perpendicular", "plan"]
+Method = Literal["max_det", "hammel_liu", "bearing_rate", "circle", "perpendicular", "plan"]
 
 UNITS = {"x": "m", "y": "m", "x0": "m", "y0": "m", "vx": "m/s", "vy": "m/s"}
 

@@ -273,7 +273,7 @@ mod tests {
         let zeros = [0.0; 41];
         closed_loop(
             &SETTING,
-            Guidance::Law(Law::BearingRate, Side::Right),
+            Guidance::Law(Law::Circle, Side::Right),
             Items::shared(&zeros),
             Items::shared(&zeros),
             Threads::One,

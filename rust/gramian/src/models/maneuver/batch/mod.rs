@@ -8,5 +8,5 @@ mod paths;
 pub mod plan;
 
 pub use fisher::{Determinant, Sightings, fisher, fisher_det};
-pub use headings::headings;
+pub use headings::{headings, sides};
 pub use paths::{Paths, path_size, trajectories};

@@ -6,7 +6,7 @@ use crate::batch::simd::Path;
 use crate::batch::{Items, Threads};
 use crate::bearings;
 use crate::maneuver::{
-    AtStandoff, Error, Law, Steering, next_range, turn_to, turned, unchecked_row,
+    AtStandoff, Error, Law, Side, Steering, next_range, turn_to, turned, unchecked_row,
 };
 use crate::numbers::algebra::advanced;
 use crate::numbers::lane::Lane;
@@ -22,7 +22,7 @@ pub struct Paths<'a> {
     pub start: Items<'a>,
     /// Length of a leg.
     pub step: Items<'a>,
-    /// 1 for right, -1 for left.
+    /// 1 for right, -1 for left: one for the whole path, or one for each leg.
     pub side: Items<'a>,
     /// Standard deviation of a bearing.
     pub sigma: Items<'a>,
@@ -96,7 +96,6 @@ struct Inputs {
     target: [Block; 2],
     start: [Block; 2],
     step: Block,
-    side: Block,
     sigma: Block,
     standoff: Block,
     /// 1 where the squares of all of them are far from the ends of the numbers.
@@ -124,7 +123,6 @@ impl Inputs {
                 all.start[axis][lane] = paths.start.get(trial)[axis];
             }
             all.step[lane] = one(paths.step);
-            all.side[lane] = side(one(paths.side)).sign();
             all.sigma[lane] = one(paths.sigma);
             all.standoff[lane] = one(paths.standoff);
             let normal = |x: f64| (SMALL..LARGE).contains(&x);
@@ -136,6 +134,20 @@ impl Inputs {
         }
         all
     }
+}
+
+/// The sides of leg `leg` of up to eight trials.
+fn sides(paths: &Paths<'_>, count: usize, leg: usize) -> Block {
+    let mut block = Block::default();
+    for (lane, entry) in block.iter_mut().enumerate() {
+        *entry = side_of(paths, lane.min(count - 1), leg).sign();
+    }
+    block
+}
+
+fn side_of(paths: &Paths<'_>, trial: usize, leg: usize) -> Side {
+    let given = paths.side.get(trial);
+    side(given[leg.min(given.len() - 1)])
 }
 
 /// What is written of a sample, one block of trials for each number.
@@ -181,6 +193,10 @@ impl pulp::WithSimd for Kernel<'_> {
                 for (k, sample) in kept[..now].iter_mut().enumerate() {
                     flight.measure(part, done + k, sample);
                     if done + k + 1 < self.samples {
+                        if done + k == 0 || self.paths.side.size() > 1 {
+                            let block = sides(self.paths, self.count, done + k);
+                            flight.side = Lanes::load(simd, &block, part);
+                        }
                         flight.fly(part, done + k, sample);
                     }
                 }
@@ -297,7 +313,7 @@ impl<S: pulp::Simd> Flight<S> {
             bounded: inputs.bounded,
             target: [load(&inputs.target[0]), load(&inputs.target[1])],
             step: load(&inputs.step),
-            side: load(&inputs.side),
+            side: one,
             sigma: load(&inputs.sigma),
             standoff: load(&inputs.standoff),
             position: [load(&inputs.start[0]), load(&inputs.start[1])],
@@ -432,9 +448,9 @@ impl<S: pulp::Simd> Flight<S> {
 /// One path by itself: the plain form of the vectors, and for what they do not take.
 fn one_path(paths: &Paths<'_>, trial: usize, n: usize, out: &mut [f64]) -> Result<(), Error> {
     let one = |items: Items<'_>| items.get(trial)[0];
-    let steering = Steering {
+    let mut steering = Steering {
         law: paths.law,
-        side: side(one(paths.side)),
+        side: Side::Right,
         step: one(paths.step),
         standoff: one(paths.standoff),
         at_standoff: paths.at_standoff,
@@ -467,6 +483,7 @@ fn one_path(paths: &Paths<'_>, trial: usize, n: usize, out: &mut [f64]) -> Resul
         information[k] = [r[0][0] * r[0][0], xy, xy, yy];
         determinants[k] = root.determinant();
         if k + 1 < n {
+            steering.side = side_of(paths, trial, k);
             let leg = if k < flown {
                 steering
                     .unchecked_leg(position, target)
@@ -495,10 +512,11 @@ mod tests {
     use super::*;
     use crate::batch::Stream;
 
-    const LAWS: [Law; 4] = [
+    const LAWS: [Law; 5] = [
         Law::MaxDet,
         Law::HammelLiu,
         Law::BearingRate,
+        Law::Circle,
         Law::Perpendicular,
     ];
 
