@@ -63,7 +63,12 @@ SigmaDeg = Annotated[
     typer.Option(help="Standard deviation of the bearings, degrees.", rich_help_panel=_FROM_FILES),
 ]
 Start = Annotated[
-    float | None, typer.Option(help="First second of the window.", rich_help_panel=_FROM_FILES)
+    str | None,
+    typer.Option(
+        help="Start of the window: seconds as the files count them, a date, or +SECONDS from "
+        "the first instant that is shared.",
+        rich_help_panel=_FROM_FILES,
+    ),
 ]
 Duration = Annotated[
     float | None, typer.Option(help="Seconds of the window.", rich_help_panel=_FROM_FILES)
@@ -293,7 +298,7 @@ def _scenario(
         str | None,
         str | None,
         float | None,
-        float | None,
+        str | None,
         float | None,
         float | None,
     ],

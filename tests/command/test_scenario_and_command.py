@@ -63,7 +63,7 @@ def test_unobservable_case_prints_no_number_for_it():
         ("bearing_deg = 0.5", "bearing_deg = -0.5", r":16: noise\.bearing_deg = -0\.5: must be > 0"),
         ("bearing_deg = 0.5", 'bearing_deg = "half"', r":16: noise\.bearing_deg = 'half': must be a"),
         ("bearing_deg = 0.5", "bearing_deg = nan", r"noise\.bearing_deg = nan: must be finite"),
-        ("step = 15.0", "stride = 15.0", r"window\.step is missing"),
+        ("step = 15.0", "stride = 15.0", r"window\.stride is not a key"),
         ("step = 15.0", "step = 15.0\nstride = 1.0", r":14: window\.stride is not a key here: the keys are start, duration, step"),
         ("step = 15.0", "step = 1e4", r"step 10000\.0 s must not exceed the duration"),
         ("[noise]", "[nois]", r"nois is not a key here"),

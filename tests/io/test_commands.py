@@ -107,6 +107,46 @@ def test_schema_names_the_keys():
         schema("sonar")
 
 
+def test_analyze_and_localize_speak_of_one_instant(tmp_path):
+    own, seen = made(tmp_path)
+    seen.write_text("".join(seen.read_text().splitlines(keepends=True)[:1] +
+                            seen.read_text().splitlines(keepends=True)[5:]))  # fmt: skip
+    toml = tmp_path / "mine.toml"
+    run("import", own, seen, "--sigma-deg", 0.5, "--scenario", toml)
+    found = json.loads(run("localize", toml, "--json").stdout)
+    x0, y0, vx, vy = found["state"]
+    at = f"\n[target]\nx0 = {x0}\ny0 = {y0}\nvx = {vx}\nvy = {vy}\n"
+    toml.write_text(toml.read_text() + at)
+    bound = json.loads(run("analyze", toml, "--json").stdout)
+    assert bound["epoch"] == found["epoch"] == {"time": 120.0, "utc": "2026-05-01T12:02:00Z"}
+    assert bound["bearings"] == found["bearings"] == T.size - 4
+    # The bound is that of the same bearings: at the estimate it is the estimate's own.
+    np.testing.assert_allclose(bound["observability"]["crlb_std"], found["std"], rtol=1e-6)
+
+
+def test_the_start_of_the_window_in_its_three_forms(tmp_path):
+    files = made(tmp_path)
+    starts = ["300", "+300", "2026-05-01T12:05:00Z"]
+    for start in starts:
+        done = run(
+            "localize", *files, "--sigma-deg", 0.5, "--start", start, "--duration", 600, "--json"
+        )
+        answer = json.loads(done.stdout)
+        assert answer["epoch"] == {"time": 300.0, "utc": "2026-05-01T12:05:00Z"}
+        assert answer["bearings"] == 21
+    with pytest.raises(gm.InputError, match=r'start = \'noon\': must be seconds, a date .*"\+600"'):
+        run("localize", *files, "--sigma-deg", 0.5, "--start", "noon")
+    with pytest.raises(gm.InputError, match=r"starts at 9000 s \(2026-05-01T14:30:00Z\): what is"):
+        run("localize", *files, "--sigma-deg", 0.5, "--start", "9000")
+    toml = tmp_path / "mine.toml"
+    run("import", *files, "--sigma-deg", 0.5, "--scenario", toml)
+    for start in ('"+300"', '"2026-05-01T14:05:00+02:00"'):
+        text = toml.read_text()
+        line = next(line for line in text.splitlines() if line.startswith("start"))
+        toml.write_text(text.replace(line, f"start = {start}"))
+        assert json.loads(run("localize", toml, "--json").stdout)["epoch"]["time"] == 300
+
+
 @pytest.mark.recorded
 def test_recorded_maritime_files(recorded, tmp_path):
     files = [recorded("rep/sen_tracks.rep"), recorded("rep/sen_frig_sensor.dsf")]

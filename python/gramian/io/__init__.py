@@ -2,14 +2,15 @@
 
 - `read`: one or more files, as a `Recording` of `Track` objects and `Detections` of sensors,
   on one clock and in one plane.
-- `joined`: several recordings as one; `unix_seconds`: dates as seconds.
+- `joined`: several recordings as one; `unix_seconds`: dates as seconds, `utc`: seconds as dates.
 - `FORMATS`: what is read.
 """
 
 from gramian.io._read import FORMATS, joined, read, unix_seconds
 from gramian.io._recording import Detections, Recording, Track
+from gramian.io._times import utc
 
-__all__ = ["FORMATS", "Detections", "Recording", "Track", "joined", "read", "unix_seconds"]
+__all__ = ["FORMATS", "Detections", "Recording", "Track", "joined", "read", "unix_seconds", "utc"]
 
 
 def __dir__() -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -54,8 +54,19 @@ class Track:
         """Positions (k, 2), m."""
         return np.stack([self.east, self.north], axis=1)
 
-    def at(self, times: Array, max_gap: float) -> Array:
+    def at(
+        self, times: Array, max_gap: float, when: Callable[[float], str] = "{:g} s".format
+    ) -> Array:
         """Return the positions (m, 2) at given times, interpolated between the reports.
+
+        Parameters
+        ----------
+        times : ndarray, shape (m,)
+            s, as the track counts them.
+        max_gap : float
+            s.
+        when : callable
+            How a time is written in a message: `Recording.when`.
 
         Raises
         ------
@@ -65,16 +76,17 @@ class Track:
         t, first, last = self.times, float(times.min()), float(times.max())
         if first < t[0] or last > t[-1]:
             raise InputError(
-                f"{first:g} s to {last:g} s reaches beyond the track of {self.name}, "
-                f"which is from {t[0]:g} s to {t[-1]:g} s"
+                f"{when(first)} to {when(last)} reaches beyond the track of {self.name}, "
+                f"which is from {when(float(t[0]))} to {when(float(t[-1]))}"
             )
         gaps = np.diff(t)
         inside = (t[:-1] < last) & (t[1:] > first) & (gaps > max_gap)
         if inside.any():
             i = int(np.flatnonzero(inside)[0])
             raise InputError(
-                f"{self.name} has a gap of {gaps[i]:.0f} s between its reports at {t[i]:g} s "
-                f"and {t[i + 1]:g} s, longer than max_gap = {max_gap:g} s"
+                f"{self.name} has a gap of {gaps[i]:.0f} s between its reports at "
+                f"{when(float(t[i]))} and {when(float(t[i + 1]))}, longer than "
+                f"max_gap = {max_gap:g} s"
             )
         return np.stack([np.interp(times, t, self.east), np.interp(times, t, self.north)], axis=1)
 

@@ -7,6 +7,7 @@ import io
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 
 import numpy as np
@@ -373,15 +374,19 @@ def _numbers(cells: Sequence[str], table: Table, heading: str) -> Array:
         if cell.lower() in _MISSING:
             values[i] = np.nan
             continue
-        place = f"{table.path}:{table.first_line + i}: {heading}"
         try:
             # Python reads 1_000 as a number; in a table it is a slip.
-            values[i] = float("" if "_" in cell else cell)
+            value = float("" if "_" in cell else cell)
         except ValueError:
-            raise InputError(f"{place} = {cell!r}: must be a number") from None
-        if not np.isfinite(values[i]):
-            raise InputError(f"{place} = {cell}: must be finite")
+            raise InputError(f"{_place(table, i, heading)} = {cell!r}: must be a number") from None
+        if not isfinite(value):
+            raise InputError(f"{_place(table, i, heading)} = {cell}: must be finite")
+        values[i] = value
     return values
+
+
+def _place(table: Table, row: int, heading: str) -> str:
+    return f"{table.path}:{table.first_line + row}: {heading}"
 
 
 def _geographic(cells: Sequence[str], place: str) -> Array:

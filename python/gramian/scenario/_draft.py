@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
 
 from gramian.exceptions import InputError
-from gramian.io import Detections, Recording, Track, read
+from gramian.io import Detections, Recording, Track, read, unix_seconds
 from gramian.scenario._load import parsed
 from gramian.scenario.base import Scenario
 
@@ -28,15 +29,18 @@ class Choices:
         Tracks, and the sensor whose bearings are used.
     sigma_deg : float or None
         Standard deviation of the bearings, degrees.
-    start, duration, step : float or None
-        The window, s.
+    start : float, str or None
+        Start of the window: s as the files count them, a date, or "+600" for s from the
+        first instant that is shared.
+    duration, step : float or None
+        s.
     """
 
     observer: str | None = None
     target: str | None = None
     sensor: str | None = None
     sigma_deg: float | None = None
-    start: float | None = None
+    start: float | str | None = None
     duration: float | None = None
     step: float | None = None
 
@@ -49,7 +53,9 @@ class Choices:
 def from_files(paths: Sequence[Path], choices: Choices) -> Scenario:
     """Return the scenario of files of tracks and measurements, without one of its own."""
     recording = read(*paths)
-    return parsed(draft(recording, choices), Path(recording.where))
+    scenario = parsed(draft(recording, choices), Path(recording.where))
+    scenario.take(recording)
+    return scenario
 
 
 def draft(recording: Recording, choices: Choices, folder: Path | None = None) -> str:
@@ -97,7 +103,10 @@ def draft(recording: Recording, choices: Choices, folder: Path | None = None) ->
         "[window]",
         f"start = {_number(start)}  # {recording.when(start)}",
         f"duration = {_number(duration)}  # s",
-        f"step = {_number(step)}",
+    ]
+    if step is not None:
+        lines.append(f"step = {_number(step)}  # s")
+    lines += [
         "",
         "[noise]",
         f"bearing_deg = {_number(choices.sigma_deg)}  # standard deviation",
@@ -153,20 +162,44 @@ def _window(
     observer: Track,
     target: Track | None,
     sensor: Detections | None,
-) -> tuple[float, float, float]:
+) -> tuple[float, float, float | None]:
     spans = [t.times for t in (observer, target, sensor) if t is not None]
     first, last = max(float(t[0]) for t in spans), min(float(t[-1]) for t in spans)
     if not last > first:
         raise InputError(
             f"{recording.where}: {observer.name} and what it observes have no time in common"
         )
-    start = choices.start if choices.start is not None else np.ceil(first)
-    duration = choices.duration if choices.duration is not None else np.floor(last - start)
-    if choices.step is not None:
-        return float(start), float(duration), choices.step
-    # The sensor's own rate, or about sixty bearings.
-    step = float(np.median(np.diff(sensor.times))) if sensor is not None else duration / 60
-    return float(start), float(duration), float(np.round(min(step, duration), 3))
+    start = _start(recording, choices.start, first, last)
+    duration = choices.duration if choices.duration is not None else float(np.floor(last - start))
+    if not duration > 0:
+        raise InputError(
+            f"{recording.where}: the window starts at {recording.when(start)}: what is shared is "
+            f"from {recording.when(first)} to {recording.when(last)}"
+        )
+    if sensor is not None:
+        return start, duration, choices.step
+    # About sixty bearings, where no sensor says when.
+    step = duration / 60 if choices.step is None else choices.step
+    return start, duration, float(np.round(step, 3)) or step
+
+
+def _start(recording: Recording, given: float | str | None, first: float, last: float) -> float:
+    if given is None:
+        return min(float(np.ceil(first)), last)
+    if isinstance(given, str) and given.startswith("+"):
+        with suppress(ValueError):
+            return first + float(given)
+    with suppress(ValueError):
+        return float(given)
+    if recording.epoch is None:
+        raise InputError(f"start = {given!r}: {recording.where} has no dates: give seconds")
+    try:
+        return unix_seconds(str(given)) - recording.epoch
+    except InputError:
+        raise InputError(
+            f"start = {given!r}: must be seconds, a date (2026-05-01T12:00:00Z), or seconds from "
+            'the first instant that is shared ("+600")'
+        ) from None
 
 
 def _longest_gap(track: Track) -> float:

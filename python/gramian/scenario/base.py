@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel, ConfigDict, PrivateAttr
 
@@ -47,6 +47,7 @@ class Scenario(Section):
 
     model: str
     _path: Path = PrivateAttr(default=Path("scenario.toml"))
+    _taken: Any = PrivateAttr(default=None)
 
     @property
     def path(self) -> Path:
@@ -56,6 +57,10 @@ class Scenario(Section):
     @path.setter
     def path(self, path: Path) -> None:
         self._path = path
+
+    def take(self, recording: object) -> None:
+        """Use what has been read of the scenario's files already."""
+        self._taken = recording
 
     def beside(self, name: str) -> Path:
         """Return the path of a file that is named relative to the scenario file."""

@@ -31,7 +31,12 @@ _VERDICTS: dict[str, tuple[Tone, str]] = {
 
 def localize(scenario: BearingsScenario) -> Report:
     """Estimate the target's motion from the bearings in the file that a scenario names."""
-    times, seen = _measured(scenario)
+    if scenario.bearings is None and not scenario.recording.sensors:
+        raise scenario.error("bearings", "is missing: localize needs the file of measured bearings")
+    if scenario.measured is None:
+        there = ", ".join(map(repr, scenario.recording.sensors))
+        raise scenario.error("bearings.sensor", f"is missing: the sensors are {there}")
+    times, seen = scenario.measured
     observer = scenario.track(scenario.tracks.observer, times)
     title = f"{scenario.tracks.observer or 'observer'} -> {scenario.tracks.target or 'target'}"
     subtitle = (
@@ -69,7 +74,12 @@ def _report(
     answer: Localization,
 ) -> Report:
     tone, headline = _VERDICTS[str(answer.status)]
-    data: dict[str, Any] = {"model": scenario.model, "bearings": times.size} | answer.to_dict()
+    data: dict[str, Any] = {
+        "model": scenario.model,
+        "bearings": times.size,
+        "epoch": scenario.epoch,
+    }
+    data |= answer.to_dict()
     agree = float(answer.p_value)
     if np.isnan(agree):
         says = "no degrees of freedom to tell"
@@ -130,6 +140,7 @@ def _report(
             f"towards {np.degrees(angle):.0f} deg",
         )
     )
+    facts.append(("time of the states", scenario.recording.when(float(times[0]))))
     rows = [
         [name, number(value, 6), number(std), unit]
         for name, value, std, unit in zip(
@@ -183,34 +194,6 @@ def _report(
         ],
         data=data,
     )
-
-
-def _measured(scenario: BearingsScenario) -> tuple[Array, Array]:
-    """Return the measured bearings that are within the window."""
-    given, recording = scenario.bearings, scenario.recording
-    if given is None and not recording.sensors:
-        raise scenario.error("bearings", "is missing: localize needs the file of measured bearings")
-    seen = {name: d for name, d in recording.sensors.items() if d.bearing is not None}
-    name = given.sensor if given is not None else None
-    if name is None and len(seen) == 1:
-        name = next(iter(seen))
-    if name is None or name not in seen:
-        there = ", ".join(map(repr, seen)) or "none"
-        problem = "is missing" if name is None else f"no sensor is named {name!r}"
-        raise scenario.error("bearings.sensor", f"{problem}: sensors with bearings are {there}")
-    times, bearing = seen[name].times, np.asarray(seen[name].bearing)
-    inside = np.isfinite(bearing)
-    if scenario.window is not None:
-        first, last = scenario.start, scenario.start + scenario.window.duration
-        inside &= (times >= first) & (times <= last)
-        if not inside.any():
-            raise scenario.error(
-                "window",
-                f"{recording.where} has no bearing from {recording.when(first)} to "
-                f"{recording.when(last)}: they are from {recording.when(float(times[0]))} to "
-                f"{recording.when(float(times[-1]))}",
-            )
-    return times[inside], bearing[inside]
 
 
 def _prior(scenario: BearingsScenario) -> dict[str, tuple[float, float]]:

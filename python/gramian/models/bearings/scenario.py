@@ -118,15 +118,18 @@ class Target(Section):
 class Window(Section):
     """When the bearings are taken: seconds, as the files count them.
 
-    In files with dates, second 0 is that of the first report; `start` may be a date.
+    In files with dates, second 0 is that of the first report. Measured bearings have
+    their own times, and no step.
     """
 
-    start: float | str = 0.0
+    start: float | str | None = None
     duration: float = Field(gt=0)
-    step: float = Field(gt=0)
+    step: float | None = Field(default=None, gt=0)
 
     @model_validator(mode="after")
     def _steps(self) -> Window:
+        if self.step is None:
+            return self
         if self.step > self.duration:
             raise ValueError(f"step {self.step} s must not exceed the duration {self.duration} s")
         if self.duration / self.step > 1e6:
@@ -135,9 +138,10 @@ class Window(Section):
 
     def times(self, start: float) -> Array:
         """Instants from the start to the end of the window."""
+        step = self.duration / 60 if self.step is None else self.step
         # Both ends belong to the window; a rounding error must not drop the last.
-        count = int(np.floor(self.duration / self.step * (1 + 1e-12))) + 1
-        return np.asarray(start + self.step * np.arange(count), dtype=float)
+        count = int(np.floor(self.duration / step * (1 + 1e-12))) + 1
+        return np.asarray(start + step * np.arange(count), dtype=float)
 
 
 class Noise(Section):
@@ -218,6 +222,8 @@ class BearingsScenario(Scenario):
     @cached_property
     def recording(self) -> io.Recording:
         """The files of tracks and bearings, on one clock and in one plane."""
+        if isinstance(self._taken, io.Recording):
+            return self._taken
         tracks = self.tracks
         columns = tracks.columns.model_dump(exclude_none=True) if tracks.columns else {}
         parts = [
@@ -260,10 +266,16 @@ class BearingsScenario(Scenario):
 
     @cached_property
     def times(self) -> Array:
-        """The instants of the window, or of the whole time that the tracks share."""
+        """The instants of the bearings.
+
+        Those that were measured; else those of the window, or 61 over the whole time that
+        the tracks share.
+        """
+        if self.measured is not None:
+            return self.measured[0]
         if self.window is not None:
             return self.window.times(self.start)
-        first, last = self._span()
+        first, last = self._span
         if not last > first:
             raise self.error("window", "the tracks have no time in common: give a window")
         return np.linspace(first, last, 61)
@@ -271,23 +283,76 @@ class BearingsScenario(Scenario):
     @property
     def start(self) -> float:
         """The first instant, s as the recording counts them."""
-        start = 0.0 if self.window is None else self.window.start
+        start = None if self.window is None else self.window.start
         if isinstance(start, float):
             return start
+        if start is None or start.startswith("+"):
+            later = 0.0
+            try:
+                later = float(start or 0.0)
+            except ValueError:
+                raise self._no_start(start) from None
+            return self._span[0] + later
         if self.recording.epoch is None:
             raise self.error("window.start", f"{start!r} is a date, and the files have none")
         try:
             return io.unix_seconds(start) - self.recording.epoch
         except ValueError:
-            raise self.error(
-                "window.start", f"{start!r}: must be seconds or a date (2026-05-01T12:00:00Z)"
-            ) from None
+            raise self._no_start(start) from None
 
+    def _no_start(self, start: str | None) -> ScenarioError:
+        return self.error(
+            "window.start",
+            f"{start!r}: must be seconds, a date (2026-05-01T12:00:00Z), or seconds from the "
+            'first instant that the tracks share ("+600")',
+        )
+
+    @cached_property
+    def measured(self) -> tuple[Array, Array] | None:
+        """Times and bearings of the sensor within the window; None where none is meant."""
+        seen = {n: d for n, d in self.recording.sensors.items() if d.bearing is not None}
+        if self._sensor is None:
+            return None
+        chosen = seen[self._sensor]
+        times, bearing = chosen.times, np.asarray(chosen.bearing)
+        inside = np.isfinite(bearing)
+        if self.window is not None:
+            first, last = self.start, self.start + self.window.duration
+            inside &= (times >= first) & (times <= last)
+            if not inside.any():
+                when = self.recording.when
+                raise self.error(
+                    "window",
+                    f"{self.recording.where} has no bearing from {when(first)} to {when(last)}: "
+                    f"they are from {when(float(times[0]))} to {when(float(times[-1]))}",
+                )
+        return times[inside], bearing[inside]
+
+    @cached_property
+    def _sensor(self) -> str | None:
+        """The sensor whose bearings are meant: the one named, or the only one."""
+        given = None if self.bearings is None else self.bearings.sensor
+        seen = [name for name, d in self.recording.sensors.items() if d.bearing is not None]
+        if given is None:
+            if len(seen) == 1:
+                return seen[0]
+            if self.bearings is None:
+                return None
+        if given not in seen:
+            there = ", ".join(map(repr, seen)) or "none"
+            problem = "is missing" if given is None else f"no sensor is named {given!r}"
+            raise self.error("bearings.sensor", f"{problem}: sensors with bearings are {there}")
+        return given
+
+    @cached_property
     def _span(self) -> tuple[float, float]:
-        tracks = [self._named(self.tracks.observer)]
-        if self.target is None and self.tracks.target is not None:
-            tracks.append(self._named(self.tracks.target))
-        return max(float(t.times[0]) for t in tracks), min(float(t.times[-1]) for t in tracks)
+        """The first and the last instant that the tracks and the sensor share."""
+        spans = [self._named(self.tracks.observer).times]
+        if self._sensor is not None:
+            spans.append(self.recording.sensors[self._sensor].times)
+        elif self.target is None:
+            spans.append(self._target_track().times)
+        return max(float(t[0]) for t in spans), min(float(t[-1]) for t in spans)
 
     def _named(self, name: str | None) -> io.Track:
         if name is None and len(self.recording.tracks) > 1:
@@ -300,16 +365,21 @@ class BearingsScenario(Scenario):
 
     def track(self, name: str | None, times: Array) -> Array:
         """Return the positions of a track at given times, interpolated between its reports."""
-        track = self._named(name)
+        return self._along(self._named(name), times)
+
+    def _along(self, track: io.Track, times: Array) -> Array:
         if track.times.size < 2:
             raise self.error("tracks", f"{track.name} has 1 report: must have at least 2")
         try:
-            return track.at(times, self.tracks.max_gap)
+            return track.at(times, self.tracks.max_gap, self.recording.when)
         except InputError as error:
             raise self.error("window", str(error).replace("max_gap", "tracks.max_gap")) from error
 
     def target_at(self, times: Array) -> Array:
         """Return the recorded positions of the target at given times."""
+        return self._along(self._target_track(), times)
+
+    def _target_track(self) -> io.Track:
         name = self.tracks.target
         if name is None:
             observer = self.tracks.observer or next(iter(self.recording.tracks))
@@ -320,7 +390,13 @@ class BearingsScenario(Scenario):
                     "tracks.target", f"is missing: beside {observer!r} there are {there}"
                 )
             name = others[0]
-        return self.track(name, times)
+        return self._named(name)
+
+    @property
+    def epoch(self) -> dict[str, Any]:
+        """When the states are: seconds of the recording, and the date where there is one."""
+        first, zero = float(self.times[0]), self.recording.epoch
+        return {"time": first, "utc": None if zero is None else io.utc(zero + first)}
 
     @cached_property
     def problem(self) -> Problem:
@@ -385,6 +461,7 @@ class BearingsScenario(Scenario):
             "observer": geometry.observer_name,
             "target": geometry.target_name,
             "bearings": geometry.times.size,
+            "epoch": self.epoch,
             "mean_range": geometry.mean_range,
             "relative_bound": plain(relative),
             "observability": answer.to_dict(),
@@ -511,6 +588,7 @@ class BearingsScenario(Scenario):
             ):
                 facts.append((label, f"{what}  ->  position to {_percent(part)} of the range"))
         facts.append(("does the target keep its course?", fit.describe()))
+        facts.append(("time of the states", self.recording.when(float(self.times[0]))))
         return facts, ranked
 
 
