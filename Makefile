@@ -7,7 +7,7 @@ export CARGO_TERM_COLOR ?= auto
 # As maturin sets it: else pyo3 is compiled anew whenever cargo and maturin take turns.
 export PYO3_PYTHON ?= $(abspath $(BIN)/python)
 
-.PHONY: demo test lint format rust-test python-test no-std-check fuzz attack bench bench-quick bench-check bench-record embedded-size package docs clean
+.PHONY: demo test lint format rust-test python-test no-std-check fuzz attack bench bench-quick bench-check bench-record embedded-size package docs site clean
 
 # What the demo needs and no more, unless everything is there already.
 demo: $(if $(wildcard $(VENV)/.installed),$(VENV)/.installed,$(VENV)/.demo)
@@ -81,8 +81,22 @@ package:
 docs:
 	RUSTDOCFLAGS='-D warnings' cargo doc --quiet -p gramian -p gramian-capi --no-deps --features gramian/parallel,gramian/large
 
+# The site, in site/: opens from the folder, without a server or a network. A warning, a
+# failing cell or example, a dead link or a public name without a page ends the build.
+site: $(VENV)/.site docs
+	$(BIN)/python -m sphinx --builder html --fresh-env --jobs auto --fail-on-warning --keep-going --quiet --doctree-dir target/site/doctrees docs site
+	rm -rf site/rust && cp -r target/doc site/rust
+	$(BIN)/python docs/_site/check.py site
+
+# By name, so that the extension is not built a second time.
+SITE = import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["site"])
+$(VENV)/.site: $(VENV)/.installed
+	$(BIN)/python -c 'import sphinx, furo, myst_nb, sphinx_gallery, sphinx_design, sphinx_copybutton, jupytext, nbclient, latex2mathml' 2>/dev/null || \
+	  $(BIN)/python -m pip install --quiet $$($(BIN)/python -c '$(SITE)')
+	touch $@
+
 clean:
-	rm -rf target $(VENV) out
+	rm -rf target $(VENV) out site docs/gallery docs/reference/generated
 
 # The extension is built anew when a Rust source changed, the rest when pyproject.toml
 # did.

@@ -1,4 +1,10 @@
-"""Camera calibration: one view of a plane held square to the axis hides focal length in depth."""
+"""
+Camera calibration
+==================
+
+One view of a plane held square to the axis hides the focal length in the depth; a tilt
+separates the two.
+"""
 
 import numpy as np
 
@@ -20,5 +26,7 @@ def model(tilt):
 
 
 if __name__ == "__main__":
-    print(gm.analyze(model(0.0)).summary())
+    square = gm.analyze(model(0.0))
+    print(square.summary())
     print(gm.analyze(model(0.6)).summary())
+    picture = square.plot()

@@ -1,4 +1,10 @@
-"""Two compartments by an adaptive solver: of volume and dose only the ratio can be found."""
+"""
+Two compartments
+================
+
+A drug in two compartments, solved by an adaptive integrator. Of volume and dose only the
+ratio is determined, and the errors of the solver are not taken for information.
+"""
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -26,5 +32,7 @@ def model(rtol=1e-6):
 
 
 if __name__ == "__main__":
-    print(gm.analyze(model()).summary())
+    answer = gm.analyze(model())
+    print(answer.summary())
     print(gm.analyze(model().problem().fix("dose")).summary())
+    picture = answer.plot()

@@ -1,4 +1,9 @@
-"""Direction finding: an emitter straight behind two stations, where the angle wraps."""
+"""
+Direction finding
+=================
+
+An emitter straight behind two stations, where the angle wraps: ``angles=True`` unwraps it.
+"""
 
 import numpy as np
 
@@ -18,4 +23,6 @@ def model(at=(-2000.0, 0.0)):
 
 
 if __name__ == "__main__":
-    print(gm.analyze(model()).summary())
+    answer = gm.analyze(model())
+    print(answer.summary())
+    picture = answer.plot()

@@ -1,4 +1,10 @@
-"""GNSS: position and clock of a receiver from four pseudoranges, and from three."""
+"""
+GNSS with clock
+===============
+
+Position and clock of a receiver from four pseudoranges, and from three: then one combination
+stays open.
+"""
 
 import numpy as np
 
@@ -31,4 +37,6 @@ def model(satellites=SATELLITES):
 
 if __name__ == "__main__":
     print(gm.analyze(model()).summary())
-    print(gm.analyze(model(SATELLITES[:3])).summary())
+    three = gm.analyze(model(SATELLITES[:3]))
+    print(three.summary())
+    picture = three.plot()

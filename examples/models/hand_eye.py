@@ -1,4 +1,10 @@
-"""Hand-eye calibration: turns about one axis leave the offset along it open."""
+"""
+Hand-eye calibration
+====================
+
+The pose of a camera on a hand: turns about one axis leave the offset along it open, turns
+about a second axis determine it.
+"""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -25,5 +31,7 @@ def model(axes):
 
 
 if __name__ == "__main__":
-    print(gm.analyze(model([[0, 0, 0.5], [0, 0, -0.8]])).summary())
+    one_axis = gm.analyze(model([[0, 0, 0.5], [0, 0, -0.8]]))
+    print(one_axis.summary())
     print(gm.analyze(model([[0, 0, 0.5], [0.6, 0, 0]])).summary())
+    picture = one_axis.plot()

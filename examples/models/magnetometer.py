@@ -1,4 +1,10 @@
-"""Magnetometer calibration: bias and gains from turns about one axis, and about two."""
+"""
+Magnetometer calibration
+========================
+
+Bias and gains of three axes. Turns about the vertical do not separate the bias of z from its
+gain; turns about two axes do.
+"""
 
 import numpy as np
 
@@ -28,5 +34,7 @@ def model(*, tilted=True):
 
 
 if __name__ == "__main__":
-    print(gm.analyze(model(tilted=False)).summary())
+    level = gm.analyze(model(tilted=False))
+    print(level.summary())
     print(gm.analyze(model()).summary())
+    picture = level.plot()

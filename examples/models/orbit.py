@@ -1,4 +1,10 @@
-"""Orbit of a satellite from ranges of one station: circular, in its plane, by Kepler's law."""
+"""
+Orbit from ranges
+=================
+
+A satellite in a circular orbit, seen from one station in its plane, by Kepler's law: ten
+minutes of ranges give radius and phase.
+"""
 
 import numpy as np
 
@@ -22,4 +28,6 @@ def model(span=600.0):
 
 
 if __name__ == "__main__":
-    print(gm.analyze(model()).summary())
+    answer = gm.analyze(model())
+    print(answer.summary())
+    picture = answer.plot()

@@ -1,4 +1,9 @@
-"""Pose graph: odometry and one closure; a hundred poses move together until one is known."""
+"""
+Pose graph
+==========
+
+Odometry and one closure: a hundred poses move together until one is known.
+"""
 
 import numpy as np
 
@@ -28,3 +33,4 @@ if __name__ == "__main__":
     print(answer.reason)
     for text in answer.null_combinations:
         print(text)
+    picture = answer.plot()

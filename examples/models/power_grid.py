@@ -1,4 +1,10 @@
-"""Power grid: angles of five buses from flows and one phasor; which meter must not fail."""
+"""
+Power grid
+==========
+
+Angles of five buses from flows and one phasor. Without the phasor all angles shift together;
+with it one line is still critical: if its meter fails, a bus is lost.
+"""
 
 import numpy as np
 
@@ -20,8 +26,10 @@ def model(*, phasor=True):
 
 
 if __name__ == "__main__":
-    print(gm.analyze(model(phasor=False)).summary())
+    free = gm.analyze(model(phasor=False))
+    print(free.summary())
     answer = gm.analyze(model())
     print(answer.summary())
     for one in answer.critical():
         print(one.name, one.nullity, one.growth)
+    picture = free.plot()

@@ -1,4 +1,10 @@
-"""Trilateration: ranges to beacons; on the line between two of them nothing tells sideways."""
+"""
+Trilateration
+=============
+
+Ranges to beacons. On the line between two of them nothing is known sideways to first order;
+which further beacon would help most?
+"""
 
 import numpy as np
 
@@ -16,8 +22,10 @@ def model(at=(50.0, 30.0), beacons=BEACONS):
 if __name__ == "__main__":
     answer = gm.analyze(model())
     print(answer.summary())
-    print(gm.analyze(model((50.0, 0.0), BEACONS[:2])).summary())
+    between = gm.analyze(model((50.0, 0.0), BEACONS[:2]))
+    print(between.summary())
     # Which further beacon would help most?
     offered = np.array([[0.0, 60.0], [90.0, 90.0], [52.0, 300.0]])
     for one in answer.candidates(model(beacons=offered)):
         print(offered[one.rows[0]], one.crlb_std)
+    picture = between.plot()

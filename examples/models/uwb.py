@@ -1,4 +1,10 @@
-"""UWB time differences of all pairs of anchors: redundant, with a singular covariance."""
+"""
+UWB time differences
+====================
+
+Differences of arrival times for all pairs of anchors: redundant, with a singular covariance.
+Redundant pairs add nothing.
+"""
 
 from itertools import combinations
 
@@ -25,4 +31,6 @@ def model(at=(3.0, 2.0), sigma=0.1):
 
 
 if __name__ == "__main__":
-    print(gm.analyze(model()).summary())
+    answer = gm.analyze(model())
+    print(answer.summary())
+    picture = answer.plot()

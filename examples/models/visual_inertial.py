@@ -1,4 +1,10 @@
-"""Landmarks from a moving carrier whose roll and pitch are known: yaw and origin stay open."""
+"""
+Visual-inertial
+===============
+
+Landmarks from a moving carrier whose roll and pitch are known: yaw and origin stay open, also
+at coordinates of 5000 km.
+"""
 
 import numpy as np
 
@@ -33,3 +39,4 @@ def model(offset=0.0):
 if __name__ == "__main__":
     answer = gm.analyze(model())
     print(answer.rank, answer.nullity, answer.suggestions[0].name)
+    picture = answer.plot()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -49,6 +49,14 @@ class Accuracy:
     step: Array | None
     evaluations: int
     groups: int
+
+    def keeping(self, states: list[int]) -> Accuracy:
+        """Return that of these states alone."""
+        return replace(
+            self,
+            error=None if self.error is None else self.error[:, states],
+            step=None if self.step is None else self.step[states],
+        )
 
     def summary(self) -> str:
         """Return it in a line."""
@@ -561,6 +569,7 @@ class Problem:
         priors = {key: s for key, s in priors.items() if key in names or key in combinations}
         constraints = self.constraints[:, keep]
         return self._replaced(
+            accuracy=None if self.accuracy is None else self.accuracy.keeping(keep),
             constraints=constraints[constraints.any(axis=1)],
             prior_rows=self.prior_rows[:, keep],
             row_error=errors,

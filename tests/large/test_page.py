@@ -1,4 +1,4 @@
-"""The code of docs/sparse.md runs, and the command answers for a graph."""
+"""The code of docs/howto/sparse.md runs, and the command answers for a graph."""
 
 import re
 from pathlib import Path
@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from gramian.cli import app
 
-PAGE = Path(__file__).parents[2] / "docs" / "sparse.md"
+PAGE = Path(__file__).parents[2] / "docs" / "howto" / "sparse.md"
 
 
 def test_the_code_of_the_page_runs(capsys):

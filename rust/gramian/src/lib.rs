@@ -52,7 +52,7 @@
 //! first one and positions from a local origin, subtracted before the conversion: rounded
 //! positions bend a straight track, and an unobservable one then looks observable. The
 //! monitor keeps ranks and, to 1 %, bounds on tracks with turns down to one degree, over
-//! millions of bearings. `docs/embedded.md` of the repository has the measured errors,
+//! millions of bearings. `docs/howto/embedded.md` of the repository has the measured errors,
 //! and flash, stack and instructions on a microcontroller.
 //!
 //! # Map

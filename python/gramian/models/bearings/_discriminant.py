@@ -152,7 +152,7 @@ def discriminant_sum(
 
 @dataclass(frozen=True, eq=False)
 class Quadruple:
-    """The four instants with the largest |D|.
+    """The four instants with the largest ``|D|``.
 
     Attributes
     ----------
@@ -288,12 +288,12 @@ class ObservableVerdict:
     ----------
     observable : bool
     indices : tuple of int, length 4
-        The instants with the largest |D|.
+        The instants with the largest ``|D|``.
     value : float
         That D, s^2.
     error : float
         What rounding (and `accuracy`) can make of a D that is zero; observable iff
-        |value| is larger.
+        ``|value|`` is larger.
     relative_motion : ndarray, shape (4,), or None
         When not observable, the motion (x, y, vx, vy) at the first time, relative to
         an observer on a straight line, that has all these bearings; at unit range,

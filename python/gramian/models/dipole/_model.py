@@ -198,7 +198,7 @@ def rows(
         Where the sensors are, metres; one at the origin by default.
     ambient : array_like, shape (3,), optional
         The field without the dipole, tesla. With it the sensors are of the total
-        field: they measure |ambient + field|, one number instead of three.
+        field: they measure ``|ambient + field|``, one number instead of three.
 
     Returns
     -------

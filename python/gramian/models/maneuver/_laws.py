@@ -40,9 +40,9 @@ def heading(
     step : array_like, shape (...)
         Length of the leg: speed times interval, metres, > 0.
     law : {"max_det", "hammel_liu", "bearing_rate", "circle", "perpendicular"}
-        With alpha = atan(step / range_), the angle off the line of sight is
-        pi/2 - 2 alpha, pi/2 - 1.5 alpha, acos(step / range_),
-        acos(step / (2 range_)) and pi/2.
+        With alpha = atan(step / range), the angle off the line of sight is
+        pi/2 - 2 alpha, pi/2 - 1.5 alpha, acos(step / range),
+        acos(step / (2 range)) and pi/2.
     side : array_like, shape (...)
         1 to turn right of the line of sight (clockwise), -1 to turn left. Over two
         legs keeping the side is better than changing it; over more it need not be

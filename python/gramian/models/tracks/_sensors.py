@@ -44,19 +44,28 @@ class Sensor:
 
     Each method takes ``times`` (m,), seconds, and of
 
-    ================  ==============================================================
-    ``sigma``         standard deviation in the unit of the kind: one, or (m,)
-    ``covariance``    instead: (m, m), or for positions (D, D), the same each time
-    ``correlation_time``  seconds: Gauss-Markov noise, correlation exp(-dt / time)
-    ``bias``          added to the reading: the name of a state, or a value
-    ``scale``         the reading is multiplied by 1 + scale: likewise
-    ``clock``         stamp less true time, seconds: likewise
-    ``true_path``     whether the carrier's path has the true time, not the same stamps
-    ``delay``         speed of the wave, m/s: the target is seen where it was
-    ``detection``     probability of a sample, (0, 1]: for bounds and simulation
-    ``mask``          (m,) of bool: samples that count
-    ``name``          in messages; by default the kind
-    ================  ==============================================================
+    ``sigma``
+        standard deviation in the unit of the kind: one, or (m,)
+    ``covariance``
+        instead: (m, m), or for positions (D, D), the same each time
+    ``correlation_time``
+        seconds: Gauss-Markov noise, correlation exp(-dt / time)
+    ``bias``
+        added to the reading: the name of a state, or a value
+    ``scale``
+        the reading is multiplied by 1 + scale: likewise
+    ``clock``
+        stamp less true time, seconds: likewise
+    ``true_path``
+        whether the carrier's path has the true time, not the same stamps
+    ``delay``
+        speed of the wave, m/s: the target is seen where it was
+    ``detection``
+        probability of a sample, (0, 1]: for bounds and simulation
+    ``mask``
+        (m,) of bool: samples that count
+    ``name``
+        in messages; by default the kind
 
     Sensors that give the same name to something unknown share one state: the heading
     error of a ship is a bias of all its bearings.

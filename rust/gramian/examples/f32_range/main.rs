@@ -1,5 +1,5 @@
 //! How far single precision is from double: prints the tables of
-//! `docs/embedded.md`.
+//! `docs/howto/embedded.md`.
 //!
 //! ```text
 //! cargo run --release -p gramian --example f32_range

@@ -1,0 +1,1 @@
+"""What the site makes of the package itself: reference pages, formulas, checks."""
