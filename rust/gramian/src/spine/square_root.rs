@@ -504,6 +504,7 @@ mod tests {
         }
     }
 
+    #[cfg(feature = "alloc")]
     #[test]
     fn a_column_whose_square_underflows_is_reflected() {
         let tiny = 1e-200;
