@@ -392,6 +392,30 @@ def dipole_localize(
     prior: Sequence[Sequence[float]],
     options: object,
 ) -> _DipoleLocalized: ...
+
+@final
+class DipoleRecord:
+    def __new__(
+        cls,
+        times: ArrayLike,
+        field: ArrayLike,
+        sensors: Sequence[Sequence[float]],
+        weights: ArrayLike,
+        offsets: bool,
+        exact: Sequence[float],
+        prior: Sequence[Sequence[float]],
+        near: Sequence[float],
+    ) -> DipoleRecord: ...
+    def model(self) -> Model: ...
+    @property
+    def names(self) -> list[str]: ...
+    @property
+    def units(self) -> list[str]: ...
+    def coordinates(self, at: Sequence[float]) -> _Array: ...
+    def expand(self, x: ArrayLike) -> tuple[_Array, _Array]: ...
+    def alternatives(self, x: ArrayLike) -> list[tuple[str, _Array]]: ...
+    def __len__(self) -> int: ...
+
 def dipole_localize_trials(
     times: ArrayLike,
     state: Sequence[float],

@@ -99,6 +99,8 @@ class Alternative:
         What that size does to each state: the external reliability.
     alike : tuple of str
         Alternatives that the residuals cannot tell from it (correlation above 0.9).
+    dof : int
+        Parameters that leave a trace outside the model's columns.
     """
 
     name: str
@@ -108,6 +110,7 @@ class Alternative:
     detectable: float
     effect: Array
     alike: tuple[str, ...]
+    dof: int = 1
 
     def to_dict(self) -> dict[str, Any]:
         """Return the test as plain lists and numbers, fit for JSON."""
@@ -143,6 +146,8 @@ class Fit:
         model after this fit; the probability of a larger one.
     alternatives : tuple of Alternative
         What would explain a misfit, the likeliest first.
+    faults : tuple of str
+        Channels that are dead, stuck or doubled, in words.
     """
 
     chi2: float
@@ -152,6 +157,7 @@ class Fit:
     standardized: Array
     lag1: tuple[float, float, float, float]
     alternatives: tuple[Alternative, ...] = ()
+    faults: tuple[str, ...] = ()
 
     @property
     def outliers(self) -> NDArray[np.int64]:
@@ -160,6 +166,12 @@ class Fit:
 
         count = max(self.standardized.size, 1)
         return np.flatnonzero(np.abs(self.standardized) > -ndtri(0.005 / count))
+
+    @property
+    def joint(self) -> float:
+        """The p of the likeliest alternative times their number (Bonferroni); at most 1."""
+        tested = [a.p_value for a in self.alternatives if a.dof > 0]
+        return min(1.0, len(tested) * min(tested)) if tested else 1.0
 
     @property
     def warning(self) -> str:
@@ -177,6 +189,7 @@ class Fit:
             "lag1": [plain(value) for value in self.lag1],
             "residuals": plain(self.residuals),
             "alternatives": [alternative.to_dict() for alternative in self.alternatives],
+            "faults": list(self.faults),
         }
 
 
@@ -271,6 +284,38 @@ class Region:
     closed: tuple[bool, ...]
 
 
+class _Distance:
+    """Distance of some states, coordinates of a place, from a point."""
+
+    range = (0.0, np.inf)
+
+    def __init__(self, states: list[int], start: Array) -> None:
+        self._states, self._start = states, start
+
+    def __call__(self, x: Array) -> tuple[float, Array]:
+        offset = x[self._states] - self._start
+        distance = float(np.linalg.norm(offset))
+        gradient = np.zeros(len(x))
+        gradient[self._states] = offset / (distance or 1.0)
+        return distance, gradient
+
+
+class _Partly:
+    """A function of all states as one of those that are not known."""
+
+    def __init__(
+        self, function: Callable[[Array], tuple[float, Array]], at: Array, free: list[int]
+    ) -> None:
+        self._function, self._at, self._free = function, at, free
+        self.range = getattr(function, "range", (-np.inf, np.inf))
+
+    def __call__(self, x: Array) -> tuple[float, Array]:
+        whole = self._at.copy()
+        whole[self._free] = x
+        value, gradient = self._function(whole)
+        return value, np.asarray(gradient)[self._free]
+
+
 @dataclass(frozen=True, eq=False)
 class Estimate:
     """The answer of `estimate`.
@@ -337,7 +382,9 @@ class Estimate:
     def fit(self) -> Fit:
         """How well the model fits, and what would explain that it does not."""
         found = self._handle.fit(self.state)
-        return Fit(alternatives=self._alternatives(), **found)
+        made = getattr(self.model, "faults", None)
+        faults = () if made is None else tuple(made(self.measurements))
+        return Fit(alternatives=self._alternatives(), faults=faults, **found)
 
     def test(self, alternatives: Mapping[str, ArrayLike]) -> tuple[Alternative, ...]:
         """Return score tests of alternatives, the likeliest first.
@@ -362,6 +409,7 @@ class Estimate:
                 size=record["size"],
                 detectable=record["detectable"],
                 effect=record["effect"],
+                dof=record["dof"],
                 alike=tuple(
                     other
                     for other, value in zip(names, line, strict=True)
@@ -374,9 +422,16 @@ class Estimate:
 
     def _alternatives(self) -> tuple[Alternative, ...]:
         made = getattr(self.model, "alternatives", None)
-        if made is None or self.known:
+        if made is None:
             return ()
-        return self.test(made(self.state, self.measurements))
+        return self.test(made(self._whole, self.measurements))
+
+    @property
+    def _whole(self) -> Array:
+        """All states of the model, those that are known at their values."""
+        if self.names == tuple(self.model.names):
+            return self.state
+        return np.array([self[name] for name in self.model.names])
 
     @cached_property
     def covariance(self) -> Array:
@@ -401,14 +456,24 @@ class Estimate:
             raise InputError(f"no state {name!r}: the states are {', '.join(self.names)}")
         return self.names.index(name)
 
+    def _named(self, what: str) -> tuple[str, str, Any, float]:
+        """Return what `_function` does, of a function of the model."""
+        given, unit = self.model.functions[what]
+        places = tuple(self.model.names)
+        free = [places.index(name) for name in self.names]
+        if callable(given):
+            function = given if self.names == places else _Partly(given, self._whole, free)
+            return what, unit, function, float(function(self.state)[0])
+        states, start = list(given[0]), np.asarray(given[1], dtype=float)
+        value = float(np.linalg.norm(self._whole[states] - start))
+        if all(k in free for k in states):
+            return what, unit, ([free.index(k) for k in states], start.tolist()), value
+        return what, unit, _Partly(_Distance(states, start), self._whole, free), value
+
     def _function(self, what: Any) -> tuple[str, str, Any, float]:
         """Return name, unit, what the extension takes, and the value at the estimate."""
-        functions = getattr(self.model, "functions", {})
-        if isinstance(what, str) and what in functions and not self.known:
-            given, unit = functions[what]
-            states, start = given
-            value = np.linalg.norm(self.state[list(states)] - np.asarray(start))
-            return what, unit, (list(states), [float(x) for x in start]), float(value)
+        if isinstance(what, str) and what in getattr(self.model, "functions", {}):
+            return self._named(what)
         if isinstance(what, str):
             row = np.zeros(len(self.names))
             row[self._index(what)] = 1.0
@@ -508,7 +573,8 @@ class Estimate:
     @cached_property
     def _weak(self) -> str:
         """What makes the answer weak, in words; empty where nothing does."""
-        for name in getattr(self.model, "functions", {}) if not self.known else ():
+        judged = getattr(self.model, "judged", getattr(self.model, "functions", {}))
+        for name in judged:
             interval = self.interval(name)
             # 1.96 deviations either way, each at most this share of the value.
             if not interval.length <= 2 * 1.96 * self.weak_ratio * abs(interval.value):
@@ -525,25 +591,43 @@ class Estimate:
         return ""
 
     @cached_property
+    def _misfit(self) -> str:
+        """What says that the model does not fit, in words; empty where nothing does.
+
+        Dead or doubled channels; chi2, at the level alpha; the score tests of the model's
+        alternatives, together at alpha.
+        """
+        fit = self.fit
+        # Exact data repeat themselves.
+        if fit.faults and not fit.warning:
+            return "; ".join(fit.faults)
+        if self._loss[0] != "squares":
+            return ""
+        best = next((a for a in fit.alternatives if a.dof > 0), None)
+        if fit.dof > 0 and fit.p_value < self.alpha:
+            reason = (
+                f"chi2 = {fit.chi2:.4g} for {fit.dof} degrees of freedom (p = {fit.p_value:.2g}): "
+                "the model does not fit"
+            )
+            if best is not None and best.restored > self.alpha:
+                reason += f"; {best.name} would explain it (p = {best.restored:.2g})"
+            return reason
+        if best is not None and fit.joint < self.alpha:
+            return f"{best.name} shows in the residuals (p = {best.p_value:.2g})"
+        return ""
+
+    @cached_property
     def _verdict(self) -> tuple[Status, str]:
-        analysis = self._analysis
-        if analysis.rank < len(self.names):
+        analysis = self._analysis if self.names else None
+        if analysis is not None and analysis.rank < len(self.names):
             direction = analysis.null_space()[:, 0]
             direction[np.abs(direction) < 1e-9 * np.abs(direction).max()] = 0
             return (
                 "unobservable",
                 f"no measurement sees {describe_combination(direction, self.names)}",
             )
-        fit = self.fit
-        if fit.dof > 0 and fit.p_value < self.alpha and self._loss[0] == "squares":
-            reason = (
-                f"chi2 = {fit.chi2:.4g} for {fit.dof} degrees of freedom (p = {fit.p_value:.2g}): "
-                "the model does not fit"
-            )
-            if fit.alternatives and fit.alternatives[0].restored > self.alpha:
-                best = fit.alternatives[0]
-                reason += f"; {best.name} would explain it (p = {best.restored:.2g})"
-            return "misfit", reason
+        if misfit := self._misfit:
+            return "misfit", misfit
         if not self.converged:
             return "not_converged", f"no minimum within {self.iterations} steps"
         near = [other for other in self.others if other.chance > self.chance]
@@ -585,18 +669,37 @@ class Estimate:
                 )
                 value = f"{value} {spread}"
             lines.append(value)
-        fit = self.fit
-        lines.append(
-            f"  chi2 {fit.chi2:.4g} with {fit.dof} degrees of freedom, p {fit.p_value:.3g}"
-        )
-        if fit.warning:
-            lines.append(f"  {fit.warning}")
+        lines.extend("  " + line for line in self._fit_lines())
         for other in self.others:
             place = ", ".join(f"{value:.6g}" for value in other.state)
             lines.append(
                 f"  other solution ({place}): chi2 {other.chi2:.4g}, chance {other.chance:.2g}"
             )
         return "\n".join(lines)
+
+    def _fit_lines(self) -> list[str]:
+        """Return what the residuals say, and what errors they would not show, as lines."""
+        fit = self.fit
+        p = "" if np.isnan(fit.p_value) else f", p {fit.p_value:.3g}"
+        lines = [f"chi2 {fit.chi2:.4g} with {fit.dof} degrees of freedom{p}"]
+        if fit.warning:
+            lines.append(fit.warning)
+        std = self.std
+        hidden = []
+        for alternative in fit.alternatives:
+            if alternative.dof == 0 or not np.isfinite(alternative.detectable):
+                continue
+            shift = np.abs(alternative.effect) / np.where(std > 0, std, np.inf)
+            worst = int(np.argmax(shift)) if shift.size else 0
+            if shift.size and shift[worst] > 1:
+                hidden.append((float(shift[worst]), alternative, self.names[worst]))
+        hidden.sort(key=lambda item: -item[0])
+        for size, alternative, name in hidden[:3]:
+            lines.append(
+                f"{alternative.name} up to {readable(alternative.detectable, 3)} would go unseen "
+                f"and move {name} by {size:.3g} standard deviations"
+            )
+        return lines
 
     def _repr_html_(self) -> str:
         from html import escape
@@ -660,7 +763,8 @@ def estimate(
     loss : {"squares", "huber", "tukey"}
         How residuals count.
     alpha : float
-        Level of the test of the fit: "misfit" where p is below it.
+        Level of the tests of the fit: "misfit" where p of chi2 is below it, or where the
+        score tests of the model's alternatives, together, say so at this level.
     chance : float
         "ambiguous" where noise prefers another solution more often than this.
     weak_ratio : float
@@ -695,11 +799,7 @@ def estimate(
         raise InputError("every state is known: nothing is left to estimate")
     if loss not in _LOSSES:
         raise InputError(f"loss = {loss!r}: must be one of {', '.join(_LOSSES)}")
-    for value, what in ((alpha, "alpha"), (chance, "chance")):
-        if not 0 < value < 1:
-            raise InputError(f"{what} = {value}: must be between 0 and 1")
-    if not weak_ratio > 0:
-        raise InputError(f"weak_ratio = {weak_ratio}: must be > 0")
+    levels(alpha, chance, weak_ratio)
     starts = whole(starts, "starts", 0, 2**31)
     seed = whole(seed, "seed", 0, SEED_MOST)
     max_iterations = whole(max_iterations, "max_iterations", 1, 2**31)
@@ -735,6 +835,16 @@ def estimate(
         weak_ratio=weak_ratio,
         _loss=weighting,
     )
+
+
+def levels(alpha: float, chance: float, weak_ratio: float) -> tuple[float, float, float]:
+    """Return the levels of a status, checked."""
+    for value, what in ((alpha, "alpha"), (chance, "chance")):
+        if not 0 < value < 1:
+            raise InputError(f"{what} = {value}: must be between 0 and 1")
+    if not weak_ratio > 0:
+        raise InputError(f"weak_ratio = {weak_ratio}: must be > 0")
+    return alpha, chance, weak_ratio
 
 
 def other_solutions(

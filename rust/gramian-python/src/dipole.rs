@@ -3,14 +3,17 @@
 use gramian::batch::{Items, Threads, simd::Path};
 use gramian::dipole::batch::{self, Passes, Simulated};
 use gramian::dipole::localize::{Background, Knowledge, Loss, Options};
+use gramian::dipole::measured::Measured;
 use gramian::dipole::{Pass, Sensing};
-use numpy::PyArrayDyn;
+use gramian::solve::Model;
+use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::convert::Input;
 use crate::errors::InputError;
 use crate::output::Batch;
+use crate::solve::PyModel;
 
 /// Fields (..., 3).
 #[pyfunction]
@@ -354,7 +357,118 @@ fn dipole_localize_trials<'py>(
     })
 }
 
+/// A record of a pass, and what is known of it: see `dipole::measured::Measured`.
+#[pyclass(frozen, name = "DipoleRecord", module = "gramian._core")]
+struct PyRecord {
+    record: Measured,
+    samples: usize,
+}
+
+impl PyRecord {
+    fn states(&self, x: &Bound<'_, PyAny>) -> PyResult<Vec<f64>> {
+        let x = Input::new(x, "x", 1)?;
+        x.expect(&[Some(self.record.states())], "one number for each state")?;
+        Ok(x.slice()?.to_vec())
+    }
+}
+
+#[pymethods]
+impl PyRecord {
+    #[new]
+    #[allow(clippy::too_many_arguments, clippy::needless_pass_by_value)]
+    fn new(
+        times: &Bound<'_, PyAny>,
+        field: &Bound<'_, PyAny>,
+        sensors: Vec<[f64; 3]>,
+        weights: &Bound<'_, PyAny>,
+        offsets: bool,
+        exact: [f64; 11],
+        prior: [[f64; 2]; 11],
+        near: [f64; 9],
+    ) -> PyResult<Self> {
+        let times = Input::new(times, "times", 1)?;
+        times.expect_entries()?;
+        let samples = times.core_shape()[0];
+        let shape = [Some(samples), Some(sensors.len()), Some(3)];
+        let field = Input::new(field, "field", 3)?;
+        field.expect(&shape, "three components for each time and sensor")?;
+        let weights = Input::new(weights, "weights", 3)?;
+        weights.expect(&shape, "one for each number of the field")?;
+        let record = Measured::new(
+            times.slice()?,
+            &sensors,
+            field.slice()?,
+            weights.slice()?,
+            offsets,
+            knowledge(exact, prior),
+            &near,
+        );
+        Ok(Self { record, samples })
+    }
+
+    /// The record as a model.
+    fn model(&self) -> PyModel {
+        PyModel::native(self.record.clone())
+    }
+
+    /// Names of the states.
+    #[getter]
+    fn names(&self) -> Vec<String> {
+        self.record.names()
+    }
+
+    /// Units of the states.
+    #[getter]
+    fn units(&self) -> Vec<&'static str> {
+        self.record.units()
+    }
+
+    /// States (n,) of a pass (9,).
+    fn coordinates<'py>(&self, py: Python<'py>, at: [f64; 9]) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_vec(py, self.record.coordinates(&at))
+    }
+
+    /// Pass (9,) of states (n,), and its derivatives (9, n).
+    #[allow(clippy::type_complexity)]
+    fn expand<'py>(
+        &self,
+        py: Python<'py>,
+        x: &Bound<'py, PyAny>,
+    ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
+        let (state, columns) = self.record.expand(&self.states(x)?);
+        let n = columns.len();
+        let flat: Vec<f64> = (0..9 * n).map(|i| columns[i % n][i / n]).collect();
+        let matrix = PyArray1::from_vec(py, flat).reshape([9, n])?;
+        Ok((PyArray1::from_slice(py, &state), matrix))
+    }
+
+    /// What else may be true, as whitened columns: (name, (m, parameters)).
+    fn alternatives<'py>(
+        &self,
+        py: Python<'py>,
+        x: &Bound<'py, PyAny>,
+    ) -> PyResult<Vec<(String, Bound<'py, PyArray2<f64>>)>> {
+        let found = self
+            .record
+            .alternatives(&self.states(x)?)
+            .map_err(|error| InputError::new_err(error.to_string()))?;
+        found
+            .into_iter()
+            .map(|(name, columns, count)| {
+                let shape = [columns.len() / count, count];
+                Ok((name, PyArray1::from_vec(py, columns).reshape(shape)?))
+            })
+            .collect()
+    }
+
+    /// Number of samples.
+    fn __len__(&self) -> usize {
+        self.samples
+    }
+}
+
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<PyRecord>()?;
     module.add_function(wrap_pyfunction!(dipole_field, module)?)?;
     module.add_function(wrap_pyfunction!(dipole_jacobian, module)?)?;
     module.add_function(wrap_pyfunction!(dipole_measure, module)?)?;

@@ -49,6 +49,10 @@ where
         self.0.priors()
     }
 
+    fn channels(&self) -> usize {
+        self.0.channels()
+    }
+
     fn linearize(&self, x: &[f64], r: &mut [f64], rows: Option<&mut [f64]>) -> Result<(), String> {
         self.0.linearize(x, r, rows).map_err(|e| e.to_string())
     }
@@ -209,6 +213,10 @@ impl Model for Watched {
 
     fn priors(&self) -> usize {
         self.model.priors()
+    }
+
+    fn channels(&self) -> usize {
+        self.model.channels()
     }
 
     fn linearize(&self, x: &[f64], r: &mut [f64], rows: Option<&mut [f64]>) -> Result<(), String> {

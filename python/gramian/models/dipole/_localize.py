@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,10 +16,12 @@ from gramian import _options as options
 from gramian._arrays import SEED_MOST, as_float_array, finite, number, whole
 from gramian._text import describe_null_space
 from gramian.analysis import analyze
+from gramian.estimate import Solution as Other
+from gramian.estimate import levels
 from gramian.exceptions import InputError, UnobservableError
-from gramian.models.dipole._model import NAMES, Pass, problem, rows
+from gramian.models.dipole._estimate import KNOWABLE, DipoleModel
+from gramian.models.dipole._model import NAMES, Pass, problem
 from gramian.models.dipole._result import (
-    PARTS,
     ClosestPoint,
     Localization,
     Localizations,
@@ -35,8 +38,6 @@ LARGEST = 1e100
 Background = Literal["median", "fit"]
 Loss = Literal["gaussian", "huber"]
 
-#: What may be known: the states, the speed (m/s) and the moment's size (A m^2).
-KNOWABLE = (*NAMES, "speed", "moment")
 _ALIASES = {"x": "x0", "y": "y0", "z": "z0"}
 
 #: A window of the pass reaches this many times the time from the closest point
@@ -66,6 +67,9 @@ def localize(
     window: Literal["pass"] | tuple[float, float] | None = None,
     missing: Literal["raise", "drop"] = "raise",
     starts: int = 12,
+    alpha: float = 0.001,
+    chance: float = 0.01,
+    weak_ratio: float = 0.25,
 ) -> Localization:
     """Locate a passing dipole from the field it makes and what is known beforehand.
 
@@ -97,10 +101,14 @@ def localize(
         What to do about samples with NaN.
     starts : int
         How many starts are followed, >= 1.
+    alpha, chance, weak_ratio : float
+        As for `gramian.estimate`: levels of "misfit" and "ambiguous", and the share of the
+        closest range that its deviation may be before the answer is "weak".
 
     Returns
     -------
     Localization
+        A `gramian.Estimate`: look at its status first.
 
     Raises
     ------
@@ -136,6 +144,7 @@ def localize(
     (array([10., 20., 10.]), None)
     """
     setup = _Setup(known, prior, sensors, background, loss, sigma, starts)
+    limits = levels(alpha, chance, weak_ratio)
     t, y, dropped = setup.samples(times, field, missing)
     # The instant of the state, whichever samples are used.
     origin = float(np.ravel(as_float_array(times, "times"))[0])
@@ -158,7 +167,7 @@ def localize(
         if keep.sum() * 3 * len(setup.sensors) >= 4 * setup.unknowns:
             t, y = t[keep], y[keep]
             raw = setup.run(t, y, inner)
-    return _answer(raw, t, y, offsets, origin, dropped, setup)
+    return _answer(raw, t, y, offsets, origin, dropped, setup, limits)
 
 
 def localize_many(
@@ -417,20 +426,58 @@ def _answer(
     origin: float,
     dropped: int,
     setup: _Setup,
+    limits: tuple[float, float, float],
 ) -> Localization:
-    state, mirror, fitted = raw["state"], raw["mirror"], raw["background"]
+    found, mirror, fitted = raw["state"], raw["mirror"], raw["background"]
     cost, mirror_cost, sigma = float(raw["cost"]), float(raw["mirror_cost"]), float(raw["sigma"])
     residuals, weights = raw["residuals"], raw["weights"]
-    covariance = _covariance(state, t, origin, sigma, weights, setup)
+    model = DipoleModel(
+        t - origin,
+        setup.sensors,
+        np.sqrt(weights) / sigma,
+        found,
+        setup.known,
+        setup.prior,
+        setup.background == "fit",
+    )
+    state = model.coordinates(found)
+    size = len(state)
+    constants = weights.shape[1] * 3 if model.background else 0
+    state[size - constants :] = fitted.ravel()[:constants]
+    handle = model.handle(y)
+    covariance = _covariance(model, handle, state, t, sigma, setup)
     signal = y - fitted
     good = weights > 0
-    closest = _closest(state, covariance, origin, setup.sensors[0])
+    others: tuple[Other, ...] = ()
+    if np.isfinite(mirror_cost):
+        image = model.coordinates(mirror)
+        image[size - constants :] = state[size - constants :]
+        # Priors tell the two apart too.
+        apart = handle.linearize(image)[0] - handle.linearize(state)[0]
+        distance = float(np.linalg.norm(apart))
+        half = 0.5 * math.erfc(distance / math.sqrt(8.0))
+        others = (Other(image, mirror_cost, distance, half, 1),)
     return Localization(
-        r0=state[:3],
-        v=state[3:6],
-        m=state[6:],
-        std=np.sqrt(np.maximum(np.diag(covariance), 0.0)),
-        covariance=covariance,
+        model=model,
+        measurements=y.ravel(),
+        names=model.names,
+        units=model.units,
+        state=state,
+        converged=bool(raw["converged"]),
+        iterations=int(raw["rounds"]),
+        prior=setup.prior,
+        known=setup.known,
+        others=others,
+        unseen=1.0,
+        alpha=limits[0],
+        chance=limits[1],
+        weak_ratio=limits[2],
+        _loss=("squares", 0.0) if setup.loss == "gaussian" else ("huber", 1.345),
+        r0=found[:3],
+        v=found[3:6],
+        m=found[6:],
+        pass_std=np.sqrt(np.maximum(np.diag(covariance), 0.0)),
+        pass_covariance=covariance,
         cost=cost,
         mirror=Solution(mirror[:3], mirror[3:6], mirror[6:], mirror_cost)
         if np.isfinite(mirror_cost)
@@ -438,50 +485,44 @@ def _answer(
         origin=origin,
         times=t,
         residuals=residuals,
-        model=signal - residuals,
+        predicted=signal - residuals,
         background=offsets + fitted,
         weights=weights,
         sigma=sigma,
+        sigma_given=setup.sigma is not None,
         explained=float(1 - (residuals[good] ** 2).sum() / (signal[good] ** 2).sum()),
         spikes=int((~good).any(axis=-1).sum()),
         dropped=dropped,
-        converged=bool(raw["converged"]),
-        closest=closest,
-        known=setup.known,
-        prior=setup.prior,
+        closest=_closest(found, covariance, origin, setup.sensors[0]),
         sensors=setup.sensors,
     )
 
 
 def _covariance(
-    state: Array, t: Array, origin: float, sigma: float, weights: Array, setup: _Setup
+    model: DipoleModel,
+    handle: _core.Model,
+    state: Array,
+    t: Array,
+    sigma: float,
+    setup: _Setup,
 ) -> Array:
-    """Return the bound at an answer, on what knowledge leaves free."""
-    shift = t[0] - origin
-    start = state[:3] + shift * state[3:6]
-    here = Pass(start, state[3:6], state[6:])
-    lines = rows(*here, t, sigma, sensors=setup.sensors)
-    lines[:, 3:6] += shift * lines[:, :3]
-    lines = lines * np.sqrt(weights.reshape(-1, 1))
-    if setup.background == "fit":
-        lines = _centered(lines, np.sqrt(weights), setup)
-    extra = []
-    for name, (_, deviation) in setup.prior.items():
-        extra.append(_gradient(name, state) / deviation)
-    lines = np.vstack([lines, *extra]) if extra else lines
-    free = _free_directions(setup.known, state)
-    if not free.shape[1]:
+    """Return the bound (9, 9) at an answer, on what knowledge leaves free."""
+    if not len(state):
         return np.zeros((9, 9))
-    analysis = _core.Analysis(lines @ free, None)
+    found, columns = model.expand(state)
+    lines = handle.linearize(state)[1]
+    analysis = _core.Analysis(lines, None)
     bound = analysis.crlb()
     if bound is None:
-        null = free @ analysis.null_space()
+        null = columns @ analysis.null_space()
         # What rounding left in a state that has no part in it.
-        part = np.abs(null) * np.linalg.norm(lines, axis=0)[:, None]
+        size = np.linalg.norm(lines @ np.linalg.pinv(columns), axis=0)
+        part = np.abs(null) * size[:, None]
         null[part < 1e-9 * part.max(axis=0)] = 0.0
         directions = describe_null_space(null, NAMES)
+        here = Pass(found[:3] + model.times[0] * found[3:6], found[3:6], found[6:])
         raise UnobservableError(_refusal(here, t, sigma, setup, directions), directions)
-    spread: Array = free @ bound @ free.T
+    spread: Array = columns @ bound @ columns.T
     return spread
 
 
@@ -502,44 +543,6 @@ def _refusal(here: Pass, t: Array, sigma: float, setup: _Setup, directions: Sequ
     if repairs:
         text += f"; any one of these would do: {', '.join(repairs)}"
     return text
-
-
-def _centered(lines: Array, roots: Array, setup: _Setup) -> Array:
-    """Return the rows with what constants of each channel explain taken off."""
-    by_channel = lines.reshape(len(roots), -1, 9)
-    w = roots.reshape(len(roots), -1, 1)
-    total = (w**2).sum(axis=0)
-    means = (w * by_channel).sum(axis=0) / np.where(total > 0, total, 1.0)
-    centered: Array = (by_channel - w * means).reshape(-1, 9)
-    return centered
-
-
-def _gradient(name: str, state: Array) -> Array:
-    """Return the derivative of a state, of the speed or of the moment's size."""
-    row = np.zeros(9)
-    if name in PARTS:
-        part = state[PARTS[name]]
-        row[PARTS[name]] = part / np.linalg.norm(part)
-    else:
-        row[NAMES.index(name)] = 1.0
-    return row
-
-
-def _free_directions(known: Mapping[str, float], state: Array) -> Array:
-    """Return a basis (9, d) of the moves that exact knowledge allows."""
-    blocks = []
-    for part, size in ((slice(0, 3), None), (slice(3, 6), "speed"), (slice(6, 9), "moment")):
-        axes = [i for i in range(part.start, part.stop) if NAMES[i] not in known]
-        basis = np.zeros((9, len(axes)))
-        basis[axes, range(len(axes))] = 1.0
-        if size in known and axes:
-            along = basis.T @ state
-            if along.any():
-                # The rest of an orthonormal basis that begins along the vector.
-                across = np.linalg.qr(np.column_stack([along, np.eye(len(axes))]))[0][:, 1:]
-                basis = basis @ across[:, : len(axes) - 1]
-        blocks.append(basis)
-    return np.hstack(blocks)
 
 
 def _of_the_pass(state: Array, t: Array, sensors: Array) -> NDArray[np.bool_]:

@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gramian._registry import draw
 from gramian._text import plain
+from gramian.estimate import Estimate, Fit
+from gramian.exceptions import InputError
+from gramian.models.dipole._estimate import PARTS
 from gramian.models.dipole._model import NAMES, UNITS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["PARTS", "ClosestPoint", "Localization", "Localizations", "Solution", "root"]
+    from gramian import _core
+
+__all__ = ["ClosestPoint", "Localization", "Localizations", "Solution", "root"]
 
 Array = NDArray[np.float64]
-
-#: Sizes of vectors, and where those are in the state.
-PARTS = {"speed": slice(3, 6), "moment": slice(6, 9)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,17 +36,18 @@ class Solution:
     cost: float
 
 
-@dataclass(frozen=True, eq=False)
-class Localization:
-    """The answer of `localize`.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Localization(Estimate):
+    """The answer of `localize`: a `gramian.Estimate`, with what is special to a pass.
 
     Attributes
     ----------
     r0, v, m : ndarray, shape (3,)
         Position at the first time (m), velocity (m/s), moment (A m^2).
-    std : ndarray, shape (9,)
+    pass_std : ndarray, shape (9,)
         Standard deviations of (r0, v, m) at the constrained bound; 0 for what is known.
-    covariance : ndarray, shape (9, 9)
+        `names`, `state` and `std` are of what was estimated: see `DipoleModel`.
+    pass_covariance : ndarray, shape (9, 9)
         The constrained Cramer-Rao bound at the answer.
     cost : float
         Sum of squared residuals over sigma^2, priors included.
@@ -57,7 +60,7 @@ class Localization:
         The samples used.
     residuals : ndarray, shape (K, S, 3)
         Field minus background minus model, tesla.
-    model : ndarray, shape (K, S, 3)
+    predicted : ndarray, shape (K, S, 3)
         The field of the answer, without background.
     background : ndarray, shape (S, 3)
         What was taken off or fitted, tesla.
@@ -65,6 +68,8 @@ class Localization:
         Between 0 (a spike) and 1.
     sigma : float
         The standard deviation given or estimated, tesla.
+    sigma_given : bool
+        Whether it was given. Otherwise chi2 is what it was estimated from, and its p NaN.
     explained : float
         Fraction of the field's sum of squares, without background and spikes,
         that the model explains.
@@ -72,35 +77,64 @@ class Localization:
         Samples of a sensor that were rejected.
     dropped : int
         Samples with NaN that were left out, if asked.
-    converged : bool
     closest : ClosestPoint
         Closest approach to the first sensor.
-    known, prior : mapping
-        The knowledge used.
     """
 
     r0: Array
     v: Array
     m: Array
-    std: Array
-    covariance: Array
+    pass_std: Array
+    pass_covariance: Array
     cost: float
     mirror: Solution | None
     origin: float
     times: Array
     residuals: Array
-    model: Array
+    predicted: Array
     background: Array
     weights: Array
     sigma: float
+    sigma_given: bool
     explained: float
     spikes: int
     dropped: int
-    converged: bool
     closest: ClosestPoint
-    known: Mapping[str, float]
-    prior: Mapping[str, tuple[float, float]]
     sensors: Array = field(repr=False)
+
+    @cached_property
+    def _handle(self) -> _core.Model:
+        # Knowledge is part of the model.
+        handle: _core.Model = self.model.handle(self.measurements)
+        return handle
+
+    @cached_property
+    def fit(self) -> Fit:
+        """How well the model fits, and what would explain that it does not."""
+        found = super().fit
+        return found if self.sigma_given else replace(found, p_value=np.nan)
+
+    @cached_property
+    def _weak(self) -> str:
+        if self.explained < 0.5:
+            return f"the dipole explains {100 * self.explained:.0f} % of the field"
+        return super()._weak
+
+    def __getitem__(self, name: str) -> float:
+        if name in self.names:
+            return float(self.state[self.names.index(name)])
+        if name in PARTS:
+            return float(np.linalg.norm(self._pass[PARTS[name]]))
+        if name == "range":
+            return self.closest.range
+        if name not in NAMES:
+            there = ", ".join(dict.fromkeys((*NAMES, *PARTS, "range", *self.names)))
+            raise InputError(f"no state {name!r}: there are {there}")
+        return float(self._pass[NAMES.index(name)])
+
+    @property
+    def _pass(self) -> Array:
+        return np.concatenate([self.r0, self.v, self.m])
 
     @property
     def speed(self) -> tuple[float, float]:
@@ -111,21 +145,6 @@ class Localization:
     def moment(self) -> tuple[float, float]:
         """The size of the moment and its standard deviation, A m^2."""
         return self._size(self.m, "moment")
-
-    @property
-    def status(self) -> Literal["good", "weak"]:
-        """Whether to rely on the answer.
-
-        It is weak where the closest range is known to no better than a third, a
-        vector (r0, v or m) no better than its length, or where the dipole explains
-        less than half of the field.
-        """
-        vectors = zip((self.r0, self.v, self.m), self.std.reshape(3, 3), strict=True)
-        vague = any(np.linalg.norm(std) > np.linalg.norm(x) > 0 for x, std in vectors)
-        near = self.closest
-        if vague or near.range_std > near.range / 3 or self.explained < 0.5:
-            return "weak"
-        return "good"
 
     @property
     def direction(self) -> Array:
@@ -145,7 +164,7 @@ class Localization:
         if name in self.known:
             return size, 0.0
         along = vector / size if size > 0 else vector
-        return size, root(along @ self.covariance[part, part] @ along)
+        return size, root(along @ self.pass_covariance[part, part] @ along)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the answer, without the samples, as plain lists and numbers, fit for JSON."""
@@ -155,14 +174,14 @@ class Localization:
             "m": plain(self.mirror.m),
             "cost": plain(self.mirror.cost),
         }
-        return {
-            "names": list(NAMES),
-            "units": list(UNITS),
+        return super().to_dict() | {
             "r0": plain(self.r0),
             "v": plain(self.v),
             "m": plain(self.m),
-            "std": plain(self.std),
-            "covariance": plain(self.covariance),
+            "pass_names": list(NAMES),
+            "pass_units": list(UNITS),
+            "pass_std": plain(self.pass_std),
+            "pass_covariance": plain(self.pass_covariance),
             "cost": plain(self.cost),
             "mirror": mirror,
             "speed": plain(np.array(self.speed)),
@@ -176,8 +195,8 @@ class Localization:
             },
             "background": plain(self.background),
             "sigma": self.sigma,
+            "sigma_given": self.sigma_given,
             "explained": self.explained,
-            "status": self.status,
             "origin": self.origin,
             "samples": len(self.times),
             "spikes": self.spikes,
@@ -187,24 +206,27 @@ class Localization:
             "prior": {name: list(value) for name, value in self.prior.items()},
         }
 
-    def summary(self) -> str:
+    def summary(self, level: float = 0.95) -> str:
         """Return the answer as text."""
         near = self.closest
-        lines = [] if self.status == "good" else ["WEAKLY DETERMINED: do not rely on it"]
-        lines += [
+        lines = [
+            f"{self.status.upper()}: {self.reason}",
             f"closest at {near.range:.3g} m (+- {near.range_std:.2g}), "
             f"{near.time:.4g} s (+- {near.time_std:.2g})",
             f"speed {self.speed[0]:.4g} m/s (+- {self.speed[1]:.2g}), "
             f"moment {self.moment[0]:.4g} A m^2 (+- {self.moment[1]:.2g})",
         ]
-        values = np.concatenate([self.r0, self.v, self.m])
-        for name, unit, value, std in zip(NAMES, UNITS, values, self.std, strict=True):
+        interval = self.interval("range", level)
+        if not interval.is_local:
+            lines.append(f"closest {interval} ({100 * level:g} %)")
+        for name, unit, value, std in zip(NAMES, UNITS, self._pass, self.pass_std, strict=True):
             how = f"+- {std:.2g}" if std > 0 else "known"
             lines.append(f"  {name}  {value:10.4g} {unit:6s} {how}")
         lines.append(
             f"explains {100 * self.explained:.1f} % of the field; sigma {self.sigma:.3g} T, "
             f"{len(self.times)} samples, {self.spikes} spikes, {self.dropped} dropped"
         )
+        lines.extend(self._fit_lines())
         if self.mirror is None:
             lines.append(f"mirror image: {self.no_mirror}")
         elif self.mirror.cost <= self.cost * (1 + 1e-6) + 1e-9:
@@ -213,8 +235,6 @@ class Localization:
             lines.append(
                 f"mirror image: fits worse, cost {self.mirror.cost:.6g} against {self.cost:.6g}"
             )
-        if not self.converged:
-            lines.append("the search had not ended when it was stopped")
         return "\n".join(lines)
 
     def plot(self) -> Figure:

@@ -22,12 +22,12 @@ def fit(answer: Localization) -> Figure:
     sensors = len(answer.sensors)
     fig = figure(4.6 * sensors + 1.2, 7.0)
     axes = fig.subplots(3, sensors, sharex=True, sharey=True, squeeze=False)
-    unit, name = _unit(answer.model)
+    unit, name = _unit(answer.predicted)
     good = answer.weights > 0
     for s in range(sensors):
         for i in range(3):
             ax = axes[i, s]
-            data = np.where(good[:, s, i], (answer.model + answer.residuals)[:, s, i], np.nan)
+            data = np.where(good[:, s, i], (answer.predicted + answer.residuals)[:, s, i], np.nan)
             ax.plot(
                 answer.times,
                 data / unit,
@@ -37,7 +37,10 @@ def fit(answer: Localization) -> Figure:
                 label="field",
             )
             ax.plot(
-                answer.times, answer.model[:, s, i] / unit, color=COLORS["target"], label="dipole"
+                answer.times,
+                answer.predicted[:, s, i] / unit,
+                color=COLORS["target"],
+                label="dipole",
             )
             ax.plot(
                 answer.times,

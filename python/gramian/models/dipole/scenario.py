@@ -344,7 +344,7 @@ class DipoleScenario(Scenario):
             prior=self._priors,
             sensors=self._positions,
             sigma=1e-9 * given.sigma_nT,
-        ).std
+        ).pass_std
         rmse = np.sqrt(((found - state) ** 2).mean(axis=0))
         ratio = np.divide(rmse, bound, out=np.ones(9), where=bound > 0)
         spread = 3 / np.sqrt(2 * trials)
@@ -381,9 +381,20 @@ class DipoleScenario(Scenario):
         )
 
 
+_TONES: dict[str, Tone] = {"determined": "good", "misfit": "bad"}
+_HEADLINES = {
+    "determined": "LOCATED",
+    "weak": "LOCATED, VAGUELY",
+    "ambiguous": "LOCATED, NOT UNIQUELY",
+    "misfit": "THE MODEL DOES NOT FIT",
+    "not_converged": "NOT CONVERGED",
+    "unobservable": "NOT OBSERVABLE",
+}
+
+
 def _located(found: Localization, title: str, model: str) -> Report:
     near, speed, moment = found.closest, found.speed, found.moment
-    tone: Tone = "good" if found.status == "good" and found.converged else "weak"
+    tone = _TONES.get(found.status, "weak")
     facts = [
         (
             "closest approach",
@@ -420,7 +431,7 @@ def _located(found: Localization, title: str, model: str) -> Report:
             [
                 name,
                 number(values[i]),
-                number(found.std[i]) if found.std[i] > 0 else "known",
+                number(found.pass_std[i]) if found.pass_std[i] > 0 else "known",
                 _model.UNITS[i],
                 *([number(mirror[i])] if mirror is not None else []),
             ]
@@ -439,9 +450,10 @@ def _located(found: Localization, title: str, model: str) -> Report:
         title=title,
         subtitle=f"{len(found.times)} samples of {len(found.sensors)} three-component sensor(s)",
         tone=tone,
-        headline="LOCATED" if tone == "good" else "LOCATED, VAGUELY",
+        headline=_HEADLINES[found.status],
         verdict=(
-            f"one dipole explains {100 * found.explained:.1f} % of the field; it passes at "
+            ("" if found.status == "determined" else f"{found.reason}; ")
+            + f"one dipole explains {100 * found.explained:.1f} % of the field; it passes at "
             f"{number(near.range, 3)} m, +- {number(100 * near.range_std / near.range, 2)} %"
         ),
         facts=facts,

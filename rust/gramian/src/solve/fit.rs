@@ -15,6 +15,8 @@ pub struct Fit {
     pub residuals: Vec<f64>,
     /// How many of them are of priors.
     pub priors: usize,
+    /// How many places apart neighbours in time are.
+    pub channels: usize,
     /// Orthonormal columns that span the columns of the model.
     basis: Vec<Vec<f64>>,
     /// Rows, row-major.
@@ -108,6 +110,7 @@ impl Fit {
         Ok(Self {
             residuals,
             priors: model.priors(),
+            channels: model.channels().max(1),
             basis,
             rows,
             triangle,
@@ -143,22 +146,23 @@ impl Fit {
     pub fn lag1(&self) -> Lag1 {
         let m = self.residuals.len() - self.priors;
         let k = self.dof() as f64;
+        let lag = self.channels;
         let neighbours = |v: &[f64], w: &[f64]| -> f64 {
-            (1..m)
-                .map(|i| 0.5 * (v[i - 1] * w[i] + v[i] * w[i - 1]))
+            (lag..m)
+                .map(|i| 0.5 * (v[i - lag] * w[i] + v[i] * w[i - lag]))
                 .sum()
         };
         let spread = |v: &[f64]| -> Vec<f64> {
             (0..v.len())
                 .map(|i| {
-                    let before = if i >= 1 && i < m { v[i - 1] } else { 0.0 };
-                    let after = if i + 1 < m { v[i + 1] } else { 0.0 };
+                    let before = if i >= lag && i < m { v[i - lag] } else { 0.0 };
+                    let after = if i + lag < m { v[i + lag] } else { 0.0 };
                     0.5 * (before + after)
                 })
                 .collect()
         };
         let trace: f64 = -self.basis.iter().map(|q| neighbours(q, q)).sum::<f64>();
-        let mut square = 0.5 * (m.max(1) - 1) as f64;
+        let mut square = 0.5 * m.saturating_sub(lag) as f64;
         for a in &self.basis {
             let moved = spread(a);
             square -= 2.0 * dot(&moved, &moved);

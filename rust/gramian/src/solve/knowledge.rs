@@ -41,6 +41,10 @@ impl<M: Model> Model for WithPrior<M> {
         self.model.priors() + self.known.len()
     }
 
+    fn channels(&self) -> usize {
+        self.model.channels()
+    }
+
     fn linearize(
         &self,
         x: &[f64],
@@ -122,6 +126,10 @@ impl<M: Model> Model for Held<M> {
         self.model.priors()
     }
 
+    fn channels(&self) -> usize {
+        self.model.channels()
+    }
+
     fn linearize(
         &self,
         x: &[f64],
@@ -180,6 +188,10 @@ macro_rules! pointer {
 
             fn priors(&self) -> usize {
                 (**self).priors()
+            }
+
+            fn channels(&self) -> usize {
+                (**self).channels()
             }
 
             fn linearize(

@@ -53,6 +53,12 @@ pub trait Model: Sync {
         0
     }
 
+    /// How many measurements are made at each time: neighbours in time, of one channel,
+    /// are so many places apart.
+    fn channels(&self) -> usize {
+        1
+    }
+
     /// Writes the residuals z - h(x), length m, and, where they are asked for, the
     /// rows dh/dx, row-major (m, n), all whitened.
     ///

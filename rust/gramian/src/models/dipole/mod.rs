@@ -23,6 +23,8 @@ pub mod batch;
 #[cfg(feature = "std")]
 pub mod localize;
 #[cfg(feature = "std")]
+pub mod measured;
+#[cfg(feature = "std")]
 pub mod record;
 
 pub use accumulator::Accumulator;

@@ -1,0 +1,237 @@
+"""The record of a pass as a model, for everything that is asked of an estimate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gramian import _core
+from gramian._arrays import finite
+from gramian.models.dipole._model import NAMES
+
+__all__ = ["KNOWABLE", "PARTS", "DipoleModel", "faults"]
+
+Array = NDArray[np.float64]
+
+#: What may be known: the states, the speed (m/s) and the moment's size (A m^2).
+KNOWABLE = (*NAMES, "speed", "moment")
+
+#: Sizes of vectors, and where those are in the state.
+PARTS = {"speed": slice(3, 6), "moment": slice(6, 9)}
+
+
+@dataclass(frozen=True, eq=False)
+class DipoleModel:
+    """The fields of a pass at one or more sensors.
+
+    Its states are those of (r0, v, m) that are not known, and with `background` a constant
+    of each channel. A vector of known size is told by angles: "v from z", the angle from an
+    axis, and "v about z", the one about it.
+
+    Attributes
+    ----------
+    times : ndarray, shape (K,)
+        Seconds since the instant of the state.
+    sensors : ndarray, shape (S, 3)
+        Metres.
+    weights : ndarray, shape (K, S, 3)
+        1 / sigma of each number of the field, 1/T; 0 for one that does not count.
+    near : ndarray, shape (9,)
+        A pass near the one looked for: it settles from which axis angles count.
+    known : mapping of str to float
+    prior : mapping of str to (mean, sigma)
+    background : bool
+        Whether a constant of each channel is among the states.
+    """
+
+    times: Array
+    sensors: Array
+    weights: Array
+    near: Array
+    known: Mapping[str, float]
+    prior: Mapping[str, tuple[float, float]]
+    background: bool = False
+
+    def __getstate__(self) -> dict[str, Any]:
+        # What was worked out is worked out again.
+        kept = set(self.__dataclass_fields__)
+        return {name: value for name, value in self.__dict__.items() if name in kept}
+
+    def record(self, z: ArrayLike) -> _core.DipoleRecord:
+        """Return the extension's record of these fields, (K, S, 3) or flat, tesla."""
+        return _core.DipoleRecord(
+            self.times,
+            finite(z, "field").reshape(self.weights.shape),
+            self.sensors.tolist(),
+            self.weights,
+            self.background,
+            [self.known.get(name, np.nan) for name in KNOWABLE],
+            [list(self.prior.get(name, (np.nan, np.nan))) for name in KNOWABLE],
+            self.near.tolist(),
+        )
+
+    @cached_property
+    def _blank(self) -> _core.DipoleRecord:
+        return self.record(np.zeros(self.weights.shape))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the states."""
+        return tuple(self._blank.names)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the states."""
+        return tuple(self._blank.units)
+
+    @property
+    def x(self) -> Array:
+        """The states of the pass near the one looked for."""
+        return self._blank.coordinates(self.near.tolist())
+
+    @property
+    def judged(self) -> tuple[str, ...]:
+        """Names of the functions whose intervals make an answer weak."""
+        return ("range",)
+
+    @property
+    def functions(self) -> dict[str, tuple[Callable[[Array], tuple[float, Array]], str]]:
+        """The range at the closest point, seen from the first sensor, sizes, components."""
+        found: dict[str, tuple[Callable[[Array], tuple[float, Array]], str]]
+        found = {"range": (_Of(self._blank, _Closest(self.sensors[0])), "m")}
+        for name, part in PARTS.items():
+            if name not in self.known:
+                unit = "m/s" if name == "speed" else "A m^2"
+                found[name] = (_Of(self._blank, _Size(part)), unit)
+        own = self.names
+        for index, name in enumerate(NAMES):
+            if name not in own and name not in self.known:
+                unit = "m/s" if name[0] == "v" else "A m^2"
+                found[name] = (_Of(self._blank, _Component(index)), unit)
+        return found
+
+    def expand(self, x: ArrayLike) -> tuple[Array, Array]:
+        """Return the pass (9,) of states (n,), and its derivatives (9, n)."""
+        return self._blank.expand(x)
+
+    def coordinates(self, state: ArrayLike) -> Array:
+        """Return the states (n,) of a pass (9,)."""
+        return self._blank.coordinates(finite(state, "state").tolist())
+
+    def handle(self, z: Array) -> _core.Model:
+        """Return the extension's model of these fields; its priors are part of it."""
+        return self.record(z).model()
+
+    def h(self, x: ArrayLike) -> Array:
+        """Return the exact fields (3 K S,) at a state, tesla."""
+        even = DipoleModel(
+            self.times,
+            self.sensors,
+            np.ones(self.weights.shape),
+            self.near,
+            self.known,
+            {},
+            self.background,
+        )
+        exact: Array = -even.handle(np.zeros(self.weights.shape)).linearize(x)[0]
+        return exact
+
+    def residuals(self, x: ArrayLike, z: ArrayLike) -> Array:
+        """Return the whitened residuals (3 K S,) of fields at a state."""
+        return self.handle(finite(z, "z")).linearize(x)[0][: self.weights.size]
+
+    def rows(self, x: ArrayLike) -> Array:
+        """Return the whitened rows (3 K S, n) at a state."""
+        return self._blank.model().linearize(x)[1][: self.weights.size]
+
+    def alternatives(self, x: Array, z: Array) -> dict[str, Array]:
+        """Return what else may be true, as whitened columns.
+
+        Accelerations, a constant, a drift and a gain of each channel, a second dipole on
+        the same track.
+        """
+        return dict(self.record(z).alternatives(x))
+
+    def faults(self, z: Array) -> tuple[str, ...]:
+        """Return what is wrong with channels, in words."""
+        return faults(np.reshape(z, (len(self.times), -1)), len(self.sensors))
+
+
+class _Of:
+    """A function of the pass as one of the states of a record."""
+
+    def __init__(self, record: _core.DipoleRecord, function: Any) -> None:
+        self._record, self._function = record, function
+        self.range = function.range
+
+    def __call__(self, x: Array) -> tuple[float, Array]:
+        state, columns = self._record.expand(x)
+        value, gradient = self._function(state)
+        along: Array = gradient @ columns
+        return float(value), along
+
+
+class _Closest:
+    range = (0.0, np.inf)
+
+    def __init__(self, sensor: Array) -> None:
+        self._sensor = sensor
+
+    def __call__(self, state: Array) -> tuple[float, Array]:
+        place, v = state[:3] - self._sensor, state[3:6]
+        squared = float(v @ v)
+        time = -float(place @ v) / squared if squared > 0 else 0.0
+        closest = place + time * v
+        distance = float(np.linalg.norm(closest))
+        # At the closest point a change of its time changes nothing.
+        unit = closest / (distance or 1.0)
+        return distance, np.concatenate([unit, time * unit, np.zeros(3)])
+
+
+class _Size:
+    range = (0.0, np.inf)
+
+    def __init__(self, part: slice) -> None:
+        self._part = part
+
+    def __call__(self, state: Array) -> tuple[float, Array]:
+        gradient, vector = np.zeros(9), state[self._part]
+        size = float(np.linalg.norm(vector))
+        gradient[self._part] = vector / (size or 1.0)
+        return size, gradient
+
+
+class _Component:
+    range = (-np.inf, np.inf)
+
+    def __init__(self, index: int) -> None:
+        self._index = index
+
+    def __call__(self, state: Array) -> tuple[float, Array]:
+        gradient = np.zeros(9)
+        gradient[self._index] = 1.0
+        return float(state[self._index]), gradient
+
+
+def faults(values: Array, sensors: int) -> tuple[str, ...]:
+    """Return which channels (K, 3 S) are dead or doubled, in words."""
+    found = _core.channels(values)
+
+    def called(index: int) -> str:
+        return "xyz"[index % 3] + (f" of sensor {index // 3 + 1}" if sensors > 1 else "")
+
+    told = []
+    for index, kind in enumerate(found):
+        if kind == "constant":
+            told.append(f"channel {called(index)} is constant over the record: dead or stuck")
+        elif kind.startswith("copy of "):
+            told.append(
+                f"channel {called(index)} is a copy of channel "
+                f"{called(int(kind.removeprefix('copy of ')))}"
+            )
+    return tuple(told)

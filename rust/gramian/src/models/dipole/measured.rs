@@ -1,0 +1,603 @@
+//! The record of a pass as a [`Model`]: what every question about an estimate is put to.
+//!
+//! The states are those of (r0, v, m) that are not known, and a constant field of each
+//! channel where it is fitted. A vector of known size is told by angles: the one from
+//! the axis along which it is smallest, where they are regular, and the one about it.
+
+use alloc::format;
+use alloc::string::{String, ToString};
+use alloc::vec;
+use alloc::vec::Vec;
+
+use super::localize::{Knowledge, MOMENT, SPEED};
+use super::{Error, Pass, field, jacobian};
+use crate::numbers::algebra::dot;
+use crate::solve::Model;
+
+/// Names of the states.
+const NAMES: [&str; 9] = ["x0", "y0", "z0", "vx", "vy", "vz", "mx", "my", "mz"];
+const AXES: [&str; 3] = ["x", "y", "z"];
+
+/// How the components of one vector follow from the states of the model.
+#[derive(Clone, Copy, Debug)]
+enum Part {
+    /// Each that is not known is a state.
+    Components,
+    /// Two free components of a known size: one angle, in the plane of the two.
+    Circle { first: usize, second: usize },
+    /// Three: the angle from an axis, and the one about it.
+    Sphere { axis: usize },
+    /// One, of a known sign: nothing is left.
+    Side { index: usize, sign: f64 },
+}
+
+/// A recording of a pass, and what is known of it.
+///
+/// ```
+/// use gramian::dipole::localize::Knowledge;
+/// use gramian::dipole::measured::Measured;
+/// use gramian::solve::Model;
+/// let near = [-10.0, -10.0, 5.0, 1.0, 1.0, 0.0, 10.0, 20.0, 10.0];
+/// let mut knowledge = Knowledge::default();
+/// knowledge.exact[2] = Some(5.0);
+/// let record = Measured::new(&[0.0, 1.0], &[[0.0; 3]], &[0.0; 6], &[1e9; 6], false, knowledge, &near);
+/// assert_eq!(record.names(), ["x0", "y0", "vx", "vy", "vz", "mx", "my", "mz"]);
+/// let x = record.coordinates(&near);
+/// assert_eq!(record.expand(&x).0, near);
+/// ```
+#[derive(Clone, Debug)]
+pub struct Measured {
+    /// Since the instant of the state, s.
+    times: Vec<f64>,
+    sensors: Vec<[f64; 3]>,
+    /// (K, S, 3), T.
+    field: Vec<f64>,
+    /// Of each number 1 / sigma, 0 for one that does not count.
+    weights: Vec<f64>,
+    offsets: bool,
+    knowledge: Knowledge,
+    /// Of position, velocity and moment.
+    parts: [Part; 3],
+}
+
+impl Measured {
+    /// `times` count from the instant of the state. `field` and `weights`, 1 / sigma, are
+    /// (K, S, 3); with `offsets` a constant of each channel is a state. `near` is a pass
+    /// near the one looked for: it chooses between angles, and between the signs that a
+    /// known size leaves open.
+    pub fn new(
+        times: &[f64],
+        sensors: &[[f64; 3]],
+        field: &[f64],
+        weights: &[f64],
+        offsets: bool,
+        knowledge: Knowledge,
+        near: &[f64; 9],
+    ) -> Self {
+        let part = |first: usize, size: Option<f64>| {
+            let free: Vec<usize> = (first..first + 3)
+                .filter(|&i| knowledge.exact[i].is_none())
+                .collect();
+            match (size, free.as_slice()) {
+                (Some(_), &[first, second]) => Part::Circle { first, second },
+                (Some(_), &[a, b, c]) => {
+                    let axis = [a, b, c]
+                        .into_iter()
+                        .min_by(|&i, &j| near[i].abs().total_cmp(&near[j].abs()))
+                        .unwrap_or(a);
+                    Part::Sphere { axis }
+                }
+                (Some(_), &[index]) => Part::Side {
+                    index,
+                    sign: if near[index] < 0.0 { -1.0 } else { 1.0 },
+                },
+                _ => Part::Components,
+            }
+        };
+        Self {
+            times: times.to_vec(),
+            sensors: sensors.to_vec(),
+            field: field.to_vec(),
+            weights: weights.to_vec(),
+            offsets,
+            knowledge,
+            parts: [
+                part(0, None),
+                part(3, knowledge.exact[SPEED]),
+                part(6, knowledge.exact[MOMENT]),
+            ],
+        }
+    }
+
+    /// How a channel is called.
+    fn channel(&self, index: usize) -> String {
+        let axis = AXES[index % 3];
+        if self.sensors.len() == 1 {
+            axis.to_string()
+        } else {
+            format!("{axis} of sensor {}", index / 3 + 1)
+        }
+    }
+
+    /// Names of the states.
+    pub fn names(&self) -> Vec<String> {
+        let mut names = Vec::new();
+        for (k, part) in self.parts.iter().enumerate() {
+            let letter = ["r", "v", "m"][k];
+            match part {
+                Part::Components => names.extend(
+                    (3 * k..3 * k + 3)
+                        .filter(|&i| self.knowledge.exact[i].is_none())
+                        .map(|i| NAMES[i].to_string()),
+                ),
+                Part::Circle { first, second } => {
+                    let axis = AXES[(3 - first % 3 - second % 3) % 3];
+                    names.push(format!("{letter} about {axis}"));
+                }
+                Part::Sphere { axis } => {
+                    let axis = AXES[axis % 3];
+                    names.push(format!("{letter} from {axis}"));
+                    names.push(format!("{letter} about {axis}"));
+                }
+                Part::Side { .. } => {}
+            }
+        }
+        if self.offsets {
+            names.extend((0..self.channels()).map(|c| format!("background {}", self.channel(c))));
+        }
+        names
+    }
+
+    /// Units of the states.
+    pub fn units(&self) -> Vec<&'static str> {
+        let unit = |name: &String| match name.as_str() {
+            name if name.starts_with("background") => "T",
+            name if name.contains(' ') => "rad",
+            name if name.ends_with('0') => "m",
+            name if name.starts_with('v') => "m/s",
+            _ => "A m^2",
+        };
+        self.names().iter().map(unit).collect()
+    }
+
+    /// What a known size leaves for the components of a vector that are free.
+    fn size(&self, part: usize) -> f64 {
+        let whole = self.knowledge.exact[SPEED + part - 1].unwrap_or(0.0);
+        let fixed: f64 = self.knowledge.exact[3 * part..3 * part + 3]
+            .iter()
+            .flatten()
+            .map(|x| x * x)
+            .sum();
+        (whole * whole - fixed).max(0.0).sqrt()
+    }
+
+    /// The states of a pass; constants of the channels 0.
+    pub fn coordinates(&self, state: &[f64; 9]) -> Vec<f64> {
+        let mut x = Vec::new();
+        for (k, part) in self.parts.iter().enumerate() {
+            match *part {
+                Part::Components => x.extend(
+                    (3 * k..3 * k + 3)
+                        .filter(|&i| self.knowledge.exact[i].is_none())
+                        .map(|i| state[i]),
+                ),
+                Part::Circle { first, second } => x.push(state[second].atan2(state[first])),
+                Part::Sphere { axis } => {
+                    let (a, b) = beside(axis);
+                    x.push(state[a].hypot(state[b]).atan2(state[axis]));
+                    x.push(state[b].atan2(state[a]));
+                }
+                Part::Side { .. } => {}
+            }
+        }
+        if self.offsets {
+            x.resize(x.len() + self.channels(), 0.0);
+        }
+        x
+    }
+
+    /// The pass (r0, v, m) of these states, and its derivatives by each: 9 for each state.
+    pub fn expand(&self, x: &[f64]) -> ([f64; 9], Vec<[f64; 9]>) {
+        let mut state = [0.0; 9];
+        let mut columns = vec![[0.0; 9]; x.len()];
+        for (value, known) in state.iter_mut().zip(&self.knowledge.exact) {
+            *value = known.unwrap_or(0.0);
+        }
+        let mut next = 0;
+        for (k, part) in self.parts.iter().enumerate() {
+            match *part {
+                Part::Components => {
+                    for i in 3 * k..3 * k + 3 {
+                        if self.knowledge.exact[i].is_none() {
+                            state[i] = x[next];
+                            columns[next][i] = 1.0;
+                            next += 1;
+                        }
+                    }
+                }
+                Part::Circle { first, second } => {
+                    let (sin, cos) = x[next].sin_cos();
+                    let size = self.size(k);
+                    state[first] = size * cos;
+                    state[second] = size * sin;
+                    columns[next][first] = -size * sin;
+                    columns[next][second] = size * cos;
+                    next += 1;
+                }
+                Part::Sphere { axis } => {
+                    let (a, b) = beside(axis);
+                    let ((sin, cos), (s, c)) = (x[next].sin_cos(), x[next + 1].sin_cos());
+                    let size = self.size(k);
+                    state[axis] = size * cos;
+                    state[a] = size * sin * c;
+                    state[b] = size * sin * s;
+                    columns[next][axis] = -size * sin;
+                    columns[next][a] = size * cos * c;
+                    columns[next][b] = size * cos * s;
+                    columns[next + 1][a] = -size * sin * s;
+                    columns[next + 1][b] = size * sin * c;
+                    next += 2;
+                }
+                Part::Side { index, sign } => state[index] = sign * self.size(k),
+            }
+        }
+        (state, columns)
+    }
+
+    /// Offset of each sample at each sensor, with its time and first number.
+    fn places(&self, pass: &Pass<f64>, mut each: impl FnMut(usize, f64, [f64; 3])) {
+        let mut first = 0;
+        for &t in &self.times {
+            for sensor in &self.sensors {
+                each(first, t, pass.offset(sensor, t));
+                first += 3;
+            }
+        }
+    }
+
+    /// What else may be true, each with its whitened columns, row-major, and their
+    /// number: accelerations, constants, drifts and gains of the channels, a second
+    /// dipole on the same track.
+    ///
+    /// # Errors
+    /// Where the dipole meets a sensor.
+    pub fn alternatives(&self, x: &[f64]) -> Result<Vec<(String, Vec<f64>, usize)>, Error> {
+        let (state, _) = self.expand(x);
+        let pass = Pass::of(&state);
+        let (m, channels) = (self.field.len(), self.channels());
+        let speed = dot(&pass.velocity, &pass.velocity).sqrt();
+        let mut found = Vec::new();
+        let mut error = None;
+        if speed > 0.0 {
+            // Along the track, away from the first sensor at the closest point, across.
+            let along = pass.velocity.map(|v| v / speed);
+            let from = pass.offset(&self.sensors[0], 0.0);
+            let shift = dot(&from, &along);
+            let closest: [f64; 3] = core::array::from_fn(|i| from[i] - shift * along[i]);
+            let distance = dot(&closest, &closest).sqrt();
+            let away = if distance > 0.0 {
+                closest.map(|c| c / distance)
+            } else {
+                closest
+            };
+            let across: [f64; 3] = core::array::from_fn(|i| {
+                let (j, k) = ((i + 1) % 3, (i + 2) % 3);
+                along[j] * away[k] - along[k] * away[j]
+            });
+            for (name, direction) in [
+                ("acceleration along the track", along),
+                ("acceleration away from the sensor", away),
+                ("acceleration across both", across),
+            ] {
+                let mut column = vec![0.0; m];
+                self.places(&pass, |first, t, place| {
+                    match jacobian(&place, &pass.moment) {
+                        Ok(j) => {
+                            for i in 0..3 {
+                                let by_place = dot(&j.position[i], &direction);
+                                column[first + i] =
+                                    self.weights[first + i] * 0.5 * t * t * by_place;
+                            }
+                        }
+                        Err(e) => error = Some(e),
+                    }
+                });
+                found.push((name.to_string(), column, 1));
+            }
+            for (name, side) in [
+                ("a second dipole behind", -1.0),
+                ("a second dipole ahead", 1.0),
+            ] {
+                let mut columns = vec![0.0; 3 * m];
+                self.places(&pass, |first, _, place| {
+                    let other: [f64; 3] =
+                        core::array::from_fn(|i| place[i] + side * distance * along[i]);
+                    if let Ok(j) = jacobian(&other, &pass.moment) {
+                        for i in 0..3 {
+                            for k in 0..3 {
+                                columns[3 * (first + i) + k] =
+                                    self.weights[first + i] * j.moment[i][k];
+                            }
+                        }
+                    }
+                });
+                found.push((name.to_string(), columns, 3));
+            }
+        }
+        let mut exact = vec![0.0; m];
+        self.places(&pass, |first, _, place| match field(&place, &pass.moment) {
+            Ok(h) => exact[first..first + 3].copy_from_slice(&h),
+            Err(e) => error = Some(e),
+        });
+        let middle = self.times.iter().sum::<f64>() / self.times.len().max(1) as f64;
+        for c in 0..channels {
+            let column = |value: &dyn Fn(usize) -> f64| {
+                let mut column = vec![0.0; m];
+                for i in (c..m).step_by(channels) {
+                    column[i] = self.weights[i] * value(i);
+                }
+                column
+            };
+            let name = self.channel(c);
+            if !self.offsets {
+                found.push((format!("background {name}"), column(&|_| 1.0), 1));
+            }
+            let time = |i: usize| self.times[i / channels] - middle;
+            found.push((format!("drift of {name}"), column(&time), 1));
+            found.push((format!("gain of {name}"), column(&|i| exact[i]), 1));
+        }
+        error.map_or(Ok(found), Err)
+    }
+}
+
+/// The two axes beside one, in the order that keeps the hand.
+fn beside(axis: usize) -> (usize, usize) {
+    let first = axis - axis % 3;
+    (first + (axis + 1) % 3, first + (axis + 2) % 3)
+}
+
+impl Model for Measured {
+    type Error = Error;
+
+    fn states(&self) -> usize {
+        let parts = self.parts.iter().enumerate().map(|(k, part)| match part {
+            Part::Components => (3 * k..3 * k + 3)
+                .filter(|&i| self.knowledge.exact[i].is_none())
+                .count(),
+            Part::Circle { .. } => 1,
+            Part::Sphere { .. } => 2,
+            Part::Side { .. } => 0,
+        });
+        parts.sum::<usize>() + if self.offsets { self.channels() } else { 0 }
+    }
+
+    fn measurements(&self) -> usize {
+        self.field.len() + self.priors()
+    }
+
+    fn priors(&self) -> usize {
+        self.knowledge.prior.iter().flatten().count()
+    }
+
+    fn channels(&self) -> usize {
+        3 * self.sensors.len()
+    }
+
+    fn linearize(
+        &self,
+        x: &[f64],
+        residuals: &mut [f64],
+        mut rows: Option<&mut [f64]>,
+    ) -> Result<(), Error> {
+        let (m, n, channels) = (self.field.len(), x.len(), self.channels());
+        let (state, columns) = self.expand(x);
+        let pass = Pass::of(&state);
+        let levels = if self.offsets { n - channels } else { n };
+        let mut first = 0;
+        for (k, &t) in self.times.iter().enumerate() {
+            for (s, sensor) in self.sensors.iter().enumerate() {
+                let place = pass.offset(sensor, t);
+                let h = field(&place, &pass.moment).map_err(|e| e.at(k))?;
+                for i in 0..3 {
+                    let level = if self.offsets {
+                        x[levels + 3 * s + i]
+                    } else {
+                        0.0
+                    };
+                    let left = self.field[first + i] - h[i] - level;
+                    residuals[first + i] = self.weights[first + i] * left;
+                }
+                if let Some(rows) = rows.as_deref_mut() {
+                    let by = jacobian(&place, &pass.moment).map_err(|e| e.at(k))?;
+                    for i in 0..3 {
+                        let weight = self.weights[first + i];
+                        let row = &mut rows[(first + i) * n..][..n];
+                        for (out, column) in row[..levels].iter_mut().zip(&columns) {
+                            let moved: [f64; 3] =
+                                core::array::from_fn(|a| column[a] + t * column[3 + a]);
+                            let turned = [column[6], column[7], column[8]];
+                            *out = weight
+                                * (dot(&by.position[i], &moved) + dot(&by.moment[i], &turned));
+                        }
+                        row[levels..].fill(0.0);
+                        if self.offsets {
+                            row[levels + 3 * s + i] = weight;
+                        }
+                    }
+                }
+                first += 3;
+            }
+        }
+        let mut at = m;
+        for (index, prior) in self.knowledge.prior.iter().enumerate() {
+            let Some((mean, sigma)) = *prior else {
+                continue;
+            };
+            let (value, gradient) = quantity(&state, index);
+            residuals[at] = (mean - value) / sigma;
+            if let Some(rows) = rows.as_deref_mut() {
+                let row = &mut rows[at * n..][..n];
+                row[levels..].fill(0.0);
+                for (out, column) in row[..levels].iter_mut().zip(&columns) {
+                    let along: f64 = gradient.iter().zip(column).map(|(g, c)| g * c).sum();
+                    *out = along / sigma;
+                }
+            }
+            at += 1;
+        }
+        Ok(())
+    }
+
+    fn difference(&self, a: &[f64], b: &[f64], out: &mut [f64]) -> Result<(), Error> {
+        let mut other = vec![0.0; out.len()];
+        self.linearize(a, out, None)?;
+        self.linearize(b, &mut other, None)?;
+        for (out, other) in out.iter_mut().zip(&other) {
+            *out -= other;
+        }
+        Ok(())
+    }
+
+    fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
+        let &[sensor] = self.sensors.as_slice() else {
+            return;
+        };
+        let excluded = (0..3).any(|i| {
+            self.knowledge.exact[i].is_some_and(|value| value != sensor[i])
+                || self.knowledge.exact[3 + i].is_some_and(|value| value != 0.0)
+        });
+        let sided = self.parts.iter().any(|p| matches!(p, Part::Side { .. }));
+        if excluded || sided {
+            return;
+        }
+        let (mut state, _) = self.expand(x);
+        for i in 0..3 {
+            state[i] = 2.0 * sensor[i] - state[i];
+            state[3 + i] = -state[3 + i];
+        }
+        let mut image = self.coordinates(&state);
+        if self.offsets {
+            let first = image.len() - self.channels();
+            image[first..].copy_from_slice(&x[first..]);
+        }
+        found(&image);
+    }
+}
+
+/// A state, the speed or the size of the moment, and its derivatives.
+fn quantity(state: &[f64; 9], index: usize) -> (f64, [f64; 9]) {
+    let mut gradient = [0.0; 9];
+    let first = match index {
+        SPEED => 3,
+        MOMENT => 6,
+        _ => {
+            gradient[index] = 1.0;
+            return (state[index], gradient);
+        }
+    };
+    let size = state[first..first + 3]
+        .iter()
+        .fold(0.0_f64, |a, b| a.hypot(*b));
+    for i in first..first + 3 {
+        gradient[i] = state[i] / size.max(f64::MIN_POSITIVE);
+    }
+    (size, gradient)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    const NEAR: [f64; 9] = [-10.0, -9.0, 5.0, 1.0, 0.8, 0.1, 10.0, 20.0, -10.0];
+
+    fn record(known: &[(usize, f64)], prior: &[usize], offsets: bool) -> Measured {
+        let mut knowledge = Knowledge::default();
+        for &(index, value) in known {
+            knowledge.exact[index] = Some(value);
+        }
+        for &index in prior {
+            knowledge.prior[index] = Some((3.0, 0.2));
+        }
+        let times: Vec<f64> = (0..9).map(|k| 2.0 * f64::from(k)).collect();
+        let sensors = [[0.0; 3], [0.0, 0.5, 0.2]];
+        let field = vec![1e-9; 54];
+        Measured::new(
+            &times, &sensors, &field, &[1e9; 54], offsets, knowledge, &NEAR,
+        )
+    }
+
+    #[test]
+    fn rows_are_derivatives_whatever_is_known() {
+        let speed = 1.65_f64.sqrt();
+        for (known, states) in [
+            (&[][..], 9),
+            (&[(SPEED, speed)][..], 8),
+            (&[(SPEED, speed), (4, 0.8)][..], 7),
+            (&[(SPEED, speed), (3, 1.0), (4, 0.8)][..], 6),
+            (&[(MOMENT, 600.0_f64.sqrt()), (2, 5.0)][..], 7),
+        ] {
+            for offsets in [false, true] {
+                let record = record(known, &[0, SPEED, MOMENT, 7], offsets);
+                let n = record.states();
+                assert_eq!(n, states + if offsets { 6 } else { 0 });
+                assert_eq!(record.names().len(), n);
+                assert_eq!(record.units().len(), n);
+                let m = record.measurements();
+                let x = record.coordinates(&NEAR);
+                let (state, _) = record.expand(&x);
+                for (found, wanted) in state.iter().zip(&NEAR) {
+                    assert!((found - wanted).abs() < 1e-12);
+                }
+                let (mut residuals, mut rows) = (vec![0.0; m], vec![0.0; m * n]);
+                record
+                    .linearize(&x, &mut residuals, Some(&mut rows))
+                    .unwrap();
+                let largest = rows.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+                for j in 0..n {
+                    let step = if j >= states { 1e-12 } else { 1e-6 };
+                    let at = |by: f64| {
+                        let mut moved = x.clone();
+                        moved[j] += by;
+                        let mut r = vec![0.0; m];
+                        record.linearize(&moved, &mut r, None).unwrap();
+                        r
+                    };
+                    for (i, (plus, minus)) in at(step).iter().zip(&at(-step)).enumerate() {
+                        let wanted = (minus - plus) / (2.0 * step);
+                        let size = if j >= states { 1e9 } else { largest.min(1e4) };
+                        assert!((rows[i * n + j] - wanted).abs() < 1e-6 * size);
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_mirror_image_has_the_same_data_unless_knowledge_excludes_it() {
+        let mut knowledge = Knowledge::default();
+        knowledge.exact[SPEED] = Some(1.65_f64.sqrt());
+        let times = [0.0, 4.0, 8.0, 12.0];
+        let sensor = [[0.0; 3]];
+        let build = |knowledge| {
+            Measured::new(
+                &times, &sensor, &[0.0; 12], &[1e9; 12], false, knowledge, &NEAR,
+            )
+        };
+        let record = build(knowledge);
+        let x = record.coordinates(&NEAR);
+        let mut count = 0;
+        record.symmetries(&x, &mut |image| {
+            count += 1;
+            let (state, _) = record.expand(image);
+            assert!((state[0] - 10.0).abs() < 1e-12 && (state[3] + 1.0).abs() < 1e-12);
+            let mut difference = vec![0.0; 12];
+            record.difference(&x, image, &mut difference).unwrap();
+            assert!(difference.iter().all(|d| d.abs() < 1e-9));
+        });
+        assert_eq!(count, 1);
+        knowledge.exact[2] = Some(5.0);
+        let record = build(knowledge);
+        record.symmetries(&record.coordinates(&NEAR), &mut |_| panic!("z is 5"));
+    }
+}
