@@ -1,19 +1,31 @@
-"""Files written whole or not at all."""
+"""Files read up to a size, and written whole or not at all."""
 
 from __future__ import annotations
 
 import os
 import tempfile
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 
-__all__ = ["read_whole", "write_whole"]
+__all__ = ["files_up_to", "read_text", "read_whole", "write_whole"]
 
-#: A file that a command reads may have so many bytes.
-SIZE_LIMIT = 1 << 29
+#: A file may have so many bytes; `files_up_to` changes it.
+_LIMIT: ContextVar[int] = ContextVar("size limit", default=1 << 29)
 
 
-def read_whole(path: Path, limit: int = SIZE_LIMIT) -> bytes:
+@contextmanager
+def files_up_to(limit: int) -> Iterator[None]:
+    """Read files of at most `limit` bytes within the block."""
+    token = _LIMIT.set(limit)
+    try:
+        yield
+    finally:
+        _LIMIT.reset(token)
+
+
+def read_whole(path: Path, limit: int | None = None) -> bytes:
     """Return what is in a regular file of at most `limit` bytes.
 
     A device has no end, and a pipe may have no beginning.
@@ -24,16 +36,48 @@ def read_whole(path: Path, limit: int = SIZE_LIMIT) -> bytes:
         It is not there, no regular file, too large, or cannot be read.
     """
     try:
+        limit = _LIMIT.get() if limit is None else limit
         if path.exists() and not path.is_file():
             raise OSError("is not a regular file")
         size = path.stat().st_size
+        if size <= limit:
+            with path.open("rb") as file:
+                # What grows, or does not tell its size, is not read beyond the limit.
+                content = file.read(limit + 1)
+            size = len(content)
         if size > limit:
             raise OSError(
-                f"has {size / 2**20:.0f} MiB, more than the limit of {limit / 2**20:.0f} MiB"
+                f"has {_size(size)}, more than the limit of {_size(limit)}: raise it to read the "
+                "file (size_limit, --size-limit)"
             )
-        return path.read_bytes()
+        return content
     except ValueError as error:  # a NUL in the name
         raise OSError(str(error)) from error
+
+
+def _size(count: int) -> str:
+    return f"{count / 2**20:.0f} MiB" if count >= 1 << 20 else f"{count} bytes"
+
+
+def read_text(path: Path, limit: int | None = None) -> str:
+    """Return the text of a file: UTF-8 or UTF-16 with or without its mark, or cp1252.
+
+    Raises
+    ------
+    OSError
+        As `read_whole`; and a file that is no text.
+    """
+    raw = read_whole(path, limit)
+    wide = raw[:2] in (b"\xff\xfe", b"\xfe\xff")
+    for encoding in ("utf-8-sig", "utf-16") if wide else ("utf-8-sig", "cp1252"):
+        try:
+            text = raw.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        if "\0" not in text:
+            return text
+        break
+    raise OSError("is not a text file")
 
 
 def write_whole(file: Path, content: bytes) -> None:

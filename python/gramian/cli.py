@@ -6,10 +6,11 @@ import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
+from functools import partial
 from importlib.resources import as_file, files
 from importlib.util import find_spec
-from json import dumps
+from json import dumps, loads
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
 
@@ -17,9 +18,15 @@ import typer
 from rich.console import Console
 from rich.status import Status
 
-from gramian._files import write_whole
+from gramian._files import files_up_to, write_whole
 from gramian._text import visible
-from gramian.exceptions import GramianError, InputError, ScenarioError, StorageError
+from gramian.exceptions import (
+    GramianError,
+    InputError,
+    ScenarioError,
+    StorageError,
+    UnobservableError,
+)
 from gramian.report import Report
 from gramian.reproduce import PAPERS
 
@@ -82,6 +89,20 @@ Out = Annotated[
     typer.Option(metavar="DIR", help="Write report.html and result.json here.", show_default=False),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON and nothing else.")]
+Strict = Annotated[
+    bool,
+    typer.Option(
+        "--strict",
+        help="Exit with 3 where the answer is no: not determined, a misfit, no agreement.",
+    ),
+]
+SizeLimit = Annotated[
+    int,
+    typer.Option(metavar="MIB", min=1, help="Files beyond this size are refused, MiB."),
+]
+
+#: Exit status of an answer that is no, with --strict.
+_NO = 3
 
 
 def _version(wanted: bool) -> None:
@@ -114,21 +135,25 @@ def analyze(
     start: Start = None,
     duration: Duration = None,
     step: Step = None,
+    size_limit: SizeLimit = 512,
     out: Out = None,
     json: Json = False,
+    strict: Strict = False,
 ) -> None:
     """Say what the measurements of a scenario, or the edges of a g2o graph, determine."""
-    if [path.suffix.lower() for path in file] == [".g2o"]:
-        from gramian.io.graph_report import report as graph_report
+    chosen = (observer, target, sensor, sigma_deg, start, duration, step)
 
-        with Console(stderr=True, quiet=json).status(f"analysing {file[0].name}"):
-            report = graph_report(file[0])
-        _finish(report, out, json)
-        return
-    scenario = _scenario(file, (observer, target, sensor, sigma_deg, start, duration, step))
-    with _in(scenario.path):
-        report = scenario.analyze()
-    _finish(report, out, json)
+    def ask() -> Report:
+        if [path.suffix.lower() for path in file] == [".g2o"]:
+            from gramian.io.graph_report import report as graph_report
+
+            return graph_report(file[0])
+        scenario = _scenario(file, chosen)
+        with _in(scenario.path):
+            return scenario.analyze()
+
+    with files_up_to(size_limit << 20):
+        _answer(ask, out, json, strict, f"working on {file[0].name}")
 
 
 @app.command()
@@ -141,24 +166,33 @@ def localize(
     start: Start = None,
     duration: Duration = None,
     step: Step = None,
+    size_limit: SizeLimit = 512,
     out: Out = None,
     json: Json = False,
+    strict: Strict = False,
 ) -> None:
     """Estimate from the recorded measurements of a scenario."""
-    scenario = _scenario(file, (observer, target, sensor, sigma_deg, start, duration, step))
-    with _in(scenario.path):
-        report = scenario.localize()
-    _finish(report, out, json)
+    chosen = (observer, target, sensor, sigma_deg, start, duration, step)
+
+    def ask() -> Report:
+        scenario = _scenario(file, chosen)
+        with _in(scenario.path):
+            return scenario.localize()
+
+    with files_up_to(size_limit << 20):
+        _answer(ask, out, json, strict, f"working on {file[0].name}")
 
 
 @app.command()
-def plan(file: File, out: Out = None, json: Json = False) -> None:
+def plan(file: File, out: Out = None, json: Json = False, strict: Strict = False) -> None:
     """Choose the observer's path of a scenario so as to know the most."""
     from gramian.scenario import load
 
-    with _in(file):
-        report = load(file).plan()
-    _finish(report, out, json)
+    def ask() -> Report:
+        with _in(file):
+            return load(file).plan()
+
+    _answer(ask, out, json, strict, "searching for a path")
 
 
 @app.command()
@@ -176,17 +210,17 @@ def simulate(
     ] = None,
     out: Out = None,
     json: Json = False,
+    strict: Strict = False,
 ) -> None:
     """Estimate in many simulated trials and set the errors beside the bound."""
     from gramian.scenario import load
 
-    try:
-        report = load(file).simulate(trials, seed, resume=resume, progress=not json)
-    except KeyboardInterrupt as stop:
-        for note in getattr(stop, "__notes__", ()):
-            Console(emoji=False, stderr=True, soft_wrap=True).print(_plain(note), highlight=False)
-        raise
-    _finish(report, out, json)
+    def ask() -> Report:
+        with _in(file):
+            return load(file).simulate(trials, seed, resume=resume, progress=not json)
+
+    # It has its own progress bar.
+    _answer(ask, out, json, strict, doing=None)
 
 
 @app.command()
@@ -194,11 +228,13 @@ def demo(
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="Where the scenarios and reports go.")
     ] = Path("gramian-demo"),
+    json: Json = False,
+    strict: Strict = False,
 ) -> None:
     """Analyse three ships that ship with the package: easy, hopeless, impossible."""
     from gramian.scenario import load
 
-    console = Console(emoji=False)
+    console = Console(emoji=False, quiet=json)
     scenarios = []
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -211,17 +247,13 @@ def demo(
                     scenarios.append(out / source.name)
     except OSError as error:
         raise StorageError(f"cannot write the demo to {out}: {error}") from error
-    lacking = [name for name in ("matplotlib", "jinja2") if find_spec(name) is None]
+    answers = _Answers(json, strict)
     for scenario in scenarios:
+        report = load(scenario).analyze()
         console.rule(f"gramian analyze {scenario}", align="left", style="dim")
-        _finish(load(scenario).analyze(), None if lacking else out / scenario.stem, json=False)
-    if lacking:
-        console.print(
-            f"\nReports with pictures need {' and '.join(lacking)}: pip install 'gramian[report]'",
-            highlight=False,
-            markup=False,
-        )
+        answers.add(scenario.stem, report, out / scenario.stem)
     console.print("\nEdit a scenario and run its line again, or point one at your own tracks.")
+    answers.close()
 
 
 @app.command()
@@ -231,15 +263,16 @@ def reproduce(
     ],
     out: Out = None,
     json: Json = False,
+    strict: Strict = False,
 ) -> None:
     """Print each published figure of a paper beside the computed one."""
     from gramian.reproduce import reproduce as run
 
+    answers = _Answers(json, strict)
     for paper in list(PAPERS) if name == "all" else [name]:
         folder = out / paper if out and name == "all" else out
-        with _spinner(f"computing {paper}", quiet=json):
-            report = run(paper)
-        _finish(report, folder, json)
+        answers.add(paper, _ask(partial(run, paper), f"computing {paper}"), folder)
+    answers.close(one=name != "all")
 
 
 @app.command("import")
@@ -257,38 +290,50 @@ def import_(
     start: Start = None,
     duration: Duration = None,
     step: Step = None,
+    size_limit: SizeLimit = 512,
     scenario: Annotated[
         Path | None,
         typer.Option(metavar="FILE.toml", help="Write a scenario here.", show_default=False),
     ] = None,
+    out: Out = None,
+    json: Json = False,
 ) -> None:
     """Show what is in files of tracks and measurements, and write a scenario to start from."""
     from gramian.io import read
+    from gramian.io.report import report as import_report
     from gramian.scenario import Choices, draft
 
-    recording = read(*file)
-    Console(emoji=False, soft_wrap=True).print(_plain(recording.summary()), highlight=False)
-    if scenario is None:
-        return
-    if scenario.exists():
-        raise StorageError(f"{scenario}: is there already; choose another name or remove it")
-    choices = Choices(observer, target, sensor, sigma_deg, start, duration, step)
-    text = draft(recording, choices, scenario.parent)
-    try:
-        write_whole(scenario, text.encode())
-    except OSError as error:
-        raise StorageError(f"cannot write {scenario}: {error}") from error
-    Console(emoji=False).print(f"\n{_plain(str(scenario))} written", highlight=False)
+    with files_up_to(size_limit << 20), _spinner("reading"):
+        recording = read(*file)
+    if scenario is not None:
+        if scenario.exists():
+            raise StorageError(f"{scenario}: is there already; choose another name or remove it")
+        choices = Choices(observer, target, sensor, sigma_deg, start, duration, step)
+        text = draft(recording, choices, scenario.parent)
+        try:
+            write_whole(scenario, text.encode())
+        except OSError as error:
+            raise StorageError(f"cannot write {scenario}: {error}") from error
+    answers = _Answers(json, strict=False)
+    answers.add("import", import_report(recording), out)
+    if scenario is not None and not json:
+        Console(emoji=False).print(f"\n{_plain(str(scenario))} written", highlight=False)
+    answers.close(one=True)
 
 
 @app.command()
 def schema(
     model: Annotated[str, typer.Argument(help="A model of scenario files.", show_default=False)],
+    markdown: Annotated[
+        bool, typer.Option("--markdown", help="Print a page of every key instead.")
+    ] = False,
+    json: Json = True,
 ) -> None:
-    """Print the JSON Schema of a model's scenario files, for editors."""
+    """Print the JSON Schema of a model's scenario files, for editors; or a page of its keys."""
+    from gramian.scenario import reference
     from gramian.scenario import schema as of
 
-    sys.stdout.write(dumps(of(model), indent=2) + "\n")
+    sys.stdout.write(reference(model) if markdown else dumps(of(model), indent=2) + "\n")
 
 
 def _scenario(
@@ -328,24 +373,91 @@ def _in(file: Path) -> Iterator[None]:
         raise ScenarioError(f"{file}: {error}") from error
 
 
-def _spinner(what: str, *, quiet: bool) -> Status:
-    return Console(emoji=False, stderr=True, quiet=quiet).status(what)
+def _spinner(what: str) -> Status:
+    # On a terminal only: rich shows nothing in a pipe.
+    return Console(emoji=False, stderr=True).status(_plain(what))
 
 
-def _finish(report: Report, out: Path | None, json: bool) -> None:
-    written = report.write(out) if out else ()
-    if json:
-        sys.stdout.write(report.to_json())
-        return
-    console = Console(emoji=False)
-    report.show(console)
-    if written:
-        console.print()
-        console.print("   ".join(str(path) for path in written), soft_wrap=True, highlight=False)
+def _ask(question: Callable[[], Report], doing: str | None) -> Report:
+    """Return the answer to a question; that no answer exists is one too."""
+    try:
+        with _spinner(doing) if doing else nullcontext():
+            return question()
+    except UnobservableError as error:
+        return Report(
+            title="no answer",
+            subtitle="",
+            tone="bad",
+            headline="UNOBSERVABLE",
+            verdict=str(error),
+            facts=[("changes no measurement", text) for text in error.null_combinations],
+            data={"status": "unobservable", "null_combinations": list(error.null_combinations)},
+        )
+    except KeyboardInterrupt as stop:
+        for note in getattr(stop, "__notes__", ["stopped"]):
+            Console(emoji=False, stderr=True, soft_wrap=True).print(_plain(note), highlight=False)
+        raise
+
+
+def _answer(
+    question: Callable[[], Report],
+    out: Path | None,
+    json: bool,
+    strict: bool,
+    doing: str | None = "working",
+) -> None:
+    answers = _Answers(json, strict)
+    answers.add("", _ask(question, doing), out)
+    answers.close(one=True)
+
+
+class _Answers:
+    """The answers of one command, printed as they come; as JSON all at its end."""
+
+    def __init__(self, json: bool, strict: bool) -> None:
+        self.json, self.strict = json, strict
+        self.reports: dict[str, Report] = {}
+        self.lacking: list[str] = []
+
+    def add(self, name: str, report: Report, out: Path | None) -> None:
+        """Write an answer to its folder, and print it."""
+        written: tuple[Path, ...] = ()
+        if out is not None:
+            self.lacking = [one for one in ("matplotlib", "jinja2") if find_spec(one) is None]
+            written = (report.write_data(out),) if self.lacking else report.write(out)
+        self.reports[name] = report
+        if self.json:
+            return
+        console = Console(emoji=False)
+        report.show(console)
+        if written:
+            console.print()
+            console.print("   ".join(map(str, written)), soft_wrap=True, highlight=False)
+
+    def close(self, *, one: bool = False) -> None:
+        """Print what belongs at the end, and leave with the status of the answers."""
+        if self.json:
+            texts = {name: report.to_json() for name, report in self.reports.items()}
+            whole = {name: loads(text) for name, text in texts.items()}
+            sys.stdout.write(*texts.values() if one else (dumps(whole, indent=2) + "\n",))
+        if self.lacking:
+            Console(emoji=False, stderr=True, soft_wrap=True).print(
+                f"A page with pictures needs {' and '.join(self.lacking)}: "
+                "pip install 'gramian[report]'",
+                highlight=False,
+                markup=False,
+            )
+        if self.strict and any(report.tone == "bad" for report in self.reports.values()):
+            sys.stdout.flush()
+            raise typer.Exit(_NO)
 
 
 def main() -> None:
-    """Run the command: exit status 0, 1 on bad input, 2 on wrong usage, 130 on Ctrl-C."""
+    """Run the command.
+
+    Exit status 0: answered, 1: bad input, 2: wrong usage, 3: with --strict, an answer
+    that is no; 130: stopped with Ctrl-C.
+    """
     run: Callable[[], None] = app
     try:
         run()
@@ -361,6 +473,7 @@ def main() -> None:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         _fail(str(error))
     except KeyboardInterrupt:
+        sys.stderr.write("stopped\n")
         sys.exit(130)
 
 

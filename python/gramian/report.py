@@ -173,6 +173,16 @@ class Report:
             raise GramianError(f"cannot write the report to {out}: {error}") from error
         return page, data
 
+    def write_data(self, out: Path) -> Path:
+        """Write result.json alone into a folder, made if need be; it takes no other package."""
+        data = out / "result.json"
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+            write_whole(data, self.to_json().encode())
+        except OSError as error:
+            raise GramianError(f"cannot write the report to {out}: {error}") from error
+        return data
+
     def _page(self) -> str:
         try:
             import jinja2

@@ -90,6 +90,7 @@ CALLS: dict[str, dict[str, Any]] = {
         "keep": "std",
     },
     "io.unix_seconds": {"date": "2020-01-01T00:00:00"},
+    "io.utc": {"seconds": 1.5e9},
     "monte_carlo.normals": {"seed": 1, "first": 0, "trials": 3, "count": 4},
     "monte_carlo.Linear": {"of": _linear()},
     "monte_carlo.Measurements": {
@@ -414,6 +415,7 @@ CALLS: dict[str, dict[str, Any]] = {
 WITHOUT = {
     "io.joined": "takes recordings, which `io.read` makes",
     "io.read": "reads files: tests/io",
+    "io.table": "reads files: tests/io",
     "monte_carlo.Experiment": "a base class",
     **dict.fromkeys(
         (

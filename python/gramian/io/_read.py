@@ -7,12 +7,14 @@ from datetime import datetime
 from pathlib import Path
 
 from gramian import _options as options
+from gramian._files import read_text, read_whole
 from gramian.exceptions import InputError
 from gramian.io import _gpx, _kml, _nmea, _rep, _slips, _table
 from gramian.io._recording import Recording, merged
+from gramian.io._table import Table
 from gramian.io._times import unix
 
-__all__ = ["FORMATS", "joined", "read", "unix_seconds"]
+__all__ = ["FORMATS", "joined", "read", "table", "unix_seconds"]
 
 #: Format -> what it is, by which library, what is read, what is left out.
 FORMATS: dict[str, tuple[str, str, str, str]] = {
@@ -50,8 +52,8 @@ FORMATS: dict[str, tuple[str, str, str, str]] = {
     ),
 }
 
-#: Bytes of a file beyond which it is asked about rather than read.
-SIZE_LIMIT = 512 * 2**20
+#: What pyarrow reads.
+BINARY = (".parquet", ".feather", ".arrow")
 
 
 def read(
@@ -61,7 +63,7 @@ def read(
     separator: str | None = None,
     decimal: str | None = None,
     trust: Collection[str] = (),
-    size_limit: int = SIZE_LIMIT,
+    size_limit: int | None = None,
 ) -> Recording:
     r"""Read files of tracks and measurements.
 
@@ -80,8 +82,8 @@ def read(
     trust : collection of str
         Checks for slips to leave out: "units", "speed", "course", "missing", "bearings",
         "clock".
-    size_limit : int
-        Bytes; a larger file is refused.
+    size_limit : int, optional
+        Bytes; a larger file is refused. By default 512 MiB.
 
     Returns
     -------
@@ -143,10 +145,10 @@ def _one(
     units: Mapping[str, str] | None,
     separator: str | None,
     decimal: str | None,
-    size_limit: int,
+    size_limit: int | None,
 ) -> Recording:
     suffix = path.suffix.lower()
-    text = _text(path, size_limit, binary=suffix in (".parquet", ".feather", ".arrow"))
+    text = _text(path, size_limit)
     if text is None:
         return _table.recording_of(_table.read_parquet(path), columns, units)
     if suffix == ".gpx" or "<gpx" in text[:2000]:
@@ -157,36 +159,49 @@ def _one(
         return _rep.read(path, text)
     if suffix in (".nmea", ".ais") or _nmea.looks_like(text):
         return _nmea.read(path, text)
-    table = _table.read_table(path, text, separator=separator, decimal=decimal)
-    return _table.recording_of(table, columns, units)
+    cells = _table.read_table(path, text, separator=separator, decimal=decimal)
+    return _table.recording_of(cells, columns, units)
 
 
-def _text(path: Path, size_limit: int, *, binary: bool) -> str | None:
+def table(path: Path | str, *, separator: str | None = None, decimal: str | None = None) -> Table:
+    r"""Read a table with a header, CSV in any form or Parquet, as the text of its cells.
+
+    Parameters
+    ----------
+    path : path
+    separator, decimal : str, optional
+        Found where not given.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, rows of another length than the header.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> from gramian import io
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "field.csv"
+    >>> _ = path.write_text("t;x_uT\n0;1,5\n1;\n")
+    >>> io.table(path).numbers("x_uT").tolist()
+    [1.5, nan]
+    """
+    path = Path(path)
+    text = _text(path, None)
+    if text is None:
+        return _table.read_parquet(path)
+    return _table.read_table(path, text, separator=separator, decimal=decimal)
+
+
+def _text(path: Path, size_limit: int | None) -> str | None:
+    """Return the text of a file; None for a Parquet file that may be read."""
     try:
-        if path.exists() and not path.is_file():
-            raise InputError(f"{path}: is not a regular file")
-        size = path.stat().st_size
-        if size > size_limit:
-            raise InputError(
-                f"{path}: has {size / 2**20:.0f} MiB, more than the limit of "
-                f"{size_limit / 2**20:.0f} MiB: give size_limit to read it"
-            )
-        if binary:
+        if path.suffix.lower() in BINARY:
+            read_whole(path, size_limit)
             return None
-        raw = path.read_bytes()
-    except (OSError, ValueError) as error:
+        return read_text(path, size_limit)
+    except OSError as error:
         raise InputError(f"{path}: cannot be read: {error}") from error
-    for encoding in ("utf-8-sig", "utf-16") if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else (
-        "utf-8-sig", "cp1252",
-    ):  # fmt: skip
-        try:
-            text = raw.decode(encoding)
-        except UnicodeDecodeError:
-            continue
-        if "\0" in text:
-            break
-        return text
-    raise InputError(f"{path}: is not a text file")
 
 
 def select(recording: Recording, names: Sequence[str]) -> Recording:

@@ -116,6 +116,32 @@ class Table:
             )
         return self.columns[self.header.index(name)]
 
+    def numbers(self, name: str) -> Array:
+        """Return a column as numbers, NaN where a cell is empty."""
+        cells = self[name]
+        values = np.empty(len(cells))
+        for i, cell in enumerate(cells):
+            if cell.lower() in _MISSING:
+                values[i] = np.nan
+                continue
+            try:
+                # Python reads 1_000 as a number; in a table it is a slip.
+                value = float("" if "_" in cell else cell)
+            except ValueError:
+                raise InputError(f"{self.place(i, name)} = {cell!r}: must be a number") from None
+            if not isfinite(value):
+                raise InputError(f"{self.place(i, name)} = {cell}: must be finite")
+            values[i] = value
+        return values
+
+    def times(self, name: str) -> tuple[Array, bool, str]:
+        """Return a column as seconds, whether they are since 1970, and how it was read."""
+        return instants(self[name], f"{self.path}: {name}")
+
+    def place(self, row: int, name: str) -> str:
+        """Return where a cell is, for messages."""
+        return f"{self.path}:{self.first_line + row}: {name}"
+
 
 def read_table(
     path: Path, text: str, *, separator: str | None = None, decimal: str | None = None
@@ -281,8 +307,7 @@ def recording_of(
             f"{path}: no column is recognised as the time: its columns are "
             f"{', '.join(table.header)}; name one with columns.time"
         )
-    place = f"{path}: {found['time']}"
-    times, dated, said = instants(table[found["time"]], place)
+    times, dated, said = table.times(found["time"])
     unit = _unit_of("time", found["time"], units, path)
     if not dated and not said:
         times = times * _UNITS[unit or "s"][1]
@@ -297,7 +322,7 @@ def recording_of(
         if meaning in ("latitude", "longitude"):
             values[meaning] = _geographic(cells, f"{path}: {heading}")
             continue
-        numbers = _numbers(cells, table, heading)
+        numbers = table.numbers(heading)
         unit = _unit_of(meaning, heading, units, path)
         default = "deg" if _KINDS[meaning] == "angle" else None
         values[meaning] = numbers * _UNITS[unit or default or _plain(_KINDS[meaning])][1]
@@ -366,27 +391,6 @@ def _sensors(
         sensors[name], said = detections_of(name, on[0], times[mine], own, str(table.path))
         notes += said
     return Recording((table.path,), table.format, {}, sensors, epoch, None, tuple(notes))
-
-
-def _numbers(cells: Sequence[str], table: Table, heading: str) -> Array:
-    values = np.empty(len(cells))
-    for i, cell in enumerate(cells):
-        if cell.lower() in _MISSING:
-            values[i] = np.nan
-            continue
-        try:
-            # Python reads 1_000 as a number; in a table it is a slip.
-            value = float("" if "_" in cell else cell)
-        except ValueError:
-            raise InputError(f"{_place(table, i, heading)} = {cell!r}: must be a number") from None
-        if not isfinite(value):
-            raise InputError(f"{_place(table, i, heading)} = {cell}: must be finite")
-        values[i] = value
-    return values
-
-
-def _place(table: Table, row: int, heading: str) -> str:
-    return f"{table.path}:{table.first_line + row}: {heading}"
 
 
 def _geographic(cells: Sequence[str], place: str) -> Array:

@@ -9,6 +9,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 from numpy.typing import NDArray
 
+from gramian._arrays import number
 from gramian.exceptions import InputError
 
 __all__ = ["instants", "unix", "utc"]
@@ -22,8 +23,23 @@ _DAY = 86_400.0
 
 
 def utc(seconds: float) -> str:
-    """Return UNIX seconds as a date and time of day."""
-    moment = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=seconds)
+    """Return UNIX seconds as a date and time of day.
+
+    Raises
+    ------
+    InputError
+        What is no number, and years beyond 1 to 9999.
+
+    Examples
+    --------
+    >>> utc(86400.25)
+    '1970-01-02T00:00:00.25Z'
+    """
+    seconds = number(seconds, "seconds")
+    try:
+        moment = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=seconds)
+    except OverflowError:
+        raise InputError(f"seconds = {seconds:g}: must be of the years 1 to 9999") from None
     text = moment.strftime("%Y-%m-%dT%H:%M:%S")
     part = f"{seconds % 1:.3f}"[1:].rstrip("0").rstrip(".")
     return f"{text}{part}Z"

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gramian import _core
+from gramian._files import read_text
 from gramian.exceptions import InputError
 from gramian.large import SparseProblem
 
@@ -321,8 +322,8 @@ def read_graph(path: str | os.PathLike[str]) -> PoseGraph:
     """
     file = Path(path)
     try:
-        text = file.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        text = read_text(file)
+    except OSError as error:
         raise InputError(f"{file}: cannot be read as text: {error}") from error
     reader = _Reader(file)
     for number, line in enumerate(text.splitlines(), start=1):

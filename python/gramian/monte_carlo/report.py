@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from gramian.monte_carlo.experiment import Experiment
 from gramian.monte_carlo.result import MonteCarloResult, wider_for_all
 from gramian.monte_carlo.run import run
 from gramian.report import Picture, Report, Table, Tone
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = ["report", "simulate"]
 
@@ -119,14 +123,18 @@ def _failures(result: MonteCarloResult) -> Table:
 
 
 def _pictures(result: MonteCarloResult) -> list[Picture]:
-    from gramian.monte_carlo import plot
+    def drawn(what: str, **options: Any) -> Figure:
+        # Loaded when a page is written: matplotlib is no part of a plain install.
+        from gramian.monte_carlo import plot
+
+        return plot.single(result, getattr(plot, what), **options)
 
     shown = [
         Picture(
             f"Errors of {result.names[i]} and {result.names[j]}",
             "Each point is a trial. The solid ellipse holds 95 % of normal errors with this "
             "spread, the dashed one is the bound's.",
-            partial(plot.single, result, plot.error_cloud, states=(i, j)),
+            partial(drawn, "error_cloud", states=(i, j)),
         )
         for i, j in ((0, 1), (2, 3))
         if j < len(result.names)
@@ -135,7 +143,7 @@ def _pictures(result: MonteCarloResult) -> list[Picture]:
         Picture(
             "RMSE against the bound",
             "1 is the least that an unbiased estimator can have; bars are 95 % confidence.",
-            lambda: plot.single(result, plot.rmse_and_bound),
+            partial(drawn, "rmse_and_bound"),
         )
     )
     if result.nees is not None:
@@ -144,7 +152,7 @@ def _pictures(result: MonteCarloResult) -> list[Picture]:
                 "Is the covariance consistent?",
                 "Squared errors over the covariance that the estimator claims: a consistent one "
                 "follows the chi-square curve, an optimistic one lies to its right.",
-                lambda: plot.single(result, plot.nees_histogram),
+                partial(drawn, "nees_histogram"),
             )
         )
     return shown

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gramian._files import write_whole
+from gramian._files import read_whole, write_whole
 from gramian.exceptions import GramianError, InputError, StorageError
 from gramian.monte_carlo.chunks import MOST, Failure
 from gramian.monte_carlo.statistics import LEAF
@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 __all__ = ["Manifest", "Store", "arrow_table", "kept_chunk_size"]
 
 Table = NDArray[np.void]
+
+#: Bytes.
+_MANIFEST_LIMIT = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -155,7 +158,7 @@ class Store:
         file = self.path / "manifest.json"
         wanted = asdict(manifest)
         try:
-            found = json.loads(file.read_text(encoding="utf-8"))
+            found = json.loads(read_whole(file, _MANIFEST_LIMIT))
         except FileNotFoundError:
             strangers = [p for p in self.path.iterdir() if p.name != "lock" and p.suffix != ".part"]
             if strangers:
@@ -165,7 +168,7 @@ class Store:
                 ) from None
             write_whole(file, json.dumps(wanted, indent=2).encode())
             return
-        except ValueError:
+        except (OSError, ValueError, RecursionError):
             found = None
         if not isinstance(found, dict):
             raise InputError(f"resume = {str(self.path)!r}: its manifest.json cannot be read")
@@ -187,8 +190,8 @@ def kept_chunk_size(path: str | os.PathLike[str] | None) -> int | None:
     if path is None:
         return None
     try:
-        found = json.loads((Path(path) / "manifest.json").read_text(encoding="utf-8"))["chunk"]
-    except (OSError, ValueError, KeyError, TypeError):
+        found = json.loads(read_whole(Path(path) / "manifest.json", _MANIFEST_LIMIT))["chunk"]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
     usable = type(found) is int and LEAF <= found <= MOST and found & (found - 1) == 0
     return found if usable else None

@@ -5,17 +5,16 @@ from __future__ import annotations
 import json
 import tomllib
 from pathlib import Path
-from typing import Any
 
 from pydantic import ValidationError
 
 from gramian._files import read_whole
 from gramian._registry import REGISTRY
-from gramian.exceptions import InputError, ScenarioError
+from gramian.exceptions import ScenarioError
 from gramian.scenario.base import Scenario, scenario_class
 from gramian.scenario.validation_errors import describe
 
-__all__ = ["load", "parsed", "schema"]
+__all__ = ["load", "parsed"]
 
 #: A scenario is written by hand, or nearly: bytes.
 SCENARIO_LIMIT = 1 << 24
@@ -66,17 +65,3 @@ def parsed(text: str, path: Path) -> Scenario:
         raise ScenarioError(f"{path}: cannot be used: {error}") from error
     scenario.path = path
     return scenario
-
-
-def schema(model: str) -> dict[str, Any]:
-    """Return the JSON Schema of a model's scenario files.
-
-    Raises
-    ------
-    InputError
-        A model that is not known.
-    """
-    if model not in REGISTRY:
-        known = ", ".join(REGISTRY)
-        raise InputError(f"model = {model!r}: must be one of {known}")
-    return scenario_class(model).model_json_schema()

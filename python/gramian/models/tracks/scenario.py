@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from functools import cached_property
 from typing import Any, Literal
 
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from gramian import io
 from gramian._text import number
 from gramian.analysis import analyze
 from gramian.exceptions import InputError
@@ -330,36 +330,26 @@ class TracksScenario(Scenario):
         return f"{scene.m} measurements of {kinds}; {self.motion.kind.replace('_', ' ')}"
 
     def _read(self, name: str) -> list[Array]:
-        path = self.beside(name)
-        scene = self.scene
-        width = scene.motion.dimension
-        found: dict[str, list[list[float]]] = {sensor.name: [] for sensor in scene.sensors}
+        path, width = self.beside(name), self.scene.motion.dimension
         try:
-            with path.open(newline="") as file:
-                for line, row in enumerate(csv.DictReader(file), start=2):
-                    sensor = row.get("sensor")
-                    if sensor not in found:
-                        raise self.error(
-                            "measurements.file",
-                            f"{path}:{line}: sensor {sensor!r}: must be one of {', '.join(found)}",
-                        )
-                    columns = ("value", "value_2", "value_3")[:width]
-                    values = [row.get(key) for key in columns]
-                    try:
-                        numbers = [float(value) for value in values if value not in (None, "")]
-                    except ValueError:
-                        raise self.error(
-                            "measurements.file", f"{path}:{line}: {values} are no numbers"
-                        ) from None
-                    found[str(sensor)].append(numbers or [np.nan])
-        except OSError as error:
+            table = io.table(path)
+            names = table["sensor"]
+            columns = [c for c in ("value", "value_2", "value_3")[:width] if c in table.header]
+            values = np.stack([table.numbers(column) for column in columns or ["value"]], axis=1)
+        except InputError as error:
             raise self.error("measurements.file", str(error)) from error
-        out = []
-        for sensor in scene.sensors:
-            rows = found[sensor.name]
-            wide = sensor.width(width)
-            if any(len(row) not in (wide, 1) for row in rows):
-                raise self.error("measurements.file", f"{sensor.name}: needs {wide} values a row")
-            full = np.array([row if len(row) == wide else [np.nan] * wide for row in rows])
-            out.append(full if wide > 1 else full.reshape(-1))
+        sensors = {sensor.name: sensor.width(width) for sensor in self.scene.sensors}
+        for row, sensor in enumerate(names):
+            if sensor not in sensors:
+                raise self.error(
+                    "measurements.file",
+                    f"{table.place(row, 'sensor')} = {sensor!r}: must be one of "
+                    f"{', '.join(sensors)}",
+                )
+        who, out = np.array(names), []
+        for sensor, wide in sensors.items():
+            if values.shape[1] < wide:
+                raise self.error("measurements.file", f"{sensor}: needs {wide} values a row")
+            own = values[who == sensor, :wide]
+            out.append(own if wide > 1 else own[:, 0])
         return out
