@@ -18,6 +18,7 @@ shape (K, n). A model makes rows; `analyze` says what they determine.
   add.
 - `io` reads files of tracks and measurements, and pose graphs.
 - `monte_carlo` simulates and sets an estimator's errors beside the bound.
+- `load` reads an answer that its `save` wrote.
 - `set_threads` limits the threads of the kernels.
 
 Every error is a `GramianError`: `InputError`, `UnobservableError`, `ConvergenceError`,
@@ -28,6 +29,7 @@ import typing as _typing
 from types import ModuleType as _ModuleType
 
 from gramian import bounds
+from gramian._answers import load
 from gramian._core import __version__, set_threads
 from gramian._registry import REGISTRY as _REGISTRY
 from gramian._registry import load as _load
@@ -88,6 +90,7 @@ __all__ = [
     "gram",
     "io",
     "large",
+    "load",
     "monte_carlo",
     "other_solutions",
     "set_threads",

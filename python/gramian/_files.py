@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import tempfile
 from collections.abc import Iterator
@@ -9,7 +10,7 @@ from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
 
-__all__ = ["files_up_to", "read_text", "read_whole", "write_whole"]
+__all__ = ["digest", "files_up_to", "read_text", "read_whole", "write_whole"]
 
 #: A file may have so many bytes; `files_up_to` changes it.
 _LIMIT: ContextVar[int] = ContextVar("size limit", default=1 << 29)
@@ -78,6 +79,15 @@ def read_text(path: Path, limit: int | None = None) -> str:
             return text
         break
     raise OSError("is not a text file")
+
+
+def digest(path: Path) -> str:
+    """Return the SHA-256 of a file, in hexadecimal; empty where it cannot be read any more."""
+    try:
+        with path.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError:
+        return ""
 
 
 def write_whole(file: Path, content: bytes) -> None:

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian._arrays import as_float_array
+from gramian._text import brief
 from gramian._units import bare
+from gramian._values import Value
 from gramian.exceptions import InputError
 
 __all__ = ["Noise", "as_noise", "prior_sigma"]
@@ -18,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Noise:
+class Noise(Value):
     """How to whiten measurements, and which combinations of them are exact.
 
     Attributes
@@ -151,7 +153,7 @@ def _covariance(covariance: Array) -> Noise:
     if values[0] < -slack * max(1.0, values[-1]):
         raise InputError(
             f"sigma is not positive semidefinite: as correlations it has the eigenvalue "
-            f"{values[0]:.3g}; a covariance must be"
+            f"{brief(values[0])}; a covariance must be"
         )
     kept = values > slack * max(values[-1], 0.0)
     root = (vectors[:, kept] / np.sqrt(values[kept])).T / scale

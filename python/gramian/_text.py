@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["describe_combination", "describe_null_space", "number", "plain", "visible"]
+__all__ = [
+    "brief",
+    "count",
+    "describe_combination",
+    "describe_direction",
+    "describe_null_space",
+    "number",
+    "plain",
+    "visible",
+]
 
 Array = NDArray[np.float64]
 
@@ -25,6 +34,25 @@ def number(value: float, digits: int = 4) -> str:
         text = f"{value:.{digits}g}"
         return f"{value:.0f}" if "e" in text else text
     return f"{value:.{digits - 1}e}"
+
+
+def brief(value: Any, digits: int = 3) -> str:
+    """Return a number in so many digits, for a sentence: 580, not 5.8e+02.
+
+    Examples
+    --------
+    >>> brief(583.2, 2), brief(0.0123456), brief(4.2e-9, 2), brief(float("inf"))
+    ('580', '0.0123', '4.2e-09', 'inf')
+    """
+    text = f"{value:.{digits}g}"
+    if "e" in text and 1 <= abs(float(value)) < 1e6:
+        return f"{float(text):.0f}"
+    return text
+
+
+def count(n: int, one: str, many: str = "") -> str:
+    """Return a count with its noun: "1 row", "2 rows"; `many` where it is not one + "s"."""
+    return f"{n} {one if n == 1 else many or one + 's'}"
 
 
 def visible(text: str) -> str:
@@ -48,28 +76,52 @@ def visible(text: str) -> str:
 
 
 def describe_null_space(null_space: Array, names: Sequence[str]) -> tuple[str, ...]:
-    """Return each column as text: "1 x0 + 0.42 vx"."""
-    return tuple(describe_combination(column, names) for column in null_space.T)
+    """Return each column as text: "x0 +1, vx +0.42"."""
+    return tuple(describe_direction(column, names) for column in null_space.T)
 
 
 #: A combination of more states than this is told by what it moves, or by its largest.
 LONG = 12
 
 
-def describe_combination(coefficients: Array, names: Sequence[str]) -> str:
-    """Return c^T x as text, without the states that have no part in it.
+def describe_direction(change: Array, names: Sequence[str]) -> str:
+    """Return how states move together: "x0 +1, vx -0.42", without those that stay.
 
-    Of many states that move alike it says so; of many others, the ten largest.
+    Not written as a sum, which is what `describe_combination` says a measurement knows. Of
+    many states that move alike it says so; of many others, the ten largest.
     """
+    return _described(change, names, _moves)
+
+
+def describe_combination(coefficients: Array, names: Sequence[str]) -> str:
+    """Return c^T x as text, "1 x0 - 0.42 vx", without the states that have no part in it.
+
+    Of many states with the same part it says so; of many others, the ten largest.
+    """
+    return _described(coefficients, names, _sum)
+
+
+def _described(
+    coefficients: Array,
+    names: Sequence[str],
+    write: Callable[[Array, Sequence[str], NDArray[np.intp]], str],
+) -> str:
     part = np.flatnonzero(coefficients)
     if len(part) > LONG:
         values = coefficients[part]
         if np.allclose(values, values[0], rtol=1e-6):
             return f"all {len(part)} of {_together([names[int(i)] for i in part])} move together"
         largest = np.sort(part[np.argsort(-np.abs(values), kind="stable")[:10]])
-        left = len(part) - len(largest)
-        return f"{_sum(coefficients, names, largest)} and {left} smaller terms"
-    return _sum(coefficients, names, part)
+        left = count(len(part) - len(largest), "smaller term")
+        return f"{write(coefficients, names, largest)} and {left}"
+    return write(coefficients, names, part)
+
+
+def _moves(change: Array, names: Sequence[str], part: NDArray[np.intp]) -> str:
+    signs = {True: "-", False: "+"}
+    return ", ".join(
+        f"{names[int(i)]} {signs[bool(change[i] < 0)]}{brief(abs(change[i]), 4)}" for i in part
+    )
 
 
 def _sum(coefficients: Array, names: Sequence[str], part: NDArray[np.intp]) -> str:
@@ -77,7 +129,7 @@ def _sum(coefficients: Array, names: Sequence[str], part: NDArray[np.intp]) -> s
     for i in part:
         sign = "-" if coefficients[i] < 0 else "+"
         text += f" {sign} " if text else ("-" if sign == "-" else "")
-        text += f"{abs(coefficients[i]):.4g} {names[int(i)]}"
+        text += f"{brief(abs(coefficients[i]), 4)} {names[int(i)]}"
     return text
 
 
@@ -87,9 +139,25 @@ def _together(names: Sequence[str]) -> str:
     return stems.pop() if len(stems) == 1 and "" not in stems else f"{names[0]} .. {names[-1]}"
 
 
-def plain(value: Any) -> Any:
-    """Return numbers and arrays as what JSON can hold; "inf", "-inf" for infinities."""
-    if isinstance(value, np.ndarray) and value.ndim:
+def plain(value: Any) -> Any:  # noqa: PLR0911  (a kind a line)
+    """Return a value as JSON can hold it; "inf", "-inf" and "nan" for what is not finite."""
+    if value is None or isinstance(value, (str, bool)):
+        return value
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, np.ndarray):
+        if value.dtype.kind == "f" and np.isfinite(value).all():
+            return value.tolist()
+        return [plain(item) for item in value] if value.ndim else plain(value.item())
+    if isinstance(value, int):
+        return value
+    if isinstance(value, float):
+        return value if np.isfinite(value) else str(value)
+    if isinstance(value, complex):
+        return [plain(value.real), plain(value.imag)]
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, (tuple, list)):
         return [plain(item) for item in value]
-    number = float(value)
-    return number if np.isfinite(number) else str(number)
+    made = getattr(value, "to_dict", None)
+    return str(value) if made is None else made()

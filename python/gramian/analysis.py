@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from math import isnan
 from typing import TYPE_CHECKING, Any, Literal
@@ -13,9 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian import _options as options
+from gramian._answers import Answer, Columns
 from gramian._arrays import number, real, whole
 from gramian._registry import draw, load
-from gramian._text import describe_null_space, plain
+from gramian._text import brief, describe_null_space
 from gramian._text import number as readable
 from gramian.exceptions import InputError
 from gramian.problem import Problem, ProblemSource, as_problem, at_least_one_row, is_sparse
@@ -29,8 +30,8 @@ Array = NDArray[np.float64]
 Status = Literal["observable", "weak", "undecided", "unobservable"]
 
 
-@dataclass(frozen=True, eq=False)
-class Suggestion:
+@dataclass(frozen=True, eq=False, repr=False)
+class Suggestion(Answer):
     """One piece of knowledge and what would follow from it.
 
     Attributes
@@ -52,8 +53,8 @@ class Suggestion:
     crlb_std: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Critical:
+@dataclass(frozen=True, eq=False, repr=False)
+class Critical(Answer):
     """A measurement, or a group of them, and what its loss would cost.
 
     Attributes
@@ -79,8 +80,8 @@ class Critical:
     crlb_std: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Candidate:
+@dataclass(frozen=True, eq=False, repr=False)
+class Candidate(Answer):
     """A measurement that could be added, or a group of them, and what it would give.
 
     Attributes
@@ -100,8 +101,8 @@ class Candidate:
     crlb_std: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Observability:
+@dataclass(frozen=True, eq=False, repr=False)
+class Observability(Answer):
     """The answer of `analyze`.
 
     Attributes
@@ -126,7 +127,7 @@ class Observability:
     null_space : ndarray, shape (n, nullity)
         The unobservable combinations in physical units, each with a leading coefficient of 1.
     null_combinations : tuple of str
-        The same, readable: "1 x0 + 0.42 vx".
+        The same, readable: "x0 +1, vx +0.42".
     crlb_std : ndarray, shape (n,)
         Bound on the standard deviation, priors included; `inf` where none exists.
     data_std : ndarray, shape (n,)
@@ -157,8 +158,41 @@ class Observability:
     data_std: Array
     logdet: float
     weakest_direction: Array
-    problem: Problem = field(repr=False)
-    _analysis: _core.Analysis = field(repr=False)
+    problem: Problem
+    _rtol: float | None = None
+
+    _not_in_dict = frozenset({"problem"})
+    _more_in_dict = ("priors", "islands", "suggestions")
+
+    @cached_property
+    def _analysis(self) -> _core.Analysis:
+        return self.problem.factor(rtol=self._rtol)
+
+    @property
+    def priors(self) -> Mapping[str, float]:
+        """Standard deviations of what was known beforehand, by name."""
+        return self.problem.priors
+
+    def covariance(self, names: Sequence[str] | None = None) -> Array:
+        """Return the covariance at the bound, priors included.
+
+        Parameters
+        ----------
+        names : sequence of str, optional
+            States, all by default.
+
+        Returns
+        -------
+        ndarray, shape (m, m)
+            `inf` throughout where the rank is short.
+        """
+        found = self._analysis.crlb()
+        chosen = range(len(self.names)) if names is None else map(self.problem.index, names)
+        part = list(chosen)
+        if found is None:
+            return np.full((len(part), len(part)), np.inf)
+        block: Array = found[np.ix_(part, part)]
+        return block
 
     @cached_property
     def suggestions(self) -> tuple[Suggestion, ...]:
@@ -329,41 +363,15 @@ class Observability:
     def _direction(self, combination: str | ArrayLike) -> ArrayLike:
         return self.problem.direction(combination) if isinstance(combination, str) else combination
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the answer as plain lists, numbers and strings, fit for JSON.
-
-        JSON has no infinity: infinite values become the strings "inf" and "-inf".
-        """
-        return {
-            "status": self.status,
-            "reason": self.reason,
-            "decided_by": list(self.decided_by),
-            "rank": self.rank,
-            "nullity": self.nullity,
-            "names": list(self.names),
-            "units": list(self.units),
-            "singular_values": plain(self.singular_values),
-            "gap": plain(self.gap),
-            "condition": plain(self.condition),
-            "null_space": plain(self.null_space),
-            "null_combinations": list(self.null_combinations),
-            "crlb_std": plain(self.crlb_std),
-            "data_std": plain(self.data_std),
-            "priors": dict(self.problem.priors),
-            "logdet": plain(self.logdet),
-            "weakest_direction": plain(self.weakest_direction),
-            "islands": [list(group) for group in self.islands],
-            "suggestions": [
-                {
-                    "name": s.name,
-                    "rank": s.rank,
-                    "nullity": s.nullity,
-                    "repairs": s.repairs,
-                    "crlb_std": plain(s.crlb_std),
-                }
-                for s in self.suggestions
-            ],
-        }
+    def _as_table(self) -> Columns:
+        shown = {"crlb_std": self.crlb_std}
+        if self.problem.has_prior:
+            shown["data_std"] = self.data_std
+        if not np.isnan(self.problem.scale).all():
+            shown["scale"] = self.problem.scale
+        return Columns(
+            "state", self.names, shown, {}, self.units, {"covariance": self.covariance()}
+        )
 
     def summary(self) -> str:
         """Return the verdict, the bounds and the best suggestions as text."""
@@ -413,8 +421,21 @@ class Observability:
         return f"knowing {suggestion.name} gives {', '.join(known)}"
 
     def plot(self) -> Figure:
-        """Draw singular values, bounds and null combinations; needs matplotlib."""
+        """Draw singular values and null combinations; needs matplotlib."""
         return draw(self, "observability")
+
+    def corner(self, names: Sequence[str] | None = None, level: float = 0.95) -> Figure:
+        """Draw the bound of chosen states, each and in pairs; needs matplotlib.
+
+        Parameters
+        ----------
+        names : sequence of str, optional
+            At most 8 states; by default the first ones.
+        level : float
+            The probability that the outer ellipses hold; the inner ones are of one
+            deviation.
+        """
+        return draw(self, "corner", names, level)
 
 
 def analyze(
@@ -473,7 +494,7 @@ def analyze(
     >>> import gramian as gm
     >>> answer = gm.analyze([[1.0, 2.0], [2.0, 4.0]], names=["x", "v"])
     >>> answer.status, answer.rank, answer.null_combinations
-    ('unobservable', 1, ('1 x - 0.5 v',))
+    ('unobservable', 1, ('x +1, v -0.5',))
     >>> answer.crlb_std
     array([inf, inf])
     >>> answer.suggestions[0].name, answer.suggestions[0].repairs
@@ -524,7 +545,7 @@ def analyze(
         )
         if undecided:
             status, reason = "undecided", undecided
-    return Observability(
+    answer = Observability(
         status=status,
         reason=reason,
         decided_by=decided_by,
@@ -542,8 +563,11 @@ def analyze(
         logdet=analysis.log_det,
         weakest_direction=analysis.weakest_direction(),
         problem=problem,
-        _analysis=analysis,
+        _rtol=rtol,
     )
+    # The factorisation that is there already.
+    vars(answer)["_analysis"] = analysis
+    return answer
 
 
 def _status(
@@ -578,13 +602,15 @@ def _status(
         unit = f" {problem.units[i]}" if problem.units[i] else ""
         source = "from the measurements alone " if kinds[worst] == "prior" else ""
         reason = (
-            f"the bound of {worst} {source}is {data_std[i]:.4g}{unit}, "
-            f"its {kinds[worst]} {limits[worst]:.4g}{unit}"
+            f"the bound of {worst} {source}is {brief(data_std[i], 4)}{unit}, "
+            f"its {kinds[worst]} {brief(limits[worst], 4)}{unit}"
         )
         return "weak", reason, tuple(sorted(over, key=lambda name: -ratios[name]))
     if not limits and condition > weak_condition:
         hardest = problem.names[int(np.argmax(data_std / _reference(problem)))]
-        reason = f"condition number {condition:.3g} on unit columns, above {weak_condition:.3g}"
+        reason = (
+            f"condition number {brief(condition)} on unit columns, above {brief(weak_condition)}"
+        )
         return "weak", reason, (hardest,)
     return "observable", f"rank {n} of {n}", ()
 
@@ -637,8 +663,9 @@ def _undecided(
             weak = 1 / analysis.rtol > weak_condition
         if not weak:
             return (
-                f"sigma_{rank + 1} = {values[rank]:.2g} on unit columns, accuracy of the rows "
-                f"{analysis.rtol:.2g}: {advice}"
+                f"sigma_{rank + 1} = {brief(values[rank], 2)} on unit columns, accuracy of "
+                "the rows "
+                f"{brief(analysis.rtol, 2)}: {advice}"
             )
     return None
 

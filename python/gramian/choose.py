@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gramian import _core
+from gramian._answers import Answer, Columns
 from gramian._arrays import finite, whole
-from gramian._text import plain
+from gramian._text import brief, count
 from gramian.exceptions import InputError
 from gramian.problem import Problem, is_sparse
 
@@ -27,8 +28,8 @@ Array = NDArray[np.float64]
 _STATES = 400
 
 
-@dataclass(frozen=True, eq=False)
-class Choice:
+@dataclass(frozen=True, eq=False, repr=False)
+class Choice(Answer):
     """What `select` chose.
 
     Attributes
@@ -71,31 +72,22 @@ class Choice:
     nullity: int
     weights: Mapping[str, float]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the choice as plain lists, numbers and strings, fit for JSON."""
-        return {
-            "chosen": list(self.chosen),
-            "method": self.method,
-            "goal": self.goal,
-            "worth": plain(self.worth),
-            "within": None if np.isnan(self.within) else self.within,
-            "guarantee": None if np.isnan(self.guarantee) else self.guarantee,
-            "gains": plain(self.gains),
-            "rank": self.rank,
-            "nullity": self.nullity,
-            "weights": dict(self.weights),
-        }
-
     def summary(self) -> str:
         """Return the choice in words."""
         text = f"{', '.join(self.chosen)} ({self.method})"
         if self.nullity:
-            return f"{text}: {self.nullity} combinations are still not observable"
+            left = count(self.nullity, "combination is", "combinations are")
+            return f"{text}: {left} still not observable"
         if np.isnan(self.within):
             return f"{text}: how far from the best is not known for goal {self.goal}"
-        return f"{text}: within {100 * self.within:.2g} % of the best possible"
+        return f"{text}: within {brief(100 * self.within, 2)} % of the best possible"
 
-    __str__ = summary
+    def _as_table(self) -> Columns:
+        taken = [name in self.chosen for name in self.weights]
+        if self.weights:
+            values = {"weight": list(self.weights.values()), "chosen": taken}
+            return Columns("candidate", list(self.weights), values, {})
+        return Columns("candidate", self.chosen, {"chosen": [True] * len(self.chosen)}, {})
 
 
 def select(

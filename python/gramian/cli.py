@@ -7,6 +7,7 @@ import shutil
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
+from dataclasses import replace
 from functools import partial
 from importlib.resources import as_file, files
 from importlib.util import find_spec
@@ -147,10 +148,10 @@ def analyze(
         if [path.suffix.lower() for path in file] == [".g2o"]:
             from gramian.io.graph_report import report as graph_report
 
-            return graph_report(file[0])
+            return replace(graph_report(file[0]), inputs=tuple(file))
         scenario = _scenario(file, chosen)
         with _in(scenario.path):
-            return scenario.analyze()
+            return _of(scenario.analyze(), file, scenario)
 
     with files_up_to(size_limit << 20):
         _answer(ask, out, json, strict, f"working on {file[0].name}")
@@ -177,7 +178,7 @@ def localize(
     def ask() -> Report:
         scenario = _scenario(file, chosen)
         with _in(scenario.path):
-            return scenario.localize()
+            return _of(scenario.localize(), file, scenario)
 
     with files_up_to(size_limit << 20):
         _answer(ask, out, json, strict, f"working on {file[0].name}")
@@ -189,8 +190,9 @@ def plan(file: File, out: Out = None, json: Json = False, strict: Strict = False
     from gramian.scenario import load
 
     def ask() -> Report:
+        scenario = load(file)
         with _in(file):
-            return load(file).plan()
+            return _of(scenario.plan(), [file], scenario)
 
     _answer(ask, out, json, strict, "searching for a path")
 
@@ -216,8 +218,10 @@ def simulate(
     from gramian.scenario import load
 
     def ask() -> Report:
+        scenario = load(file)
         with _in(file):
-            return load(file).simulate(trials, seed, resume=resume, progress=not json)
+            report = scenario.simulate(trials, seed, resume=resume, progress=not json)
+        return _of(report, [file], scenario)
 
     # It has its own progress bar.
     _answer(ask, out, json, strict, doing=None)
@@ -376,6 +380,11 @@ def _in(file: Path) -> Iterator[None]:
 def _spinner(what: str) -> Status:
     # On a terminal only: rich shows nothing in a pipe.
     return Console(emoji=False, stderr=True).status(_plain(what))
+
+
+def _of(report: Report, given: Sequence[Path], scenario: Scenario) -> Report:
+    """Return a report that knows the files it answers for."""
+    return replace(report, inputs=tuple(dict.fromkeys([*given, *scenario.inputs])))
 
 
 def _ask(question: Callable[[], Report], doing: str | None) -> Report:

@@ -8,19 +8,24 @@ states is. `other_solutions` asks the same of a state without measurements.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._answers import Answer, Columns, columns_of_states
 from gramian._arrays import SEED_MOST, finite, whole
 from gramian._handle import EstimationModel, handle_of
-from gramian._text import describe_combination, plain
+from gramian._registry import draw
+from gramian._text import brief, describe_combination, describe_direction
 from gramian._text import number as readable
 from gramian.exceptions import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = [
     "STATUSES",
@@ -45,8 +50,8 @@ STATUSES = ("unobservable", "misfit", "not_converged", "ambiguous", "weak", "det
 _LOSSES = {"squares": 0.0, "huber": 1.345, "tukey": 4.685}
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
+@dataclass(frozen=True, eq=False, repr=False)
+class Solution(Answer):
     """Another state that fits.
 
     Attributes
@@ -68,19 +73,9 @@ class Solution:
     chance: float
     hits: int
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the solution as plain lists and numbers, fit for JSON."""
-        return {
-            "state": plain(self.state),
-            "chi2": self.chi2,
-            "distance": self.distance,
-            "chance": self.chance,
-            "hits": self.hits,
-        }
 
-
-@dataclass(frozen=True, eq=False)
-class Alternative:
+@dataclass(frozen=True, eq=False, repr=False)
+class Alternative(Answer):
     """What a test says of one way in which the model may be wrong.
 
     Attributes
@@ -112,21 +107,9 @@ class Alternative:
     alike: tuple[str, ...]
     dof: int = 1
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the test as plain lists and numbers, fit for JSON."""
-        return {
-            "name": self.name,
-            "p_value": self.p_value,
-            "restored": plain(self.restored),
-            "size": plain(self.size),
-            "detectable": plain(self.detectable),
-            "effect": plain(self.effect),
-            "alike": list(self.alike),
-        }
 
-
-@dataclass(frozen=True, eq=False)
-class Fit:
+@dataclass(frozen=True, eq=False, repr=False)
+class Fit(Answer):
     """How well the model fits.
 
     Attributes
@@ -180,21 +163,15 @@ class Fit:
             return f"p = {self.p_value:.6g}: the residuals are too small; sigma or a unit is wrong"
         return ""
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the fit as plain lists and numbers, fit for JSON."""
-        return {
-            "chi2": self.chi2,
-            "dof": self.dof,
-            "p_value": plain(self.p_value),
-            "lag1": [plain(value) for value in self.lag1],
-            "residuals": plain(self.residuals),
-            "alternatives": [alternative.to_dict() for alternative in self.alternatives],
-            "faults": list(self.faults),
-        }
+    def _as_table(self) -> Columns:
+        values = {"residual": self.residuals}
+        if self.standardized.shape == self.residuals.shape:
+            values["standardized"] = self.standardized
+        return Columns("measurement", range(len(self.residuals)), values, {})
 
 
-@dataclass(frozen=True, eq=False)
-class Interval:
+@dataclass(frozen=True, eq=False, repr=False)
+class Interval(Answer):
     """The values of a state or function that the measurements allow.
 
     Attributes
@@ -252,20 +229,9 @@ class Interval:
                 words.append(f"{readable(low)} to {readable(high)}{unit}")
         return f"{self.name} {' or '.join(words)}"
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the interval as plain lists and numbers, fit for JSON."""
-        return {
-            "name": self.name,
-            "unit": self.unit,
-            "level": self.level,
-            "value": self.value,
-            "pieces": [list(piece) for piece in self.pieces],
-            "local": plain(self.local),
-        }
 
-
-@dataclass(frozen=True, eq=False)
-class Region:
+@dataclass(frozen=True, eq=False, repr=False)
+class Region(Answer):
     """The values of a pair of states or functions that the measurements allow.
 
     Attributes
@@ -282,6 +248,12 @@ class Region:
     level: float
     contours: tuple[Array, ...]
     closed: tuple[bool, ...]
+
+    def _as_table(self) -> Columns:
+        points = np.vstack([*self.contours, np.zeros((0, 2))])
+        pieces = np.repeat(np.arange(len(self.contours)), [len(c) for c in self.contours])
+        values = {self.names[0]: points[:, 0], self.names[1]: points[:, 1], "piece": pieces}
+        return Columns("point", range(len(points)), values, {})
 
 
 class _Distance:
@@ -316,8 +288,8 @@ class _Partly:
         return value, np.asarray(gradient)[self._free]
 
 
-@dataclass(frozen=True, eq=False)
-class Estimate:
+@dataclass(frozen=True, eq=False, repr=False)
+class Estimate(Answer):
     """The answer of `estimate`.
 
     Attributes
@@ -356,19 +328,12 @@ class Estimate:
     alpha: float
     chance: float
     weak_ratio: float
-    _loss: tuple[str, float] = field(default=("squares", 0.0), repr=False)
+    _loss: tuple[str, float] = ("squares", 0.0)
 
-    def __getstate__(self) -> dict[str, Any]:
-        # What was worked out is worked out again.
-        kept = set(self.__dataclass_fields__)
-        return {name: value for name, value in self.__dict__.items() if name in kept}
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Estimate):
-            return NotImplemented
-        return self.to_dict() == other.to_dict()
-
-    __hash__ = None  # type: ignore[assignment]
+    _more_in_dict: ClassVar[tuple[str, ...]] = ("status", "reason", "std", "covariance", "fit")
+    _not_in_dict = frozenset({"model"})
+    _not_compared = frozenset({"model"})
+    _saved_results = ("fit", "covariance", "std", "_verdict")
 
     @cached_property
     def _handle(self) -> _core.Model:
@@ -440,7 +405,7 @@ class Estimate:
         n = len(self.names)
         return np.full((n, n), np.inf) if found is None else found
 
-    @property
+    @cached_property
     def std(self) -> Array:
         """Standard deviations (n,) of the local Gaussian approximation."""
         std: Array = self._analysis.crlb_std()
@@ -624,7 +589,7 @@ class Estimate:
             direction[np.abs(direction) < 1e-9 * np.abs(direction).max()] = 0
             return (
                 "unobservable",
-                f"no measurement sees {describe_combination(direction, self.names)}",
+                f"no measurement sees {describe_direction(direction, self.names)}",
             )
         if misfit := self._misfit:
             return "misfit", misfit
@@ -635,7 +600,7 @@ class Estimate:
             place = ", ".join(f"{value:.6g}" for value in near[0].state)
             return "ambiguous", (
                 f"({place}) fits as well: noise prefers the wrong one in "
-                f"{100 * near[0].chance:.3g} % of trials"
+                f"{brief(100 * near[0].chance)} % of trials"
             )
         if self._weak:
             return "weak", self._weak
@@ -650,9 +615,6 @@ class Estimate:
     def reason(self) -> str:
         """What decided the status."""
         return self._verdict[1]
-
-    def __str__(self) -> str:
-        return f"{self.status}: {self.reason}"
 
     def summary(self, level: float = 0.95) -> str:
         """Return status, states with their intervals, fit and other solutions as text."""
@@ -673,15 +635,16 @@ class Estimate:
         for other in self.others:
             place = ", ".join(f"{value:.6g}" for value in other.state)
             lines.append(
-                f"  other solution ({place}): chi2 {other.chi2:.4g}, chance {other.chance:.2g}"
+                f"  other solution ({place}): chi2 {brief(other.chi2, 4)}, chance "
+                f"{brief(other.chance, 2)}"
             )
         return "\n".join(lines)
 
     def _fit_lines(self) -> list[str]:
         """Return what the residuals say, and what errors they would not show, as lines."""
         fit = self.fit
-        p = "" if np.isnan(fit.p_value) else f", p {fit.p_value:.3g}"
-        lines = [f"chi2 {fit.chi2:.4g} with {fit.dof} degrees of freedom{p}"]
+        p = "" if np.isnan(fit.p_value) else f", p {brief(fit.p_value)}"
+        lines = [f"chi2 {brief(fit.chi2, 4)} with {fit.dof} degrees of freedom{p}"]
         if fit.warning:
             lines.append(fit.warning)
         std = self.std
@@ -697,31 +660,32 @@ class Estimate:
         for size, alternative, name in hidden[:3]:
             lines.append(
                 f"{alternative.name} up to {readable(alternative.detectable, 3)} would go unseen "
-                f"and move {name} by {size:.3g} standard deviations"
+                f"and move {name} by {brief(size)} standard deviations"
             )
         return lines
 
-    def _repr_html_(self) -> str:
-        from html import escape
+    def plot(self) -> Figure:
+        """Draw the estimate of its first states, each and in pairs; needs matplotlib."""
+        return self.corner()
 
-        return f"<pre>{escape(self.summary())}</pre>"
+    def corner(self, names: Sequence[str] | None = None, level: float = 0.95) -> Figure:
+        """Draw the estimate of chosen states, each and in pairs; needs matplotlib.
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the answer as plain lists, numbers and strings, fit for JSON."""
-        return {
-            "status": self.status,
-            "reason": self.reason,
-            "names": list(self.names),
-            "units": list(self.units),
-            "state": plain(self.state),
-            "std": plain(self.std),
-            "covariance": plain(self.covariance),
-            "known": dict(self.known),
-            "fit": self.fit.to_dict(),
-            "others": [other.to_dict() for other in self.others],
-            "unseen": self.unseen,
-            "iterations": self.iterations,
-        }
+        By the local Gaussian approximation: `interval` and `region` have the likelihood's.
+
+        Parameters
+        ----------
+        names : sequence of str, optional
+            At most 8 states; by default the first ones.
+        level : float
+            The probability that the outer ellipses hold; the inner ones are of one
+            deviation.
+        """
+        return draw(self, "corner", names, level)
+
+    def _as_table(self) -> Columns:
+        values = {"value": self.state, "std": self.std}
+        return columns_of_states(self.names, self.units, values, covariance=self.covariance)
 
 
 def estimate(

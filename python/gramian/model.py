@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from gramian import _core
 from gramian._arrays import as_float_array, finite, number, whole
 from gramian._noise import Noise, as_noise
+from gramian._values import Value
 from gramian.exceptions import InputError
 from gramian.problem import Accuracy, Array, Problem, ProblemSource, checked_names
 
@@ -22,7 +23,7 @@ Method = Literal["central", "complex", "given", "jax", "torch", "casadi"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Model(ProblemSource):
+class Model(ProblemSource, Value):
     """A measurement function with the names, units and noise of what it relates.
 
     Made by `from_function`. Every function that takes a problem takes a model, at its `x`.
@@ -48,13 +49,15 @@ class Model(ProblemSource):
     _options: Mapping[str, Any] = field(repr=False)
     _kept: dict[Any, Any] = field(default_factory=dict, repr=False)
 
+    _not_stored = frozenset({"_kept"})
+
     def __repr__(self) -> str:
         at = "" if self.x is None else f" at x = {self.x}"
         return f"Model of the states {', '.join(self.names)}{at}"
 
-    def __getstate__(self) -> dict[str, Any]:
-        # What was worked out is worked out again.
-        return self.__dict__ | {"_kept": {}}
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        super().__setstate__(state)
+        self.__dict__["_kept"] = {}
 
     @property
     def n(self) -> int:

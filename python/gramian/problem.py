@@ -16,6 +16,8 @@ from gramian import _options as options
 from gramian._arrays import as_float_array, finite
 from gramian._noise import as_noise, prior_sigma
 from gramian._registry import load
+from gramian._text import brief
+from gramian._values import Value
 from gramian.exceptions import InputError
 
 __all__ = ["Accuracy", "Problem"]
@@ -24,7 +26,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Accuracy:
+class Accuracy(Value):
     """How accurate the derivatives of a model are, and how they were found.
 
     Attributes
@@ -62,14 +64,14 @@ class Accuracy:
         """Return it in a line."""
         if self.error is None:
             return f"rows by {self.method}, taken as exact"
-        text = f"rows by {self.method}, errors up to {self.error.max(initial=0.0):.2g}"
+        text = f"rows by {self.method}, errors up to {brief(self.error.max(initial=0.0), 2)}"
         if self.noise is not None:
-            text += f", noise of h up to {self.noise.max(initial=0.0):.2g}"
+            text += f", noise of h up to {brief(self.noise.max(initial=0.0), 2)}"
         return f"{text}, {self.evaluations} evaluations"
 
 
 @dataclass(frozen=True)
-class Doubt:
+class Doubt(Value):
     """What the errors of the rows leave open.
 
     Attributes
@@ -95,8 +97,8 @@ class ProblemSource(ABC):
         """Return the problem."""
 
 
-@dataclass(frozen=True, init=False, eq=False)
-class Problem:
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class Problem(Value):
     """Whitened Jacobian rows and what their columns mean.
 
     Parameters

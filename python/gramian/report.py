@@ -5,17 +5,23 @@ from __future__ import annotations
 import base64
 import io
 import json
+import os
 import re
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from gramian._files import write_whole
+from gramian._answers import Tone
+from gramian._core import __version__
+from gramian._files import digest, write_whole
 from gramian._text import number
-from gramian.exceptions import GramianError
+from gramian.exceptions import GramianError, InputError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,10 +29,7 @@ if TYPE_CHECKING:
 
     from gramian.analysis import Observability
 
-__all__ = ["Picture", "Report", "Table", "answer_pictures", "answer_tables", "tone_of"]
-
-#: How a verdict is coloured: it holds, it holds with a caution, it does not.
-Tone = Literal["good", "weak", "bad"]
+__all__ = ["Picture", "Report", "Table", "Tone", "answer_pictures", "answer_tables", "tone_of"]
 
 _STYLES = {"good": "bold green", "weak": "bold dark_orange3", "bad": "bold red"}
 
@@ -93,6 +96,8 @@ class Report:
     pictures : sequence of Picture
     data : mapping
         What result.json holds: plain lists, numbers and strings.
+    inputs : sequence of Path
+        The files it answers for; page and data carry their digests.
     """
 
     title: str
@@ -104,6 +109,7 @@ class Report:
     tables: Sequence[Table] = ()
     pictures: Sequence[Picture] = ()
     data: Mapping[str, Any] = field(default_factory=dict)
+    inputs: Sequence[Path] = ()
 
     def show(self, console: Console) -> None:
         """Print the report to a terminal, without its pictures."""
@@ -148,7 +154,28 @@ class Report:
             "verdict": self.verdict,
             "facts": dict(self.facts),
         }
-        return json.dumps(head | dict(self.data), indent=2, allow_nan=False) + "\n"
+        everything = head | dict(self.data) | {"origin": self._origin}
+        return json.dumps(everything, indent=2, allow_nan=False) + "\n"
+
+    @cached_property
+    def _origin(self) -> dict[str, Any]:
+        """The version that answered, when, and for which files.
+
+        The date is that of SOURCE_DATE_EPOCH where it is set, so that a page can be
+        made again to the byte.
+        """
+        given = os.environ.get("SOURCE_DATE_EPOCH", "")
+        try:
+            made = datetime.fromtimestamp(int(given) if given else time.time(), UTC)
+        except (ValueError, OverflowError, OSError) as error:
+            raise InputError(
+                f"SOURCE_DATE_EPOCH = {given!r}: must be seconds since 1970, a whole number"
+            ) from error
+        return {
+            "version": __version__,
+            "date": f"{made:%Y-%m-%d %H:%M:%S} UTC",
+            "inputs": [{"name": path.name, "sha256": digest(path)} for path in self.inputs],
+        }
 
     def write(self, out: Path) -> tuple[Path, Path]:
         """Write report.html and result.json into a folder, made if need be.
@@ -196,10 +223,11 @@ class Report:
             lstrip_blocks=True,
         )
         pictures = [
-            {"title": p.title, "caption": p.caption, "source": _embedded(p.draw())}
-            for p in self.pictures
+            {"title": p.title, "caption": p.caption} | _embedded(p.draw()) for p in self.pictures
         ]
-        return environment.get_template("report.html").render(report=self, pictures=pictures)
+        return environment.get_template("report.html").render(
+            report=self, pictures=pictures, origin=self._origin
+        )
 
 
 def answer_tables(answer: Observability, *, suggestions: int = 6) -> list[Table]:
@@ -260,17 +288,11 @@ def answer_pictures(answer: Observability) -> list[Picture]:
 
 def tone_of(answer: Observability) -> Tone:
     """Return the colour of an answer's status."""
-    tones: dict[str, Tone] = {
-        "observable": "good",
-        "weak": "weak",
-        "undecided": "weak",
-        "unobservable": "bad",
-    }
-    return tones[answer.status]
+    return answer.tone
 
 
-def _embedded(figure: Figure) -> str:
-    """Return a figure as a data URI."""
+def _embedded(figure: Figure) -> dict[str, Any]:
+    """Return a figure as a data URI, and whether it is legible on a small screen."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None})
     text = buffer.getvalue()
@@ -280,4 +302,5 @@ def _embedded(figure: Figure) -> str:
         buffer = io.BytesIO()
         figure.savefig(buffer, format="png", dpi=160)
         text, kind = buffer.getvalue(), "png"
-    return f"data:image/{kind};base64,{base64.b64encode(text).decode('ascii')}"
+    source = f"data:image/{kind};base64,{base64.b64encode(text).decode('ascii')}"
+    return {"source": source, "narrow": figure.get_figwidth() < 5}

@@ -84,7 +84,7 @@ def test_what_is_determined_beside_a_gauge():
     np.testing.assert_allclose(known.crlb_std, [1, 0, 1, 0.5])
     measured = answer.knowing({"a.h": 1.0, "b.h": 1.0}, sigma=2.0)
     assert measured.repairs
-    assert "a, b, c" in str(answer)
+    assert "a, b, c" in answer.summary()
     assert answer.to_dict()["nullity"] == 1
 
 

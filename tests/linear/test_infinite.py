@@ -61,7 +61,7 @@ def test_hankel_singular_values_of_moore():
     printed = [1.594e-2, 2.724e-3, 1.272e-4, 8.006e-6]
     assert np.abs(found.values / printed - 1).max() < 5e-4
     assert found.order(1e-3) == 2
-    assert "states: error below" in str(found)
+    assert "states: error below" in found.summary()
 
 
 def test_small_hankel_singular_values_keep_their_digits():

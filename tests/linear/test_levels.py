@@ -266,6 +266,6 @@ def test_bad_input_is_named(call, message):
 def test_outputs_that_see_nothing():
     found = gm.linear.levels(np.eye(3), np.zeros((2, 3)), ["a", "b", "c"])
     assert found.rank == 0
-    assert found.null_combinations == ("1 a", "1 b", "1 c")
+    assert found.null_combinations == ("a +1", "b +1", "c +1")
     assert gm.linear.levels(np.zeros((1, 1)), [[2.0]]).rank == 1
     assert _core.linear_levels(np.zeros((3, 3)), np.zeros((1, 3)), None)[1].tolist() == [np.inf] * 3

@@ -41,11 +41,11 @@ def test_a_singular_example_is_refused_by_name():
     scenario = load(EXAMPLES / "baseline_only.toml")
     report = scenario.analyze()
     assert report.headline == "UNOBSERVABLE"
-    assert "1 A.range - 1 B.range" in report.verdict
+    assert "A.range +1, B.range -1" in report.verdict
     found = scenario.localize()
     assert found.headline == "UNOBSERVABLE"
     assert found.tone == "bad"
-    assert "1 A.range - 1 B.range" in found.verdict
+    assert "A.range +1, B.range -1" in found.verdict
 
 
 def scenario_file(folder, text):

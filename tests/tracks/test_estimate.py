@@ -62,7 +62,7 @@ def test_legs_of_one_track_are_told():
     scene = bearing_scene(Motion.legs(count=2))
     found = estimate(scene, [simulate(scene, two_legs(), seed=4)], legs="auto")
     assert found.scene.motion.count == 2
-    assert "turns" in str(found)
+    assert "turns" in found.summary()
     assert found.legs.gain[0] > 50
     # With one leg the misfit is said.
     assert estimate(scene.with_motion(CV), [found.measurements]).status == "misfit"

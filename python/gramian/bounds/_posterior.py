@@ -14,7 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian import _options as options
+from gramian._answers import Answer, Columns
 from gramian._arrays import as_float_array, finite
+from gramian._values import Value
 from gramian.exceptions import InputError, UnobservableError
 
 __all__ = [
@@ -31,8 +33,8 @@ Array = NDArray[np.float64]
 Form = Literal["covariance", "information"]
 
 
-@dataclass(frozen=True)
-class Posterior:
+@dataclass(frozen=True, eq=False)
+class Posterior(Value):
     """What is known of a state at one instant; `predict` and `update` give the next.
 
     Attributes
@@ -191,8 +193,8 @@ class Posterior:
         return replace(self, root=found["roots"][..., 0, :, :])
 
 
-@dataclass(frozen=True)
-class PosteriorBound:
+@dataclass(frozen=True, eq=False, repr=False)
+class PosteriorBound(Answer):
     """The posterior bound over time.
 
     Attributes
@@ -209,6 +211,14 @@ class PosteriorBound:
     std: Array
     last: Posterior
     roots: Array | None = None
+
+    _more_in_dict = ("form",)
+    _not_in_dict = frozenset({"last", "roots"})
+
+    @property
+    def form(self) -> Form:
+        """What is kept: "covariance" or "information"."""
+        return self.last.form
 
     def rmse(self, states: Sequence[int]) -> Array:
         """Bound (..., steps) on the root mean square error of several states together.
@@ -238,12 +248,6 @@ class PosteriorBound:
             raise InputError('the factors were not kept: call posterior with keep="all"')
         return _covariance(self.roots, self.last.form, self.std)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the bound as lists, `inf` as None, for JSON."""
-        std = self.std.astype(object)
-        std[~np.isfinite(self.std)] = None
-        return {"form": self.last.form, "std": std.tolist()}
-
     def summary(self) -> str:
         """Return the first and last bound in words."""
         first, last = self.std[..., 0, :], self.std[..., -1, :]
@@ -253,6 +257,12 @@ class PosteriorBound:
             f"x{i}: {a:.6g} to {b:.6g}" for i, (a, b) in enumerate(zip(first, last, strict=True))
         ]
         return f"posterior bound over {self.std.shape[-2]} steps: " + ", ".join(text)
+
+    def _as_table(self) -> Columns:
+        if self.std.ndim > 2:
+            raise InputError("a table is of one run: this is a batch")
+        values = {f"x{i}": column for i, column in enumerate(self.std.T)}
+        return Columns("step", range(len(self.std)), values, {})
 
 
 def posterior(

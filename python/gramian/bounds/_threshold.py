@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._answers import Answer, Columns
 from gramian._arrays import finite, whole
 from gramian._handle import EstimationModel, handle_of
 from gramian.exceptions import InputError, UnobservableError
@@ -18,8 +19,8 @@ __all__ = ["Threshold", "WeissWeinstein", "barankin", "threshold", "weiss_weinst
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class WeissWeinstein:
+@dataclass(frozen=True, eq=False, repr=False)
+class WeissWeinstein(Answer):
     """The answer of `weiss_weinstein`.
 
     Attributes
@@ -42,9 +43,14 @@ class WeissWeinstein:
         std: Array = np.sqrt(np.diagonal(self.bound))
         return std
 
+    def _as_table(self) -> Columns:
+        values = {"std": self.std, "standard_error": self.standard_error}
+        names = [f"x{i}" for i in range(len(self.bound))]
+        return Columns("state", names, values, {}, None, {"bound": self.bound})
 
-@dataclass(frozen=True, eq=False)
-class Threshold:
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Threshold(Answer):
     """The answer of `threshold`.
 
     Attributes
@@ -62,6 +68,12 @@ class Threshold:
     local: Array
     bound: Array
     factor: Array
+
+    def _as_table(self) -> Columns:
+        values: dict[str, Array] = {}
+        for i in range(self.local.shape[1]):
+            values |= {f"local_x{i}": self.local[:, i], f"bound_x{i}": self.bound[:, i]}
+        return Columns("noise", self.noise, values, {})
 
 
 def barankin(model: EstimationModel, x: ArrayLike, points: ArrayLike) -> Array:

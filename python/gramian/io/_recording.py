@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from gramian._answers import Answer, Columns
 from gramian.exceptions import InputError
 from gramian.io._plane import centre, to_plane
 from gramian.io._times import utc
@@ -17,9 +18,32 @@ __all__ = ["Detections", "Recording", "Track", "merged"]
 
 Array = NDArray[np.float64]
 
+_MOTION = ("speed", "course")
+_UNITS = {
+    "east": "m",
+    "north": "m",
+    "latitude": "deg",
+    "longitude": "deg",
+    "height": "m",
+    "speed": "m/s",
+    "course": "rad",
+    "bearing": "rad",
+    "ambiguous_bearing": "rad",
+    "range": "m",
+    "frequency": "Hz",
+}
 
-@dataclass(frozen=True, eq=False)
-class Track:
+
+def _series(of: Track | Detections, names: Sequence[str]) -> Columns:
+    """Return what is there of some quantities over time as a table."""
+    values = {name: getattr(of, name) for name in names if getattr(of, name) is not None}
+    return Columns(
+        "time", of.times, values, {"time": "s"} | {name: _UNITS[name] for name in values}
+    )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Track(Answer):
     """Positions of one carrier or target.
 
     Attributes
@@ -48,6 +72,9 @@ class Track:
     height: Array | None = None
     speed: Array | None = None
     course: Array | None = None
+
+    def _as_table(self) -> Columns:
+        return _series(self, ("east", "north", "latitude", "longitude", "height", *_MOTION))
 
     @property
     def path(self) -> Array:
@@ -91,8 +118,8 @@ class Track:
         return np.stack([np.interp(times, t, self.east), np.interp(times, t, self.north)], axis=1)
 
 
-@dataclass(frozen=True, eq=False)
-class Detections:
+@dataclass(frozen=True, eq=False, repr=False)
+class Detections(Answer):
     """What one sensor saw.
 
     Attributes
@@ -118,6 +145,9 @@ class Detections:
     range: Array | None = None
     frequency: Array | None = None
 
+    def _as_table(self) -> Columns:
+        return _series(self, ("bearing", "ambiguous_bearing", "range", "frequency"))
+
     @property
     def kinds(self) -> tuple[str, ...]:
         """Which quantities it has: "bearing", "ambiguous_bearing", "range", "frequency"."""
@@ -125,8 +155,8 @@ class Detections:
         return tuple(name for name in names if getattr(self, name) is not None)
 
 
-@dataclass(frozen=True, eq=False)
-class Recording:
+@dataclass(frozen=True, eq=False, repr=False)
+class Recording(Answer):
     """Tracks and detections of one or more files.
 
     Attributes
@@ -227,9 +257,6 @@ class Recording:
                 f"({', '.join(d.kinds)}), {d.times[0]:g} s to {d.times[-1]:g} s"
             )
         return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
-
-    def __str__(self) -> str:
-        return self.summary()
 
 
 def merged(recordings: Sequence[Recording]) -> Recording:

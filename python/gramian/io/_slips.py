@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gramian._arrays import wrap_angles
+from gramian._text import brief
 from gramian.exceptions import InputError
 from gramian.io._recording import Detections, Recording, Track
 
@@ -108,7 +109,7 @@ def _degrees_for_metres(track: Track, where: str) -> None:
     if inside and 0 < slow < 0.05 and fast * 111e3 > 0.2:
         raise _ask(
             where,
-            f"{track.name} moves at {slow:.2g} m/s within +-180 m east and +-90 m north: are "
+            f"{track.name} moves at {brief(slow, 2)} m/s within +-180 m east and +-90 m north: are "
             "these longitudes and latitudes in degrees (name the columns longitude and latitude), "
             "or kilometres (name them east_km and north_km)?",
             "units",
@@ -123,7 +124,8 @@ def _speed(track: Track, where: str) -> None:
     if middle > _FASTEST:
         raise _ask(
             where,
-            f"{track.name} moves at {middle:.3g} m/s: are its times in milliseconds or minutes, or "
+            f"{track.name} moves at {brief(middle)} m/s: are its times in milliseconds or "
+            "minutes, or "
             "its positions in feet? Give the unit in the heading (time_ms, east_ft)",
             "speed",
         )
@@ -132,7 +134,8 @@ def _speed(track: Track, where: str) -> None:
         if said > 1 and middle > 0 and not 0.33 < middle / said < 3:
             raise _ask(
                 where,
-                f"{track.name} moves at {middle:.3g} m/s by its positions and at {said:.3g} m/s by "
+                f"{track.name} moves at {brief(middle)} m/s by its positions and at "
+                f"{brief(said)} m/s by "
                 "its column of speed: is a unit wrong?",
                 "speed",
             )
@@ -173,8 +176,8 @@ def _radians_for_degrees(seen: Detections, where: str) -> None:
     if np.any(bearings % 1) and np.ptp(bearings) > 0:
         raise _ask(
             where,
-            f"bearings of {seen.sensor} are all within {bearings.min():.3g} and "
-            f"{bearings.max():.3g} deg: are they radians? Name the column bearing_rad",
+            f"bearings of {seen.sensor} are all within {brief(bearings.min())} and "
+            f"{brief(bearings.max())} deg: are they radians? Name the column bearing_rad",
             "bearings",
         )
 

@@ -17,7 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gramian import _core
+from gramian._answers import Answer
 from gramian._files import read_text
+from gramian._values import Value
 from gramian.exceptions import InputError
 from gramian.large import SparseProblem
 
@@ -47,8 +49,8 @@ _GAUGES = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class WeakPlaces:
+@dataclass(frozen=True, eq=False, repr=False)
+class WeakPlaces(Answer):
     """Where a graph hangs together at one place only.
 
     Attributes
@@ -65,7 +67,7 @@ class WeakPlaces:
 
 
 @dataclass(frozen=True, eq=False)
-class PoseGraph:
+class PoseGraph(Value):
     """Poses and the measured moves between them.
 
     Attributes

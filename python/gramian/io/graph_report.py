@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from gramian._text import number
+from gramian._text import brief, number
 from gramian.analysis import analyze
 from gramian.io.g2o import PoseGraph, read_graph
 from gramian.report import Picture, Report, Table
@@ -116,7 +116,7 @@ def report(path: str | os.PathLike[str]) -> Report:
     tables = []
     facts = [
         ("graph", f"{len(graph.names)} poses, {len(graph.edges)} edges, {free.components} parts"),
-        ("gap", f"{free.gap:.2g}: how clear the rank is"),
+        ("gap", f"{brief(free.gap, 2)}: how clear the rank is"),
     ]
     facts += [("not observable", text) for text in free.grouped()]
     if free.suggestions:
@@ -129,7 +129,7 @@ def report(path: str | os.PathLike[str]) -> Report:
     facts.append(("cut poses", f"{len(weak.cut_poses)}"))
     if bounded:
         values, _ = fixed.weakest(1)
-        facts.append(("weakest direction", f"singular value {values[0]:.3g} on unit columns"))
+        facts.append(("weakest direction", f"singular value {brief(values[0])} on unit columns"))
         order = np.argsort(-std, kind="stable")[:_SHOWN]
         known = f"with {first} fixed" if fixed is not free else "as the file fixes it"
         tables.append(
@@ -154,7 +154,12 @@ def report(path: str | os.PathLike[str]) -> Report:
                 "One more loop closure",
                 ("from", "to", "gain (nats)", "relative position now (m)"),
                 [
-                    (a, b, "joins two parts" if np.isinf(gain) else f"{gain:.3g}", number(spread))
+                    (
+                        a,
+                        b,
+                        "joins two parts" if np.isinf(gain) else f"{brief(gain)}",
+                        number(spread),
+                    )
                     for a, b, gain, spread in more[:_SHOWN]
                 ],
                 note="Between near poses without an edge, as accurate as the median edge.",

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._answers import Columns
 from gramian._arrays import as_float_array, representable
 from gramian._registry import draw
-from gramian._text import plain
+from gramian._text import brief, plain
 from gramian.analysis import Observability, Suggestion
 from gramian.exceptions import InputError
 from gramian.large._problem import SparseProblem, available_bytes
@@ -48,8 +49,8 @@ class SparseSuggestion(Suggestion):
             name=name, rank=rank, nullity=nullity, repairs=nullity == 0, _of=(problem, rows)
         )
 
-    def __repr__(self) -> str:
-        return f"SparseSuggestion({self.name!r}, rank={self.rank}, nullity={self.nullity})"
+    _more_fields = ("_of",)
+    _not_stored = frozenset({"crlb_std"})
 
     @cached_property
     def crlb_std(self) -> Array:
@@ -114,11 +115,17 @@ class SparseObservability(Observability):
 
     missing: tuple[NullCombination, ...]
 
-    def __init__(self, problem: SparseProblem, analysis: _core.SparseAnalysis) -> None:
+    _more_fields = ("component", "components", "untouched", "converged", "_vectors", "missing")
+    _not_stored = frozenset({"singular_values", "crlb_std", "data_std", "weakest_direction"})
+
+    def __init__(
+        self, problem: SparseProblem, analysis: _core.SparseAnalysis, rtol: float | None
+    ) -> None:
         put = self.__dict__.__setitem__
         n, nullity = problem.n, analysis.nullity
         put("problem", problem)
         put("_sparse", analysis)
+        put("_rtol", rtol)
         put("names", problem.names)
         put("units", problem.units)
         put("nullity", nullity)
@@ -151,14 +158,11 @@ class SparseObservability(Observability):
     untouched: tuple[str, ...]
     converged: bool
     problem: SparseProblem
-    _sparse: _core.SparseAnalysis
     _vectors: Any
 
-    def __repr__(self) -> str:
-        return (
-            f"SparseObservability(status={self.status!r}, rank={self.rank}, "
-            f"nullity={self.nullity}, gap={self.gap:.3g})"
-        )
+    @cached_property
+    def _sparse(self) -> _core.SparseAnalysis:
+        return _reduced(self.problem.all_rows, self._rtol)
 
     @cached_property
     def shortages(self) -> tuple[tuple[tuple[str, ...], NDArray[np.int64]], ...]:
@@ -239,20 +243,22 @@ class SparseObservability(Observability):
         """
         return self.std_of_all([{a: 1.0, b: -1.0} for a, b in pairs])
 
-    def covariance(self, names: Sequence[str]) -> Array:
+    def covariance(self, names: Sequence[str] | None = None) -> Array:
         """Return the covariance at the bound of some states or blocks.
 
         Parameters
         ----------
-        names : sequence of str
-            States, or blocks for all of theirs.
+        names : sequence of str, optional
+            States, or blocks for all of theirs; all states by default.
 
         Returns
         -------
         ndarray, shape (m, m)
             `inf` on the diagonal and NaN beside it for states that are not observable.
         """
-        states = [self.names[j] for name in names for j in self.problem.columns_of(name)]
+        states = [
+            self.names[j] for name in names or self.names for j in self.problem.columns_of(name)
+        ]
         start, column, value = self._lines(states)
         return self._sparse.covariance(start, column, value)
 
@@ -398,12 +404,10 @@ class SparseObservability(Observability):
         for states, rows in self.shortages[:5]:
             lines.append(f"  {len(rows)} rows alone touch {some_blocks(states)}")
         if self.status == "unobservable":
-            lines.append(f"  gap {self.gap:.2g}: how clear the rank is")
+            lines.append(f"  gap {brief(self.gap, 2)}: how clear the rank is")
         if self.suggestions:
             lines.append(f"  what would help most: {self.describe(self.suggestions[0])}")
         return "\n".join(lines)
-
-    __str__ = summary
 
     def grouped(self) -> list[str]:
         """Return the null combinations in words, those of the same blocks in one line."""
@@ -431,6 +435,13 @@ class SparseObservability(Observability):
             left = f"{suggestion.nullity} combination{'s' if suggestion.nullity > 1 else ''}"
             return f"knowing {suggestion.name} leaves {left} unobservable"
         return f"knowing {suggestion.name} determines everything"
+
+    def _as_table(self) -> Columns:
+        return Columns("state", self.names, {"crlb_std": self.crlb_std}, {}, self.units)
+
+    def _html_table(self) -> str:
+        # Bounds of very many states take their time; nobody reads them in a notebook.
+        return super()._html_table() if len(self.names) <= 2000 else ""
 
     def plot(self) -> Figure:
         """Draw the smallest singular values and the null combinations; needs matplotlib."""
@@ -470,11 +481,11 @@ def analyze_sparse(
     >>> import gramian as gm
     >>> answer = gm.analyze(gm.Problem(([1.0, -1.0], ([0, 0], [0, 1])), ["a", "b"]))
     >>> answer.rank, answer.null_combinations
-    (1, ('1 a + 1 b',))
+    (1, ('a +1, b +1',))
     """
     tolerance = problem.rtol if rtol is None else rtol
     analysis = _reduced(problem.all_rows, tolerance)
-    answer = SparseObservability(problem, analysis)
+    answer = SparseObservability(problem, analysis, tolerance)
     status, reason, decided_by = _status(problem, answer, weak_ratio, weak_condition)
     answer.__dict__.update(status=status, reason=reason, decided_by=decided_by)
     return answer
@@ -513,13 +524,14 @@ def _status(
             source = "from the measurements alone " if kind[j] == "prior" else ""
             unit = f" {problem.units[j]}" if problem.units[j] else ""
             reason = (
-                f"the bound of {problem.names[j]} {source}is {answer.data_std[j]:.4g}{unit}, "
-                f"its {kind[j]} {limits[j]:.4g}{unit}"
+                f"the bound of {problem.names[j]} {source}is {brief(answer.data_std[j], 4)}{unit}, "
+                f"its {kind[j]} {brief(limits[j], 4)}{unit}"
             )
             return "weak", reason, tuple(problem.names[j] for j in order)
     elif answer.condition > weak_condition:
         reason = (
-            f"condition number {answer.condition:.3g} on unit columns, above {weak_condition:.3g}"
+            f"condition number {brief(answer.condition)} on unit columns, above "
+            f"{brief(weak_condition)}"
         )
         direction = np.abs(answer.weakest_direction) / answer._sparse.scale()
         return "weak", reason, (problem.names[int(np.argmax(direction))],)

@@ -79,6 +79,8 @@ class SparseProblem(Problem):
     block_of: NDArray[np.int64]
     gauges: Mapping[str, Array]
 
+    _more_fields = ("blocks", "block_of", "gauges")
+
     def __init__(
         self,
         rows: Any,

@@ -9,7 +9,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gramian._text import describe_combination
+from gramian._text import describe_direction
+from gramian._values import Value
 from gramian.large._problem import SparseProblem
 
 __all__ = ["NullCombination", "null_combinations", "some_blocks"]
@@ -23,7 +24,7 @@ _LISTED = 10
 
 
 @dataclass(frozen=True, eq=False)
-class NullCombination:
+class NullCombination(Value):
     """One combination of states that no measurement sees.
 
     Attributes
@@ -246,10 +247,10 @@ class _Component:
                     return self._made(kind, self._moved(name, kind, moved), name, vector)
         if len(where) <= _LISTED:
             values = vector[where]
-            text = describe_combination(values, [self.problem.names[j] for j in states])
+            text = describe_direction(values, [self.problem.names[j] for j in states])
         else:
             order = np.argsort(-scaled[where], kind="stable")[:_LISTED]
-            text = describe_combination(
+            text = describe_direction(
                 vector[where][order], [self.problem.names[j] for j in states[order]]
             )
             text += f" and {len(where) - _LISTED} more states"

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gramian.plot import COLORS, figure
+from gramian.plot import COLORS, corner, figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from gramian.large._analysis import SparseObservability
 
-__all__ = ["sparse_observability"]
+__all__ = ["corner", "sparse_observability"]
 
 
 def sparse_observability(answer: SparseObservability) -> Figure:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gramian._answers import Answer
 from gramian.exceptions import InputError
 from gramian.monte_carlo.experiment import Estimates, Experiment, squared_over
 from gramian.monte_carlo.statistics import LEAF, Moments, moments
@@ -43,8 +44,8 @@ ERROR = "error_"
 BINS = 48
 
 
-@dataclass(frozen=True)
-class Failure:
+@dataclass(frozen=True, repr=False)
+class Failure(Answer):
     """Trials that gave no number, of one kind.
 
     Attributes

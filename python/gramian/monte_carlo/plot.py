@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gramian._text import number
+from gramian._text import brief, number
 from gramian.plot import COLORS, figure
 
 if TYPE_CHECKING:
@@ -160,16 +160,16 @@ def nees_histogram(result: MonteCarloResult, axes: Axes) -> None:
     x = np.linspace(nees.edges[0], nees.edges[-1], 300)[1:]
     axes.plot(x, chi2.pdf(x, nees.dof), color=COLORS["target"], label=f"chi-square, {nees.dof}")
     inside = nees.mean <= nees.edges[-1]
-    label = f"mean {nees.mean:.3g}" + ("" if inside else ", beyond the axis")
+    label = f"mean {brief(nees.mean)}" + ("" if inside else ", beyond the axis")
     axes.axvline(min(nees.mean, nees.edges[-1]), color="black", linewidth=1.5, label=label)
     axes.set_xlim(0, 1.02 * nees.edges[-1])
     axes.axvspan(*nees.band, color=COLORS["good"], alpha=0.4, label="95 % band of the mean")
     top = max(density.max(), 0.2 / nees.dof**0.5)
     axes.set_ylim(0, 1.25 * top)
     over = nees.histogram[-1] / nees.count
-    axes.set_xlabel(f"NEES   ({100 * over:.2g} % beyond the axis, 0.1 % expected)")
+    axes.set_xlabel(f"NEES   ({brief(100 * over, 2)} % beyond the axis, 0.1 % expected)")
     axes.set_ylabel("density")
-    axes.set_title(f"{100 * nees.inside:.3g} % within the 95 % ellipsoid", fontsize="medium")
+    axes.set_title(f"{brief(100 * nees.inside)} % within the 95 % ellipsoid", fontsize="medium")
     axes.legend(fontsize="small")
 
 
@@ -258,7 +258,7 @@ def _map(result: SweepResult, shown: str, state: str | None, axes: Axes, what: s
         np.arange(len(x) + 1) - 0.5, np.arange(len(y) + 1) - 0.5, values, norm=norm, cmap="viridis"
     )
     for j, i in np.ndindex(values.shape):
-        text = f"{values[j, i]:.3g}" if np.isfinite(values[j, i]) else "not\nobservable"
+        text = f"{brief(values[j, i])}" if np.isfinite(values[j, i]) else "not\nobservable"
         axes.text(
             i,
             j,
@@ -268,8 +268,8 @@ def _map(result: SweepResult, shown: str, state: str | None, axes: Axes, what: s
             fontsize="x-small",
             bbox={"facecolor": "white", "alpha": 0.6, "linewidth": 0, "pad": 1},
         )
-    axes.set_xticks(range(len(x)), [f"{value:.4g}" for value in x])
-    axes.set_yticks(range(len(y)), [f"{value:.4g}" for value in y])
+    axes.set_xticks(range(len(x)), [f"{brief(value, 4)}" for value in x])
+    axes.set_yticks(range(len(y)), [f"{brief(value, 4)}" for value in y])
     axes.set_xlabel(first)
     axes.set_ylabel(second)
     axes.set_title(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gramian._text import number
+from gramian._text import brief, number
 from gramian.monte_carlo.experiment import Experiment
 from gramian.monte_carlo.result import MonteCarloResult, wider_for_all
 from gramian.monte_carlo.run import run
@@ -73,8 +73,9 @@ def _facts(result: MonteCarloResult) -> list[tuple[str, str]]:
         facts.append(
             (
                 "is its covariance consistent?",
-                f"{answer}: NEES {result.nees.mean:.4g}, expected {low:.4g} to {high:.4g}; "
-                f"{100 * result.nees.inside:.3g} % of the errors within the 95 % ellipsoid",
+                f"{answer}: NEES {brief(result.nees.mean, 4)}, expected {brief(low, 4)} to "
+                f"{brief(high, 4)}; "
+                f"{brief(100 * result.nees.inside)} % of the errors within the 95 % ellipsoid",
             )
         )
     wider = wider_for_all(len(result.names))

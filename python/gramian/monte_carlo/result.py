@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from gramian._answers import Answer, Columns, Tone
 from gramian._registry import draw
-from gramian._text import plain
+from gramian._text import brief, plain
 from gramian.exceptions import GramianError, InputError
 from gramian.monte_carlo.chunks import Estimator, Failure, Statistics
 from gramian.monte_carlo.experiment import Experiment
@@ -46,8 +47,8 @@ _ARRAYS = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Nees:
+@dataclass(frozen=True, eq=False, repr=False)
+class Nees(Answer):
     """Normalised estimation error squared: whether errors fit the covariance claimed.
 
     Attributes
@@ -77,8 +78,8 @@ class Nees:
     histogram: NDArray[np.int64] = field(repr=False)
 
 
-@dataclass(frozen=True, eq=False)
-class Quantity:
+@dataclass(frozen=True, eq=False, repr=False)
+class Quantity(Answer):
     """A number computed in every trial.
 
     Attributes
@@ -100,8 +101,8 @@ class Quantity:
     high: float
 
 
-@dataclass(frozen=True, eq=False)
-class MonteCarloResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class MonteCarloResult(Answer):
     """An estimator's errors over many trials, beside the bound.
 
     All intervals are of 95 % confidence. Without an estimator the arrays of the
@@ -171,6 +172,8 @@ class MonteCarloResult:
     table: Table | None = field(repr=False)
     seconds: float
     simulated: int
+
+    _not_compared = frozenset({"seconds", "simulated"})
 
     @classmethod
     def of(
@@ -271,8 +274,8 @@ class MonteCarloResult:
             )
         if limit(worst, 1) > TOO_WIDE:
             return (
-                f"TOO FEW TRIALS: {ratio}, give or take: {limit(worst, 0):.2g} to "
-                f"{limit(worst, 1):.2g} (95 %)"
+                f"TOO FEW TRIALS: {ratio}, give or take: {brief(limit(worst, 0), 2)} to "
+                f"{brief(limit(worst, 1), 2)} (95 %)"
             )
         return f"REACHES THE BOUND: the largest {ratio.replace(' is', ',')}"
 
@@ -288,14 +291,15 @@ class MonteCarloResult:
             low, high = self.nees.band
             word = "consistent" if self.nees.consistent else "NOT CONSISTENT"
             lines.append(
-                f"  NEES {self.nees.mean:.4g}, {word}: expected {low:.4g} to {high:.4g} (95 %); "
-                f"{100 * self.nees.inside:.3g} % within the 95 % ellipsoid"
+                f"  NEES {brief(self.nees.mean, 4)}, {word}: expected {brief(low, 4)} to "
+                f"{brief(high, 4)} (95 %); "
+                f"{brief(100 * self.nees.inside)} % within the 95 % ellipsoid"
             )
         for name, quantity in self.quantities.items():
             low, high = quantity.mean_interval
             lines.append(
                 f"  {name}: mean {quantity.mean:.6g} ({low:.6g} to {high:.6g}), "
-                f"std {quantity.std:.4g}, from {quantity.low:.6g} to {quantity.high:.6g}"
+                f"std {brief(quantity.std, 4)}, from {quantity.low:.6g} to {quantity.high:.6g}"
             )
         lines += [
             f"  {failure.count} of {self.trials}: {failure.kind}, first in trial "
@@ -310,15 +314,15 @@ class MonteCarloResult:
             bound = ratio = "-"
             if self.bound is not None and self.efficiency is not None:
                 finite = bool(np.isfinite(self.bound[i]))
-                bound = f"{self.bound[i]:.4g}" if finite else "not observable"
+                bound = f"{brief(self.bound[i], 4)}" if finite else "not observable"
                 ratio = f"{self.efficiency[i]:.3f}" if finite else "-"
             rows.append(
                 [
                     name,
                     self.units[i],
-                    f"{self.bias[i]:.3g}",
+                    f"{brief(self.bias[i])}",
                     "{:.3g} .. {:.3g}".format(*self.bias_interval[i]),
-                    f"{self.rmse[i]:.4g}",
+                    f"{brief(self.rmse[i], 4)}",
                     "{:.4g} .. {:.4g}".format(*self.rmse_interval[i]),
                     bound,
                     ratio,
@@ -407,6 +411,22 @@ class MonteCarloResult:
             table = self._trials()
             return pd.DataFrame({name: table[name] for name in table.dtype.names or ()})
         return pd.DataFrame(self._state_columns()).set_index("state")
+
+    def _as_table(self) -> Columns:
+        columns = self._state_columns()
+        names, units = columns.pop("state"), columns.pop("unit")
+        return Columns("state", names, columns, {}, units, {"covariance": self.covariance})
+
+    def _verdict_line(self) -> str:
+        return self.verdict
+
+    @property
+    def tone(self) -> Tone:
+        """The colour of the verdict."""
+        head = self.verdict.partition(":")[0]
+        if head in {"REACHES THE BOUND", "SIMULATED", "ESTIMATED"}:
+            return "good"
+        return "bad" if head in {"NO ESTIMATE", "NOT OBSERVABLE", "BELOW THE BOUND"} else "weak"
 
     def to_parquet(
         self, path: str | os.PathLike[str], what: Literal["trials", "states"] = "trials"

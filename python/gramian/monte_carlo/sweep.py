@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _options as options
+from gramian._answers import Answer, Columns
 from gramian._registry import draw
-from gramian._text import plain
+from gramian._text import brief, plain
 from gramian.exceptions import InputError, UnobservableError
 from gramian.monte_carlo.chunks import Estimator
 from gramian.monte_carlo.experiment import Experiment
@@ -37,8 +38,8 @@ OF_STATES = ("rmse", "bias", "std", "bound", "efficiency", "truth")
 OF_RUNS = ("nees", "inside", "used", "failed")
 
 
-@dataclass(frozen=True, eq=False)
-class SweepResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class SweepResult(Answer):
     """The runs of a sweep, on a grid of one or two parameters.
 
     Attributes
@@ -104,11 +105,13 @@ class SweepResult:
             columns[name] = self.values(name).ravel().tolist()
         return columns
 
-    def to_pandas(self) -> Any:
-        """Return a pandas DataFrame with a row for every point."""
-        import pandas as pd
+    def _as_table(self) -> Columns:
+        columns = self._columns()
+        return Columns("run", range(len(self.results)), columns, {})
 
-        return pd.DataFrame(self._columns())
+    def _verdict_line(self) -> str:
+        over = " x ".join(f"{len(v)} of {name}" for name, v in self.parameters.items())
+        return f"{len(self.results)} runs of {self.results[0].trials} trials: {over}"
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as plain values, fit for JSON."""
@@ -122,7 +125,8 @@ class SweepResult:
         columns = self._columns()
         # No number where there is no estimate.
         texts = [
-            ["-" if np.isnan(v) else f"{v:.4g}" for v in values] for values in columns.values()
+            ["-" if np.isnan(v) else f"{brief(v, 4)}" for v in values]
+            for values in columns.values()
         ]
         rows = [list(columns), *map(list, zip(*texts, strict=True))]
         widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]

@@ -3,17 +3,22 @@
 Every function returns a `matplotlib.figure.Figure` of its own, never touches
 pyplot's state, and so works in a notebook, a script and a server alike.
 
+- `corner`: the bound, or an estimate, of chosen states in pairs.
 - `observability`, `singular_values`, `null_space`: the result of `gramian.analyze`.
-- `figure`, `ellipse`, `COLORS`: what the pictures of the models are drawn with.
+- `figure`, `ellipse`, `ellipsoid`, `COLORS`: what the pictures of the models are drawn with.
 """
 
+from gramian.plot._corner import corner
 from gramian.plot._observability import null_space, observability, singular_values
-from gramian.plot._style import COLORS, Figure, ellipse, figure
+from gramian.plot._style import COLORS, Figure, ellipse, ellipsoid, equal_space, figure
 
 __all__ = [
     "COLORS",
     "Figure",
+    "corner",
     "ellipse",
+    "ellipsoid",
+    "equal_space",
     "figure",
     "null_space",
     "observability",

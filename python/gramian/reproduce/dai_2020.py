@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gramian._text import number, plain
+from gramian._text import brief, number, plain
 from gramian.analysis import analyze
 from gramian.models import dipole
 from gramian.report import Picture, Report, Table, answer_pictures, answer_tables
@@ -97,7 +97,7 @@ def run(*, generations: int = 400) -> Report:
                 [
                     [
                         f"{item['printed']:g}",
-                        *(f"{item[key]:.3g}" for key in ("from_r", "from_v", "from_m")),
+                        *(f"{brief(item[key])}" for key in ("from_r", "from_v", "from_m")),
                         f"{100 * item['off']:.1f} %",
                         f"{100 * item['missed']:.1f} %",
                     ]
@@ -116,7 +116,7 @@ def run(*, generations: int = 400) -> Report:
                         *(number(state[i]) for i in FREE),
                         f"{_error(state):.1e}",
                         f"{_cost(state, exact):.1e}",
-                        "" if took is None else f"{took:.2g}",
+                        "" if took is None else f"{brief(took, 2)}",
                     ]
                     for name, state, took in methods
                 ],

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from gramian._text import plain
+from gramian._text import brief, plain
 from gramian.models import bearings
 from gramian.report import Picture, Report, Table
 
@@ -217,7 +217,8 @@ def _theorem() -> list[Check]:
         rank = analyze(bearings.problem(t, observer, STATE, 1.0)).rank
         verdict = bearings.observable(t, _bearings(t, observer))
         what = (
-            f"turn of {turn:g} deg: largest |D| {abs(verdict.value):.3g}; so the rank, and the rank"
+            f"turn of {turn:g} deg: largest |D| {brief(abs(verdict.value))}; so the rank, and "
+            "the rank"
         )
         found.append(_check("Th. 1", what, 4.0 if verdict.observable else 3.0, float(rank)))
     return found

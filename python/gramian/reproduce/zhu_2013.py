@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gramian._text import brief
 from gramian.analysis import analyze
 from gramian.bounds import crlb_std
 from gramian.models import registration as reg
@@ -77,8 +78,8 @@ def run() -> Report:
         low, high = degree.min(), degree.max()
         motion_rows.append(
             [
-                name, str(answer.rank), f"{low:.3g} at {int(degree.argmin())} s",
-                f"{high:.3g} at {int(degree.argmax())} s",
+                name, str(answer.rank), f"{brief(low)} at {int(degree.argmin())} s",
+                f"{brief(high)} at {int(degree.argmax())} s",
                 f"{float(reg.eta(path, SENSORS, SIGMA)):.3f}",
                 *(_cell(b, i) for i, b in enumerate(answer.crlb_std[:2])),
             ]
@@ -137,8 +138,8 @@ def _target_rows(targets: dict[str, Array]) -> tuple[list[list[str]], dict[str, 
             )
             rmse = np.sqrt(((answer.biases - truth) ** 2).mean(axis=0))
             found[method] = rmse.tolist()
-            cells.append(f"{rmse[0]:.4g} m, {np.degrees(rmse[1]):.3g} deg")
-        cells.append(f"{bound[0]:.4g} m, {np.degrees(bound[1]):.3g} deg")
+            cells.append(f"{brief(rmse[0], 4)} m, {brief(np.degrees(rmse[1]))} deg")
+        cells.append(f"{brief(bound[0], 4)} m, {brief(np.degrees(bound[1]))} deg")
         eta = float(reg.eta(path, SENSORS, SIGMA))
         rows.append([name, f"{level:.1f}", f"{eta:.3f}", *cells])
         errors[name] = found
@@ -174,10 +175,11 @@ def _claims(motions: dict[str, Array], errors: dict[str, Any]) -> list[tuple[str
         (
             "on the baseline, with biases, the degree is small but not 0",
             "no",
-            f"the degree from biased reports is {np.median(printed_degree(unequal)):.3g} m^2, "
+            f"the degree from biased reports is {brief(np.median(printed_degree(unequal)))} m^2, "
             f"of the true positions "
-            f"{np.median(reg.degree(baseline, SENSORS, SIGMA, method='paper')):.2g}, and with "
-            f"equal azimuth biases {np.median(printed_degree(equal)):.2g}: an artefact",
+            f"{brief(np.median(reg.degree(baseline, SENSORS, SIGMA, method='paper')), 2)}, "
+            "and with "
+            f"equal azimuth biases {brief(np.median(printed_degree(equal)), 2)}: an artefact",
         ),
         (
             "motion 1: least on the bisector, symmetric about it",
@@ -194,14 +196,16 @@ def _claims(motions: dict[str, Array], errors: dict[str, Any]) -> list[tuple[str
         (
             "keep away from the bisector and the baseline",
             "no, as places",
-            f"the track along the bisector bounds A.range to {best[0]:.3g} m, the parallel one to "
-            f"{usual[0]:.3g} m; only moving along the baseline, or abeam a sensor, is bad",
+            f"the track along the bisector bounds A.range to {brief(best[0])} m, the parallel "
+            "one to "
+            f"{brief(usual[0])} m; only moving along the baseline, or abeam a sensor, is bad",
         ),
         (
             "the larger the degree, the smaller the error",
             "yes, as a trend" if sorted(order, reverse=True) == order else "no",
             f"targets A, B, C: {', '.join(f'{x:.0f}' for x in order)} dB, LS errors "
-            f"{', '.join(f'{x:.3g}' for x in fall)} m; over 2000 tracks the rank correlation with "
+            f"{', '.join(f'{brief(x)}' for x in fall)} m; over 2000 tracks the rank "
+            "correlation with "
             f"the bound is {correlation:.2f}; in {counter:.0%} of pairs the order is reversed",
         ),
     ]
@@ -234,7 +238,7 @@ def _trend() -> tuple[float, float]:
 def _cell(value: float, index: int) -> str:
     if np.isinf(value):
         return "not observable"
-    return f"{value:.4g} m" if index % 2 == 0 else f"{np.degrees(value):.4g} deg"
+    return f"{brief(value, 4)} m" if index % 2 == 0 else f"{brief(np.degrees(value), 4)} deg"
 
 
 def _pictures(targets: dict[str, Array], motions: dict[str, Array]) -> list[Picture]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -66,6 +66,12 @@ class Scenario(Section):
         """Return the path of a file that is named relative to the scenario file."""
         return self._path.parent / name
 
+    @property
+    def inputs(self) -> tuple[Path, ...]:
+        """The scenario's own file and those that it names, as far as they are there."""
+        named = [self._path, *(self.beside(name) for name in _files(self))]
+        return tuple(dict.fromkeys(path for path in named if path.is_file()))
+
     def error(self, key: str, message: str) -> ScenarioError:
         """Return an error about a key that only the whole scenario shows to be wrong."""
         return ScenarioError(f"{self._path}: {key}: {message}")
@@ -110,6 +116,17 @@ class Scenario(Section):
             f'{self._path}: model = "{self.model}": the command {command} does not work on it, '
             f"but on {able}"
         )
+
+
+def _files(section: BaseModel) -> Iterator[str]:
+    """Yield what every key `file` or `files` of a section says, at any depth."""
+    for key in type(section).model_fields:
+        value = getattr(section, key)
+        for item in value if isinstance(value, list) else [value]:
+            if isinstance(item, BaseModel):
+                yield from _files(item)
+            elif key in {"file", "files"} and isinstance(item, (str, Path)):
+                yield str(item)
 
 
 def models_for(command: str) -> list[str]:

@@ -5,12 +5,13 @@ use std::sync::OnceLock;
 use gramian::batch::Items;
 use gramian::batch::simd::Path;
 use gramian::bearings::batch::{self, GRAM_SIZE, Method, Quadruples, TEST_SIZE, Target};
-use gramian::bearings::{Answer, Error, Form, Monitor};
+use gramian::bearings::{Answer, Error, Form, Kept, Monitor};
 use numpy::{PyArray1, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::convert::{Input, number_text, real};
+use crate::errors::InputError;
 use crate::output::Batch;
 use crate::{errors, run};
 
@@ -375,6 +376,33 @@ impl BearingMonitor {
             found: OnceLock::new(),
         }
     }
+
+    fn __eq__(&self, other: &Self) -> bool {
+        self.0 == other.0
+    }
+
+    fn __getstate__(&self) -> (Vec<f64>, [u32; 2], bool) {
+        let kept = self.0.kept();
+        (kept.numbers.to_vec(), kept.counts, kept.ranged)
+    }
+
+    fn __setstate__(&mut self, state: (Vec<f64>, [u32; 2], bool)) -> PyResult<()> {
+        let (numbers, counts, ranged) = state;
+        let numbers = numbers
+            .try_into()
+            .map_err(|_| InputError::new_err("the state of a monitor has 40 numbers"))?;
+        let kept = Kept {
+            numbers,
+            counts,
+            ranged,
+        };
+        self.0 = Monitor::from_kept(&kept).map_err(|error| errors::input_at("", error))?;
+        Ok(())
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Monitor(count={})", self.0.count())
+    }
 }
 
 /// What the bearings so far say.
@@ -462,6 +490,30 @@ impl MonitorAnswer {
     #[getter]
     fn relative_motion<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         PyArray1::from_slice(py, &self.found().relative_motion)
+    }
+
+    fn __eq__(&self, other: &Self) -> bool {
+        self.monitor == other.monitor
+    }
+
+    // As the answer of the monitor that kept the same.
+    fn __reduce__<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(Bound<'py, PyAny>, (Py<BearingMonitor>,))> {
+        let made = py.get_type::<BearingMonitor>().getattr("answer")?;
+        Ok((made, (Py::new(py, BearingMonitor(self.monitor))?,)))
+    }
+
+    fn __str__(&self) -> String {
+        let found = self.found();
+        format!(
+            "{} bearing{}: rank {} of 4, p {}",
+            self.monitor.count(),
+            if self.monitor.count() == 1 { "" } else { "s" },
+            found.rank,
+            number_text(found.p_value)
+        )
     }
 
     fn __repr__(&self) -> String {

@@ -10,7 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian import _options as options
+from gramian._answers import Answer
 from gramian._arrays import as_float_array, number
+from gramian._text import brief
 from gramian.exceptions import InputError
 
 __all__ = [
@@ -150,8 +152,8 @@ def discriminant_sum(
     return _core.bearing_discriminant_sum(times, bearings, weights, how, order)
 
 
-@dataclass(frozen=True, eq=False)
-class Quadruple:
+@dataclass(frozen=True, eq=False, repr=False)
+class Quadruple(Answer):
     """The four instants with the largest ``|D|``.
 
     Attributes
@@ -280,8 +282,8 @@ def gram_det(
     return both["gram"], both["det"]
 
 
-@dataclass(frozen=True, eq=False)
-class ObservableVerdict:
+@dataclass(frozen=True, eq=False, repr=False)
+class ObservableVerdict(Answer):
     """Theorem 1 for one track, with its certificate.
 
     Attributes
@@ -320,11 +322,12 @@ class ObservableVerdict:
     def summary(self) -> str:
         """Return the verdict in words."""
         i, j, k, n = self.indices
-        proof = f"bearings {i}, {j}, {k}, {n} have D = {self.value:.4g} s^2"
+        proof = f"bearings {i}, {j}, {k}, {n} have D = {brief(self.value, 4)} s^2"
         if self.observable:
-            return f"OBSERVABLE: {proof}, above the rounding {self.error:.2g}"
+            return f"OBSERVABLE: {proof}, above the rounding {brief(self.error, 2)}"
         return (
-            f"UNOBSERVABLE: of all quadruples, {proof}, not above the rounding {self.error:.2g}; "
+            f"UNOBSERVABLE: of all quadruples, {proof}, not above the rounding "
+            f"{brief(self.error, 2)}; "
             "a target on a straight line relative to the observer has these bearings"
         )
 

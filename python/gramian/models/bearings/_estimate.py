@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian._arrays import finite
+from gramian._text import brief
+from gramian._values import Value
 from gramian.estimate import Estimate
 from gramian.estimate import estimate as general
 from gramian.exceptions import InputError
@@ -22,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class BearingsModel:
+class BearingsModel(Value):
     """Bearings of a target that moves as a polynomial in time.
 
     Attributes
@@ -115,7 +117,7 @@ class BearingsModel:
         if t.size >= 8 and self.order == 1:
             for share in (0.25, 0.5, 0.75):
                 at = float(np.quantile(t, share))
-                found[f"turn at {at:.4g} s"] = place * np.maximum(t - at, 0.0)[:, None]
+                found[f"turn at {brief(at, 4)} s"] = place * np.maximum(t - at, 0.0)[:, None]
             velocity = np.gradient(self.observer, self.times, axis=0)
             found["clock offset of the path"] = -(place * velocity).sum(axis=1)
         return found

@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian import _options as options
+from gramian._answers import Answer, Columns, columns_of_states
 from gramian._arrays import SEED_MOST, as_float_array, finite, number, whole, wrap_angles
-from gramian._text import describe_combination, plain
+from gramian._text import brief, describe_direction, plain
 from gramian.exceptions import InputError, UnobservableError
 from gramian.models.bearings._rows import check_index, state_names
 
@@ -28,8 +29,8 @@ _MISFIT = STATUSES.index("misfit")
 _UNOBSERVABLE = STATUSES.index("unobservable")
 
 
-@dataclass(frozen=True, eq=False)
-class Localization:
+@dataclass(frozen=True, eq=False, repr=False)
+class Localization(Answer):
     """The answer of `localize`: one estimate, or one for each trial of a batch.
 
     Attributes
@@ -117,14 +118,20 @@ class Localization:
         for name, unit, value, std in zip(
             self.names, self.units, self.state, self.std, strict=True
         ):
-            known = "not determined" if np.isinf(std) else f"{value:.6g} +- {std:.3g} {unit}"
+            known = "not determined" if np.isinf(std) else f"{value:.6g} +- {brief(std)} {unit}"
             lines.append(f"  {name}  {known}")
-        lines.append(f"  residuals: chi2 {self.chi2:.4g} with {self.dof} degrees of freedom")
+        lines.append(f"  residuals: chi2 {brief(self.chi2, 4)} with {self.dof} degrees of freedom")
         return "\n".join(lines)
 
+    def _as_table(self) -> Columns:
+        others = {"status": self.status, "chi2": self.chi2, "p_value": self.p_value}
+        return columns_of_states(
+            self.names, self.units, {"": self.state, "std": self.std}, others, self.covariance
+        )
 
-@dataclass(frozen=True, eq=False)
-class Trials:
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Trials(Answer):
     """The answer of `localize_trials`, one entry for each trial.
 
     Attributes
@@ -149,6 +156,13 @@ class Trials:
     chi2: Array
     code: NDArray[np.int8]
     iterations: NDArray[np.int32]
+
+    def _as_table(self) -> Columns:
+        n = self.error.shape[-1]
+        names, units = (f"x{i}" for i in range(n)), ("",) * n
+        values = {"error": self.error, "std": self.std}
+        others = {"nees": self.nees, "chi2": self.chi2, "status": np.array(STATUSES)[self.code]}
+        return columns_of_states(tuple(names), units, values, others)
 
 
 def localize(
@@ -464,7 +478,7 @@ def _unobservable(answer: Localization) -> UnobservableError:
     # Components that are rounding would only be noise in the message.
     direction = answer.null_direction.copy()
     direction[np.abs(direction) < 1e-9 * np.abs(direction).max()] = 0
-    text = describe_combination(direction, answer.names)
+    text = describe_direction(direction, answer.names)
     others = f" and {answer.nullity - 1} more" if answer.nullity > 1 else ""
     return UnobservableError(
         f"no estimate exists: the bearings stay as they are along {text}{others}; "

@@ -10,14 +10,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian import _options as options
+from gramian._answers import Answer
+from gramian._text import brief
 
 __all__ = ["ObservabilityTest", "observability_test"]
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class ObservabilityTest:
+@dataclass(frozen=True, eq=False, repr=False)
+class ObservabilityTest(Answer):
     """The answer of `observability_test`, with the leading axes of its input.
 
     Attributes
@@ -73,8 +75,8 @@ class ObservabilityTest:
         """Return the verdict in words."""
         if self.rejected.ndim:
             share = 100 * self.rejected.mean()
-            return f"{share:.3g} % of {self.rejected.size} tracks shown observable"
-        figures = f"chi-square {self.statistic:.4g} on {self.dof}, p = {self.p_value:.3g}"
+            return f"{brief(share)} % of {self.rejected.size} tracks shown observable"
+        figures = f"chi-square {brief(self.statistic, 4)} on {self.dof}, p = {brief(self.p_value)}"
         if self.rejected:
             return (
                 f"OBSERVABLE at the {100 * self.level:g} % level: no straight relative "
@@ -82,7 +84,7 @@ class ObservabilityTest:
             )
         return (
             f"NOT SHOWN OBSERVABLE at the {100 * self.level:g} % level: a straight relative "
-            f"motion on course {np.degrees(self.course):.4g} deg has these bearings as well "
+            f"motion on course {brief(np.degrees(self.course), 4)} deg has these bearings as well "
             f"as their noise allows ({figures})"
         )
 

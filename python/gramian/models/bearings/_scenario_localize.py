@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gramian._text import number, plain
+from gramian._text import brief, number, plain
 from gramian.exceptions import InputError, UnobservableError
 from gramian.models.bearings import _localize, _rows
 from gramian.report import Picture, Report, Table, Tone
@@ -86,10 +86,10 @@ def _report(
     elif agree > 0.999:
         says = f"better than chance allows (p = {agree:.5g}): is sigma too large, or a unit wrong?"
     else:
-        says = f"{'yes' if agree > 0.05 else 'NO'} (p = {agree:.2g})"
+        says = f"{'yes' if agree > 0.05 else 'NO'} (p = {brief(agree, 2)})"
     misfit = (
         f"no target at constant velocity gives these bearings (chi2 {number(float(answer.chi2))} "
-        f"for {answer.dof} degrees of freedom, p = {agree:.2g}): it turned, the bearings are "
+        f"for {answer.dof} degrees of freedom, p = {brief(agree, 2)}): it turned, the bearings are "
         "biased, or their sigma is larger than stated"
     )
     facts = [("do the bearings agree with constant velocity?", says)]
@@ -111,7 +111,8 @@ def _report(
     reach = float(np.hypot(*offset))
     spread = _range_std(offset, answer.covariance[:2, :2])
     verdict = (
-        f"{reach:.4g} m +- {number(spread, 2)} m ({number(100 * spread / reach, 2)} %) on bearing "
+        f"{brief(reach, 4)} m +- {number(spread, 2)} m ({number(100 * spread / reach, 2)} %) "
+        "on bearing "
         f"{np.degrees(np.arctan2(*offset)) % 360:.1f} deg, "
         f"moving {number(np.hypot(vx, vy), 3)} m/s on course {course:.0f} deg"
     )
@@ -127,7 +128,7 @@ def _report(
     recorded = _recorded(scenario, times)
     if recorded is not None:
         error = float(np.hypot(*(recorded[0] - answer.state[:2])))
-        facts.append(("distance from the recorded first position", f"{error:.4g} m"))
+        facts.append(("distance from the recorded first position", f"{brief(error, 4)} m"))
         data["error"] = plain(answer.state[:2] - recorded[0])
     left = _localize.residuals(times, seen, observer, answer.state)
     data["residuals"] = plain(left)
@@ -169,7 +170,7 @@ def _report(
                     [
                         number(float(answer.chi2)),
                         str(answer.dof),
-                        "" if np.isnan(agree) else f"{agree:.3g}",
+                        "" if np.isnan(agree) else f"{brief(agree)}",
                         number(float(np.degrees(np.abs(left).max()))),
                         number(float(np.degrees(np.sqrt((left**2).mean())))),
                     ]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from gramian._text import brief
 from gramian.bounds import crlb
 from gramian.plot import COLORS, Figure, ellipse, figure
 
@@ -61,9 +62,9 @@ def draw_geometry(tracks: Geometry, answer: Observability, axes: Axes) -> None:
         reach = float(np.abs(outline - target[0]).max())
         label = "95 % error ellipse"
         if reach > 4 * half:
-            label += f", {reach:.3g} km long: far beyond this map"
+            label += f", {brief(reach)} km long: far beyond this map"
         elif reach < half / 50:
-            label += f", {reach * 1e3:.2g} m: too small to see"
+            label += f", {brief(reach * 1e3, 2)} m: too small to see"
             axes.plot(*target[0], "+", color=COLORS["good"], markersize=16, zorder=5)
         else:
             half = max(half, 1.1 * float(np.abs(outline - middle).max()))

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from gramian import _core, io
 from gramian._arrays import wrap_angles
-from gramian._text import number, plain
+from gramian._text import brief, number, plain
 from gramian.analysis import Observability, analyze
 from gramian.bounds import crlb_std
 from gramian.exceptions import InputError, ScenarioError
@@ -623,7 +623,7 @@ class StraightLineFit:
         if self.ratio >= 1:
             parts.append(f"a constant-velocity fit is off by {self.ratio:.1f} times the bound")
         seen = "shows" if self.p_value <= 0.05 else "does not show"
-        parts.append(f"the misfit {seen} in the bearings (median p = {self.p_value:.2g})")
+        parts.append(f"the misfit {seen} in the bearings (median p = {brief(self.p_value, 2)})")
         return f"NO: {text}; {'; '.join(parts)}"
 
 
@@ -746,7 +746,11 @@ def _verdict(answer: Observability, relative: float, fit: StraightLineFit) -> tu
     tone = tone_of(answer)
     if answer.nullity:
         combination = answer.null_combinations[0]
-        return tone, "UNOBSERVABLE", f"no bearing changes when {combination} is added"
+        return (
+            tone,
+            "UNOBSERVABLE",
+            f"no bearing changes when the states move together: {combination}",
+        )
     headline = "WEAKLY OBSERVABLE" if answer.status == "weak" else "OBSERVABLE"
     verdict = f"the bound on the position is {_percent(relative)} of the range"
     if relative >= 1:

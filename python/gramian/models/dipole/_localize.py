@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from gramian import _core
 from gramian import _options as options
 from gramian._arrays import SEED_MOST, as_float_array, finite, number, whole
-from gramian._text import describe_null_space
+from gramian._text import brief, describe_null_space
 from gramian.analysis import analyze
 from gramian.estimate import Solution as Other
 from gramian.estimate import levels
@@ -391,11 +391,11 @@ class _Setup:
         largest = float(abs(y).max()) if t.size else 0.0
         if largest > LARGEST:
             raise InputError(
-                f"the field reaches {largest:.4g} T: must be in tesla, below {LARGEST} T"
+                f"the field reaches {brief(largest, 4)} T: must be in tesla, below {LARGEST} T"
             )
         if largest > 1:
             warnings.warn(
-                f"the field reaches {largest:.4g} T: it must be in tesla (1 uT = 1e-6 T)",
+                f"the field reaches {brief(largest, 4)} T: it must be in tesla (1 uT = 1e-6 T)",
                 UserWarning,
                 stacklevel=3,
             )

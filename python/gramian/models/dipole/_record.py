@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._answers import Answer, Columns
 from gramian._arrays import as_float_array
+from gramian._text import brief
 from gramian.exceptions import InputError
 
 __all__ = ["Finding", "RecordCheck", "check_record"]
@@ -18,8 +20,8 @@ __all__ = ["Finding", "RecordCheck", "check_record"]
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Finding:
+@dataclass(frozen=True, repr=False)
+class Finding(Answer):
     """Something in a record that a fit would suffer from.
 
     Attributes
@@ -44,8 +46,8 @@ class Finding:
         return self.text
 
 
-@dataclass(frozen=True, eq=False)
-class RecordCheck:
+@dataclass(frozen=True, eq=False, repr=False)
+class RecordCheck(Answer):
     """The answer of `check_record`.
 
     Attributes
@@ -85,12 +87,15 @@ class RecordCheck:
         for name, sigma, correlation, step in zip(
             self.channels, self.sigma, self.correlation, self.step, strict=True
         ):
-            rounded = f", steps of {step:.3g} T" if step else ""
-            lines.append(f"  {name}: noise {sigma:.3g} T, correlation {correlation:.2f}{rounded}")
+            rounded = f", steps of {brief(step)} T" if step else ""
+            lines.append(
+                f"  {name}: noise {brief(sigma)} T, correlation {correlation:.2f}{rounded}"
+            )
         return "\n".join(lines)
 
-    def __str__(self) -> str:
-        return self.summary()
+    def _as_table(self) -> Columns:
+        values = {"sigma": self.sigma, "correlation": self.correlation, "step": self.step}
+        return Columns("channel", self.channels, values, {"sigma": "T", "step": "T"})
 
 
 def check_record(
@@ -173,13 +178,13 @@ def _finding(kind: str, figures: dict[str, Any], names: tuple[str, ...], times: 
 
 def _text(kind: str, channel: str | None, figures: Mapping[str, Any], times: Array) -> str:
     said: dict[str, Callable[[], str]] = {
-        "constant": lambda: f"is {figures['value']:.4g} T throughout: it does not measure",
+        "constant": lambda: f"is {brief(figures['value'], 4)} T throughout: it does not measure",
         "stuck": lambda: (
-            f"is stuck at {figures['value']:.4g} T from {times[figures['first']]:.6g} s to "
+            f"is stuck at {brief(figures['value'], 4)} T from {times[figures['first']]:.6g} s to "
             f"{times[figures['first'] + figures['samples'] - 1]:.6g} s"
         ),
         "saturated": lambda: (
-            f"is cut off at {figures['value']:.4g} T, in {figures['samples']} samples"
+            f"is cut off at {brief(figures['value'], 4)} T, in {figures['samples']} samples"
         ),
         "copy": lambda: f"repeats {figures['of']}{_scaled(figures)}, noise included",
         "axes": lambda: (
@@ -191,12 +196,13 @@ def _text(kind: str, channel: str | None, figures: Mapping[str, Any], times: Arr
             f"at {times[figures['samples'][0]]:.6g} s"
         ),
         "hum": lambda: (
-            f"has hum of {figures['frequency']:.4g} Hz, amplitude {figures['amplitude']:.3g} T"
+            f"has hum of {brief(figures['frequency'], 4)} Hz, amplitude "
+            f"{brief(figures['amplitude'])} T"
         ),
-        "drift": lambda: f"drifts by {figures['change']:.3g} T over the record",
+        "drift": lambda: f"drifts by {brief(figures['change'])} T over the record",
         "clock": lambda: (
-            f"steps by {figures['step']:.4g} s to {times[figures['sample']]:.6g} s, "
-            f"usually by {figures['usual']:.4g} s"
+            f"steps by {brief(figures['step'], 4)} s to {times[figures['sample']]:.6g} s, "
+            f"usually by {brief(figures['usual'], 4)} s"
         ),
         "missing": lambda: f"has {figures['samples']} missing samples",
     }
@@ -209,4 +215,4 @@ def _scaled(figures: Mapping[str, Any]) -> str:
         return ""
     if abs(factor + 1) < 1e-9:
         return " with the opposite sign"
-    return f" times {factor:.4g}"
+    return f" times {brief(factor, 4)}"

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gramian._answers import Answer, Columns, columns_of_states
+from gramian._options import choice
 from gramian._registry import draw
-from gramian._text import plain
+from gramian._text import brief
 from gramian.estimate import Estimate, Fit
 from gramian.exceptions import InputError
 from gramian.models.dipole._estimate import PARTS
@@ -26,8 +28,8 @@ __all__ = ["ClosestPoint", "Localization", "Localizations", "Solution", "root"]
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
+@dataclass(frozen=True, eq=False, repr=False)
+class Solution(Answer):
     """One pass and how well it fits: see `Localization`."""
 
     r0: Array
@@ -36,7 +38,7 @@ class Solution:
     cost: float
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Localization(Estimate):
     """The answer of `localize`: a `gramian.Estimate`, with what is special to a pass.
 
@@ -100,7 +102,17 @@ class Localization(Estimate):
     spikes: int
     dropped: int
     closest: ClosestPoint
-    sensors: Array = field(repr=False)
+    sensors: Array
+
+    _more_in_dict = (*Estimate._more_in_dict, "speed", "moment")
+    _not_in_dict = Estimate._not_in_dict | {
+        "measurements",
+        "times",
+        "residuals",
+        "predicted",
+        "weights",
+        "sensors",
+    }
 
     @cached_property
     def _handle(self) -> _core.Model:
@@ -168,62 +180,27 @@ class Localization(Estimate):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the answer, without the samples, as plain lists and numbers, fit for JSON."""
-        mirror = self.mirror and {
-            "r0": plain(self.mirror.r0),
-            "v": plain(self.mirror.v),
-            "m": plain(self.mirror.m),
-            "cost": plain(self.mirror.cost),
-        }
-        return super().to_dict() | {
-            "r0": plain(self.r0),
-            "v": plain(self.v),
-            "m": plain(self.m),
-            "pass_names": list(NAMES),
-            "pass_units": list(UNITS),
-            "pass_std": plain(self.pass_std),
-            "pass_covariance": plain(self.pass_covariance),
-            "cost": plain(self.cost),
-            "mirror": mirror,
-            "speed": plain(np.array(self.speed)),
-            "moment": plain(np.array(self.moment)),
-            "closest": {
-                "time": self.closest.time,
-                "time_std": self.closest.time_std,
-                "position": list(self.closest.position),
-                "range": self.closest.range,
-                "range_std": self.closest.range_std,
-            },
-            "background": plain(self.background),
-            "sigma": self.sigma,
-            "sigma_given": self.sigma_given,
-            "explained": self.explained,
-            "origin": self.origin,
-            "samples": len(self.times),
-            "spikes": self.spikes,
-            "dropped": self.dropped,
-            "converged": self.converged,
-            "known": dict(self.known),
-            "prior": {name: list(value) for name, value in self.prior.items()},
-        }
+        more = {"pass_names": list(NAMES), "pass_units": list(UNITS), "samples": len(self.times)}
+        return super().to_dict() | more
 
     def summary(self, level: float = 0.95) -> str:
         """Return the answer as text."""
         near = self.closest
         lines = [
             f"{self.status.upper()}: {self.reason}",
-            f"closest at {near.range:.3g} m (+- {near.range_std:.2g}), "
-            f"{near.time:.4g} s (+- {near.time_std:.2g})",
-            f"speed {self.speed[0]:.4g} m/s (+- {self.speed[1]:.2g}), "
-            f"moment {self.moment[0]:.4g} A m^2 (+- {self.moment[1]:.2g})",
+            f"closest at {brief(near.range)} m (+- {brief(near.range_std, 2)}), "
+            f"{brief(near.time, 4)} s (+- {brief(near.time_std, 2)})",
+            f"speed {brief(self.speed[0], 4)} m/s (+- {brief(self.speed[1], 2)}), "
+            f"moment {brief(self.moment[0], 4)} A m^2 (+- {brief(self.moment[1], 2)})",
         ]
         interval = self.interval("range", level)
         if not interval.is_local:
             lines.append(f"closest {interval} ({100 * level:g} %)")
         for name, unit, value, std in zip(NAMES, UNITS, self._pass, self.pass_std, strict=True):
-            how = f"+- {std:.2g}" if std > 0 else "known"
+            how = f"+- {brief(std, 2)}" if std > 0 else "known"
             lines.append(f"  {name}  {value:10.4g} {unit:6s} {how}")
         lines.append(
-            f"explains {100 * self.explained:.1f} % of the field; sigma {self.sigma:.3g} T, "
+            f"explains {100 * self.explained:.1f} % of the field; sigma {brief(self.sigma)} T, "
             f"{len(self.times)} samples, {self.spikes} spikes, {self.dropped} dropped"
         )
         lines.extend(self._fit_lines())
@@ -237,13 +214,32 @@ class Localization(Estimate):
             )
         return "\n".join(lines)
 
-    def plot(self) -> Figure:
-        """Draw the field with the model and the residuals; needs matplotlib."""
-        return draw(self, "fit")
+    def _verdict_line(self) -> str:
+        near = self.closest
+        return (
+            f"{self.status}: closest at {brief(near.range)} m (+- {brief(near.range_std, 2)} m), "
+            f"{brief(near.time, 4)} s"
+        )
+
+    def plot(self, view: Literal["field", "path", "space"] = "field") -> Figure:
+        """Draw the answer; needs matplotlib.
+
+        Parameters
+        ----------
+        view : {"field", "path", "space"}
+            The field with its model and what is left; the pass from above and from the
+            side; the pass in space, with the 95 % ellipsoid of its closest point.
+        """
+        pictures = {"field": "fit", "path": "path", "space": "space"}
+        return draw(self, pictures[choice(view, "view", pictures)])
+
+    def _as_table(self) -> Columns:
+        values = {"value": self._pass, "std": self.pass_std}
+        return columns_of_states(NAMES, UNITS, values, covariance=self.pass_covariance)
 
 
-@dataclass(frozen=True)
-class ClosestPoint:
+@dataclass(frozen=True, repr=False)
+class ClosestPoint(Answer):
     """The closest approach to a sensor: when, where, how near (seen from the sensor)."""
 
     time: float
@@ -253,8 +249,8 @@ class ClosestPoint:
     range_std: float
 
 
-@dataclass(frozen=True, eq=False)
-class Localizations:
+@dataclass(frozen=True, eq=False, repr=False)
+class Localizations(Answer):
     """The answers of `localize_many`, without their bounds.
 
     Attributes
@@ -275,6 +271,12 @@ class Localizations:
     mirror_costs: Array
     sigmas: Array
     converged: NDArray[np.bool_]
+
+    def _as_table(self) -> Columns:
+        values = {"": np.atleast_2d(self.states), "mirror": np.atleast_2d(self.mirrors)}
+        others: dict[str, Any] = {"cost": self.costs, "mirror_cost": self.mirror_costs}
+        others |= {"sigma": self.sigmas, "converged": self.converged}
+        return columns_of_states(NAMES, UNITS, values, others)
 
 
 def root(variance: float | Array) -> float:

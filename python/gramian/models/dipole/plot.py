@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gramian.plot import COLORS, Figure, figure
+from gramian.plot import COLORS, Figure, corner, ellipsoid, equal_space, figure
 
 if TYPE_CHECKING:
     from gramian.models.dipole._result import Localization
 
-__all__ = ["convergence", "fields", "fit", "path"]
+__all__ = ["convergence", "corner", "fields", "fit", "path", "space"]
 
 _AXES = ("x", "y", "z")
 
@@ -78,6 +78,44 @@ def path(answer: Localization) -> Figure:
         ax.set_ylabel(f"{_AXES[j]}, m")
         ax.set_aspect("equal", "datalim")
     axes[0].legend(fontsize="small")
+    return fig
+
+
+def space(answer: Localization) -> Figure:
+    """Draw the pass in space: path, moment, closest point with its 95 % ellipsoid, mirror image."""
+    fig = figure(6.4, 5.6)
+    axes: Any = fig.add_subplot(projection="3d")
+    t = answer.times - answer.origin
+    line = answer.r0 + t[:, None] * answer.v
+    near = np.array(answer.closest.position)
+    points = [line, answer.sensors, near[None]]
+    axes.plot(*line.T, color=COLORS["target"], linewidth=2, label="pass")
+    axes.plot(*line[-1:].T, ">", color=COLORS["target"])
+    axes.plot(*near[None].T, "o", color=COLORS["target"], markersize=5)
+    size = 0.3 * float(np.linalg.norm(np.ptp(line, axis=0)))
+    axes.quiver(
+        *near, *(size * answer.m / np.linalg.norm(answer.m)), color=COLORS["good"], label="moment"
+    )
+    if answer.mirror is not None:
+        image = answer.mirror.r0 + t[:, None] * answer.mirror.v
+        axes.plot(*image.T, color=COLORS["muted"], label="mirror image")
+        points.append(image)
+    # Position at the closest point: r0 + v t.
+    since = answer.closest.time - answer.origin
+    slope = np.hstack([np.eye(3), since * np.eye(3), np.zeros((3, 3))])
+    covariance = slope @ answer.pass_covariance @ slope.T
+    if np.isfinite(covariance).all():
+        for k, outline in enumerate(ellipsoid(covariance)):
+            label = "95 % of the closest point" if k == 0 else None
+            axes.plot(*(near + outline).T, color=COLORS["bad"], linewidth=0.9, label=label)
+    for sensor in answer.sensors:
+        axes.plot(*sensor[None].T, "k^")
+        # To see how high the pass is, and where.
+        axes.plot(*np.stack([sensor, near]).T, color=COLORS["muted"], linewidth=0.8, linestyle=":")
+    axes.plot([], [], "k^", label="sensor")
+    equal_space(axes, np.vstack(points))
+    axes.set(xlabel="x, m", ylabel="y, m", zlabel="z, m")
+    fig.legend(loc="outside upper center", ncols=3, fontsize="small", frameon=False)
     return fig
 
 

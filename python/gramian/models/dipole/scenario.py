@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from gramian._text import number, plain
+from gramian._text import brief, number, plain
 from gramian.analysis import Observability, analyze
 from gramian.exceptions import UnobservableError
 from gramian.models.dipole import _localize, _model
@@ -398,23 +398,25 @@ def _located(found: Localization, title: str, model: str) -> Report:
     facts = [
         (
             "closest approach",
-            f"{number(near.range, 3)} m +- {number(near.range_std, 2)} at {near.time:.4g} s",
+            f"{number(near.range, 3)} m +- {number(near.range_std, 2)} at {brief(near.time, 4)} s",
         ),
         ("seen from the first sensor", "(" + ", ".join(f"{x:.2f}" for x in near.position) + ") m"),
         (
             "speed",
-            f"{speed[0]:.4g} m/s" + (f" +- {number(speed[1], 2)}" if speed[1] > 0 else " (known)"),
+            f"{brief(speed[0], 4)} m/s"
+            + (f" +- {number(speed[1], 2)}" if speed[1] > 0 else " (known)"),
         ),
         ("direction of travel", "(" + ", ".join(f"{x:.3f}" for x in found.direction) + ")"),
         (
             "moment",
-            f"{moment[0]:.4g} A m^2" + (f" +- {number(moment[1], 2)}" if moment[1] > 0 else ""),
+            f"{brief(moment[0], 4)} A m^2"
+            + (f" +- {number(moment[1], 2)}" if moment[1] > 0 else ""),
         ),
         ("mirror image", _mirror(found)),
         (
             "left over",
             f"{100 * (1 - found.explained):.1f} % of the field's square; sigma "
-            f"{1e9 * found.sigma:.3g} nT; {found.spikes} spikes and {found.dropped} missing "
+            f"{brief(1e9 * found.sigma)} nT; {found.spikes} spikes and {found.dropped} missing "
             f"samples left out of {len(found.times) + found.dropped}",
         ),
     ]

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._answers import Answer, Columns
 from gramian._arrays import as_float_array, finite, number
 from gramian.bounds import PosteriorBound, posterior
 from gramian.exceptions import InputError
@@ -22,8 +23,8 @@ __all__ = ["Trajectory", "empirical_gramian", "from_map", "from_ode", "unit_norm
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class Trajectory:
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory(Answer):
     """A trajectory of a system, its outputs and the derivatives of both.
 
     Attributes
@@ -146,6 +147,10 @@ class Trajectory:
                 known[self.names.index(name)] = value
             prior = known
         return posterior(self._white(), self.transitions, Q, prior)
+
+    def _as_table(self) -> Columns:
+        values = dict(zip(self.names, self.states.T, strict=True))
+        return Columns("time", self.times, values, dict(zip(self.names, self.units, strict=True)))
 
 
 def from_ode(

@@ -8,20 +8,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gramian._answers import Answer, Columns
 from gramian._registry import draw
-from gramian._text import describe_combination, plain
+from gramian._text import describe_direction, plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from pandas import DataFrame
 
 __all__ = ["Windows"]
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class Windows:
+@dataclass(frozen=True, eq=False, repr=False)
+class Windows(Answer):
     """What windows of outputs tell of the state at their beginning.
 
     Attributes
@@ -60,7 +60,7 @@ class Windows:
     def null_combinations(self) -> tuple[tuple[str, ...], ...]:
         """What each window does not determine, in words."""
         return tuple(
-            tuple(describe_combination(column, self.names) for column in space.T)
+            tuple(describe_direction(column, self.names) for column in space.T)
             for space in self.null_spaces
         )
 
@@ -77,16 +77,6 @@ class Windows:
             "singular_values": [plain(row) for row in self.singular_values],
             "null_combinations": [list(texts) for texts in self.null_combinations],
         }
-
-    def to_pandas(self) -> DataFrame:
-        """Return a table: a row for each window, a column for each state's bound."""
-        import pandas as pd
-
-        table = pd.DataFrame(self.std, columns=list(self.names))
-        table.insert(0, "rank", self.rank)
-        table["not determined"] = ["; ".join(texts) for texts in self.null_combinations]
-        table.index = pd.Index(self.times, name="time")
-        return table
 
     def summary(self) -> str:
         """Return when what is determined, as text."""
@@ -106,8 +96,12 @@ class Windows:
             first = k
         return "\n".join(lines)
 
-    __str__ = summary
-
     def plot(self) -> Figure:
         """Draw the bound of each state over time as a heat map; needs matplotlib."""
         return draw(self, "heat_map")
+
+    def _as_table(self) -> Columns:
+        texts = ["; ".join(part) for part in self.null_combinations]
+        values = {"rank": self.rank} | dict(zip(self.names, self.std.T, strict=True))
+        units = dict(zip(self.names, self.units, strict=True))
+        return Columns("time", self.times, values | {"not determined": texts}, units)

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from gramian import _core
 from gramian import _options as options
 from gramian._arrays import number
+from gramian._values import Value
 from gramian.exceptions import InputError
 from gramian.models.inertial._earth import EARTH_RATE
 from gramian.models.inertial._model import NAMES, error_model, positive, vector
@@ -23,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Leg:
+class Leg(Value):
     """A part of a flight with constant rates.
 
     Attributes
@@ -52,7 +53,7 @@ class Leg:
 
 
 @dataclass(frozen=True, eq=False)
-class Flight:
+class Flight(Value):
     """A flight as a piecewise constant error model: what `segments` makes.
 
     Attributes

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from gramian._text import brief
 from gramian.exceptions import InputError
 from gramian.models import linear
 from gramian.models.inertial import _earth, _flight, _model
@@ -134,7 +135,7 @@ class InertialScenario(Scenario):
         if samples > 2e4:
             raise self.error(
                 "window.step",
-                f"the flight has {samples:.3g} samples of {self._step:g} s, more than 20 000: "
+                f"the flight has {brief(samples)} samples of {self._step:g} s, more than 20 000: "
                 "a longer step or shorter legs",
             )
 
@@ -188,7 +189,7 @@ class InertialScenario(Scenario):
                 [
                     f"{leg + 1}, to {information.window:g} s",
                     str(ranks.rank),
-                    *(f"{ratio:.3g}" for ratio in ratios),
+                    *(f"{brief(ratio)}" for ratio in ratios),
                 ]
             )
         names = [system.names[i] for i in leaders]

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian import _options as options
+from gramian._answers import Answer, Columns, columns_of_states
 from gramian._arrays import as_float_array, finite, number
 from gramian._registry import draw
-from gramian._text import describe_combination, plain
+from gramian._text import brief, describe_combination
 from gramian.exceptions import InputError
 from gramian.models.linear._levels import observability_matrix
 from gramian.models.linear._systems import SystemLike, system_of
@@ -28,8 +29,8 @@ Array = NDArray[np.float64]
 Method = Literal["eigenvalue", "singular_value", "order", "information"]
 
 
-@dataclass(frozen=True, eq=False)
-class Degree:
+@dataclass(frozen=True, eq=False, repr=False)
+class Degree(Answer):
     """Degrees of observability from the observability matrix Q, as published.
 
     Attributes
@@ -74,19 +75,6 @@ class Degree:
             shown.append(describe_combination(kept, self.names))
         return tuple(shown)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the answer as plain lists, numbers and strings, fit for JSON."""
-        return {
-            "method": self.method,
-            "names": list(self.names),
-            "values": plain(self.values),
-            "normalized": plain(self.normalized),
-            "vectors": plain(self.vectors),
-            "states": list(self.states),
-            "published_order": list(self.published_order),
-            "order": list(self.order),
-        }
-
     def summary(self) -> str:
         """Return value, order and combination of each, as text."""
         lines = []
@@ -97,9 +85,18 @@ class Degree:
             lines.append(f"{self.values[i]:<12.6g}{order}  {text}")
         return "\n".join(lines)
 
+    def _verdict_line(self) -> str:
+        """Say which combination is told worst."""
+        worst = f"{self.combinations[0]} of {len(self.values)} combinations"
+        return f"least observable by {self.method}: {worst} ({brief(self.values[0], 4)})"
 
-@dataclass(frozen=True, eq=False)
-class Information:
+    def _as_table(self) -> Columns:
+        values = {"value": self.values, "normalized": self.normalized, "state": self.states}
+        return Columns("combination", self.combinations, values, {})
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Information(Answer):
     """What a window adds to prior knowledge: no unit changes it.
 
     Attributes
@@ -135,20 +132,6 @@ class Information:
         """How many combinations the window knows better than the prior."""
         return int((self.values > 1).sum())
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the answer as plain lists, numbers and strings, fit for JSON."""
-        return {
-            "method": self.method,
-            "names": list(self.names),
-            "units": list(self.units),
-            "values": plain(self.values),
-            "vectors": plain(self.vectors),
-            "ratio": plain(self.ratio),
-            "prior": plain(self.prior),
-            "posterior": plain(self.posterior),
-            "window": self.window,
-        }
-
     def summary(self) -> str:
         """Return the ratio of each state, best known first, as text."""
         lines = [f"after a window of {self.window:g}, posterior / prior:"]
@@ -156,14 +139,26 @@ class Information:
         for i in np.argsort(self.ratio, kind="stable"):
             unit = f" {self.units[i]}" if self.units[i] else ""
             lines.append(
-                f"  {self.names[i]:<{width}}  {self.ratio[i]:.3g}"
-                f"   ({self.posterior[i]:.3g}{unit} of {self.prior[i]:.3g}{unit})"
+                f"  {self.names[i]:<{width}}  {brief(self.ratio[i])}"
+                f"   ({brief(self.posterior[i])}{unit} of {brief(self.prior[i])}{unit})"
             )
         return "\n".join(lines)
 
     def plot(self) -> Figure:
         """Draw what each combination is made of as a heat map; needs matplotlib."""
         return draw(self, "combination_map")
+
+    def _verdict_line(self) -> str:
+        """Say how much the window tells, and of what least."""
+        worst = int(np.argmax(self.ratio))
+        return (
+            f"{self.determined} of {len(self.names)} combinations told better than beforehand; "
+            f"least of {self.names[worst]} (posterior / prior {brief(self.ratio[worst])})"
+        )
+
+    def _as_table(self) -> Columns:
+        values = {"prior": self.prior, "posterior": self.posterior, "ratio": self.ratio}
+        return columns_of_states(self.names, self.units, values)
 
 
 def degree(
@@ -383,7 +378,8 @@ def information(
         raise InputError(f"prior is missing for {missing}: the degree compares with it")
     if not ((std > 1e-150) & (std < 1e150)).all():
         raise InputError(
-            f"prior goes from {std.min():.3g} to {std.max():.3g}: their squares overflow float64"
+            f"prior goes from {brief(std.min())} to {brief(std.max())}: their squares "
+            "overflow float64"
         )
     if covariance is None:
         root = np.diag(std)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._answers import Answer, Columns
 from gramian._arrays import finite, number
+from gramian._text import brief
 from gramian.exceptions import InputError
 from gramian.models.linear._systems import SystemLike, system_of, whitener
 
@@ -81,8 +83,8 @@ def _discounted(a: Array, discount: float, time: str) -> Array:
     return shifted
 
 
-@dataclass(frozen=True, eq=False)
-class SplitGramian:
+@dataclass(frozen=True, eq=False, repr=False)
+class SplitGramian(Answer):
     """The Gramians of the two parts of a system that need not be stable.
 
     Attributes
@@ -136,8 +138,8 @@ def split_gramian(
     return SplitGramian(s, sf, u, uf)
 
 
-@dataclass(frozen=True, eq=False)
-class Hankel:
+@dataclass(frozen=True, eq=False, repr=False)
+class Hankel(Answer):
     """Hankel singular values of a stable system, and what truncation would cost.
 
     Attributes
@@ -156,21 +158,18 @@ class Hankel:
         """Return how many balanced states keep the error of the response below `error`."""
         return int(np.argmax(self.bounds <= number(error, "error")))
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the answer as plain lists, fit for JSON."""
-        return {"values": self.values.tolist(), "bounds": self.bounds.tolist()}
-
     def summary(self) -> str:
         """Return the orders that keep 10, 1 and 0.1 % of the largest bound, as text."""
-        lines = [f"Hankel singular values {self.values[0]:.4g} to {self.values[-1]:.3g}"]
+        lines = [f"Hankel singular values {brief(self.values[0], 4)} to {brief(self.values[-1])}"]
         for part in (0.1, 0.01, 0.001):
             order = self.order(part * self.bounds[0])
             lines.append(
-                f"  {order} of {len(self.values)} states: error below {self.bounds[order]:.3g}"
+                f"  {order} of {len(self.values)} states: error below {brief(self.bounds[order])}"
             )
         return "\n".join(lines)
 
-    __str__ = summary
+    def _as_table(self) -> Columns:
+        return Columns("order", range(len(self.bounds)), {"error_bound": self.bounds}, {})
 
 
 def hankel(

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian import _options as options
+from gramian._answers import Answer, Columns
 from gramian._arrays import finite, number, whole
 from gramian._registry import draw
-from gramian._text import describe_combination
+from gramian._text import describe_combination, describe_direction
 from gramian.exceptions import InputError
-from gramian.models.linear._systems import SystemLike, matrices, system_of
+from gramian.models.linear._systems import System, SystemLike, matrices, system_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -66,8 +68,8 @@ def observability_matrix(
     return _core.observability_matrix(a, c, order)
 
 
-@dataclass(frozen=True, eq=False)
-class BatchLevels:
+@dataclass(frozen=True, eq=False, repr=False)
+class BatchLevels(Answer):
     """Levels of many systems.
 
     Attributes
@@ -100,8 +102,8 @@ class BatchLevels:
         return told
 
 
-@dataclass(frozen=True, eq=False)
-class Levels:
+@dataclass(frozen=True, eq=False, repr=False)
+class Levels(Answer):
     """What each derivative of the output adds.
 
     Attributes
@@ -143,7 +145,13 @@ class Levels:
     rtol: float
     rank: int
     reason: str | None
-    _analysis: _core.LinearAnalysis = field(repr=False)
+    _system: System
+
+    _more_in_dict = ("nullity", "new_combinations", "null_combinations")
+
+    @cached_property
+    def _analysis(self) -> _core.LinearAnalysis:
+        return _core.LinearAnalysis(self._system.A, self._system.C, self.rtol)
 
     @property
     def nullity(self) -> int:
@@ -152,8 +160,8 @@ class Levels:
 
     @property
     def null_combinations(self) -> tuple[str, ...]:
-        """The null space in words: "1 phi_U + 6.4e-05 eps_W"."""
-        return tuple(describe_combination(column, self.names) for column in self.null_space.T)
+        """The null space in words: "phi_U +1, eps_W +6.4e-05"."""
+        return tuple(describe_direction(column, self.names) for column in self.null_space.T)
 
     @property
     def new_combinations(self) -> tuple[tuple[str, ...], ...]:
@@ -182,23 +190,6 @@ class Levels:
             tolerance = options.fraction(tolerance, "tolerance")
         return self._analysis.level_of(coefficients(combination, self.names), tolerance)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the answer as plain lists, numbers and strings, fit for JSON."""
-        return {
-            "names": list(self.names),
-            "ranks": None if self.ranks is None else list(self.ranks),
-            "rank": self.rank,
-            "nullity": self.nullity,
-            "states": None if self.states is None else dict(self.states),
-            "combinations": None if self.combinations is None else dict(self.combinations),
-            "reason": self.reason,
-            "new": [list(level) for level in self.new_combinations],
-            "null_space": self.null_space.tolist(),
-            "null_combinations": list(self.null_combinations),
-            "margins": list(self.margins),
-            "rtol": self.rtol,
-        }
-
     def summary(self) -> str:
         """Return what becomes known at each derivative, as text."""
         n = len(self.names)
@@ -217,6 +208,12 @@ class Levels:
     def plot(self) -> Figure:
         """Draw the ranks as steps and the level of each state; needs matplotlib."""
         return draw(self, "level_steps")
+
+    def _as_table(self) -> Columns:
+        if self.states is None:
+            raise InputError(str(self.reason))
+        levels = [np.inf if level is None else float(level) for level in self.states.values()]
+        return Columns("state", tuple(self.states), {"level": np.array(levels)}, {})
 
 
 def levels(
@@ -287,7 +284,7 @@ def levels(
         1 x
       derivative 1 gives (rank 2)
         1 v
-      never seen: 1 b
+      never seen: b +1
     """
     system = system_of(A, C, names)
     if rtol is not None:
@@ -315,7 +312,7 @@ def levels(
         rtol=analysis.rtol,
         rank=analysis.rank,
         reason=None if told else reason,
-        _analysis=analysis,
+        _system=system,
     )
 
 

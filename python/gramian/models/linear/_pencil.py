@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from math import atan2, hypot, pi
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._answers import Answer
 from gramian._arrays import number, whole
-from gramian._text import describe_combination
+from gramian._text import brief, describe_direction
 from gramian.exceptions import InputError
 from gramian.models.linear._levels import coefficients
 from gramian.models.linear._systems import System, SystemLike, system_of, whitener
@@ -23,8 +25,8 @@ Array = NDArray[np.float64]
 Time = Literal["continuous", "discrete"]
 
 
-@dataclass(frozen=True, eq=False)
-class Distance:
+@dataclass(frozen=True, eq=False, repr=False)
+class Distance(Answer):
     """How far a pair (A, C) is from the nearest unobservable one.
 
     Attributes
@@ -64,30 +66,17 @@ class Distance:
         """The distance over the norm of [A; C]."""
         return self.distance / self.norm if self.norm > 0 else 0.0
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the answer as plain lists, numbers and strings, fit for JSON."""
-        return {
-            "distance": self.distance,
-            "z": [self.z.real, self.z.imag],
-            "direction": [[x.real, x.imag] for x in self.direction.tolist()],
-            "norm": self.norm,
-            "at_least": self.at_least,
-            "complete": self.complete,
-            "scaling": self.scaling,
-            "names": list(self.names),
-        }
-
     def summary(self) -> str:
         """Return the distance and what is nearly lost, as text."""
         size = np.abs(self.direction)
         kept = [
-            f"{size[i]:.3g} {self.names[i]}"
+            f"{brief(size[i])} {self.names[i]}"
             for i in np.argsort(-size, kind="stable")[:4]
             if size[i] > 1e-3 * size.max()
         ]
         lines = [
             f"distance to the nearest unobservable pair {self.distance:.6g} "
-            f"({self.relative:.3g} of the norm of A and C), scaling: {self.scaling}",
+            f"({brief(self.relative)} of the norm of A and C), scaling: {self.scaling}",
             f"  attained at z = {self.z:.6g}, by a motion of {', '.join(kept)}",
         ]
         if self.at_least is not None:
@@ -95,11 +84,9 @@ class Distance:
             lines.append(f"  no nearer than {self.at_least:.6g}: {proof}")
         return "\n".join(lines)
 
-    __str__ = summary
 
-
-@dataclass(frozen=True, eq=False)
-class Mode:
+@dataclass(frozen=True, eq=False, repr=False)
+class Mode(Answer):
     """A motion of the state that no output shows.
 
     Attributes
@@ -117,6 +104,8 @@ class Mode:
     combinations: Array
     names: tuple[str, ...]
     time: Time = "continuous"
+
+    _more_in_dict = ("motion", "texts")
 
     @property
     def decays(self) -> bool:
@@ -140,19 +129,21 @@ class Mode:
             return "constant"
         if z.imag == 0:
             word = "decays" if z.real < 0 else "grows"
-            return f"{word} with time constant {1 / abs(z.real):.4g}{unit}"
+            return f"{word} with time constant {brief(1 / abs(z.real), 4)}{unit}"
         damping = -z.real / size
-        shape = f"oscillates with period {2 * pi / z.imag:.4g}{unit}, damping {damping:.3g}"
+        shape = (
+            f"oscillates with period {brief(2 * pi / z.imag, 4)}{unit}, damping {brief(damping)}"
+        )
         return shape if damping > -1e-12 else f"{shape}: grows"
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """The combinations in words: "1 x - 1 y"."""
-        return tuple(describe_combination(column, self.names) for column in self.combinations.T)
+        """The combinations in words: "x +1, y -1"."""
+        return tuple(describe_direction(column, self.names) for column in self.combinations.T)
 
 
-@dataclass(frozen=True, eq=False)
-class Unobservable:
+@dataclass(frozen=True, eq=False, repr=False)
+class Unobservable(Answer):
     """What no output of a linear system shows.
 
     Attributes
@@ -181,7 +172,13 @@ class Unobservable:
     scales: Array
     time_scale: float
     time: Time
-    _found: _core.LinearUnobservable = field(repr=False)
+    _system: System
+
+    _more_in_dict = ("nullity", "detectable", "null_combinations")
+
+    @cached_property
+    def _found(self) -> _core.LinearUnobservable:
+        return _core.LinearUnobservable(self._system.A, self._system.C, self.rtol)
 
     @property
     def nullity(self) -> int:
@@ -201,7 +198,7 @@ class Unobservable:
     @property
     def null_combinations(self) -> tuple[str, ...]:
         """The null space in words."""
-        return tuple(describe_combination(column, self.names) for column in self.null_space.T)
+        return tuple(describe_direction(column, self.names) for column in self.null_space.T)
 
     def left_by(
         self, outputs: ArrayLike | Mapping[str, ArrayLike | Mapping[str, float]] | None = None
@@ -233,39 +230,17 @@ class Unobservable:
         """Take from rows about the state, shape (k, n), what rounding says of the subspace."""
         return self._found.project(rows)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the answer as plain lists, numbers and strings, fit for JSON."""
-        return {
-            "names": list(self.names),
-            "nullity": self.nullity,
-            "detectable": self.detectable,
-            "null_space": self.null_space.tolist(),
-            "null_combinations": list(self.null_combinations),
-            "modes": [
-                {
-                    "eigenvalue": [mode.eigenvalue.real, mode.eigenvalue.imag],
-                    "motion": mode.motion,
-                    "combinations": list(mode.texts),
-                }
-                for mode in self.modes
-            ],
-            "margins": list(self.margins),
-            "rtol": self.rtol,
-        }
-
     def summary(self) -> str:
         """Return what is not shown, mode by mode, as text."""
         n = len(self.names)
         if self.nullity == 0:
-            return f"OBSERVABLE: rank {n} of {n}, margin {self.margins[0]:.3g} of the norm"
+            return f"OBSERVABLE: rank {n} of {n}, margin {brief(self.margins[0])} of the norm"
         harm = "all decay: detectable" if self.detectable else "not detectable"
         lines = [f"UNOBSERVABLE: rank {self.rank} of {n}; {harm}"]
         for mode in self.modes:
             lines.append(f"  {mode.motion}:")
             lines += [f"    {text}" for text in mode.texts]
         return "\n".join(lines)
-
-    __str__ = summary
 
 
 def distance(
@@ -347,7 +322,7 @@ def distance(
         d = system.prior
         fastest = float(np.abs(_core.LinearPencil(a, c).eigenvalues()).max()) or 1.0
         a, c = a * d / d[:, None] / fastest, white @ c * d
-        words = f"prior, noise, and the fastest mode ({fastest:.4g} per unit of time)"
+        words = f"prior, noise, and the fastest mode ({brief(fastest, 4)} per unit of time)"
     else:
         raise InputError(f'scaling = {scaling!r}: must be "none", "balanced" or "prior"')
     pencil = _core.LinearPencil(a, c)
@@ -417,10 +392,10 @@ def unobservable(
     Two equal rooms are heated; the sum of the temperatures is measured.
 
     >>> found = unobservable([[-0.5, 0], [0, -0.5]], [[1, 1]], ["first", "second"])
-    >>> print(found)
+    >>> print(found.summary())
     UNOBSERVABLE: rank 1 of 2; all decay: detectable
       decays with time constant 2:
-        1 first - 1 second
+        first +1, second -1
     >>> found.left_by()
     {'first': 0, 'second': 0}
     """
@@ -444,5 +419,5 @@ def unobservable(
         scales=np.array(scales),
         time_scale=time_scale,
         time=time,
-        _found=found,
+        _system=system,
     )

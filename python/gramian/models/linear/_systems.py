@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _options as options
 from gramian._arrays import as_float_array, finite
+from gramian._values import Value
 from gramian.exceptions import InputError
 
 __all__ = ["StateSpace", "System", "SystemLike", "matrices", "system_of", "whitener"]
@@ -27,7 +28,7 @@ class StateSpace(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class System:
+class System(Value):
     """A linear system with names: what `gramian.inertial` makes.
 
     Attributes

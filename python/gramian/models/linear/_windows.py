@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian import _options as options
+from gramian._answers import Answer, Columns
 from gramian._arrays import as_float_array, finite, number
-from gramian._text import describe_combination
+from gramian._text import describe_direction
 from gramian.exceptions import InputError
 from gramian.models.linear._levels import observability_matrix
 from gramian.models.linear._systems import System, SystemLike, matrices, system_of, whitener
@@ -224,8 +224,8 @@ def problem(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Piecewise:
+@dataclass(frozen=True, eq=False, repr=False)
+class Piecewise(Answer):
     """A system that is constant by segments, and what each of them adds.
 
     Attributes
@@ -256,6 +256,9 @@ class Piecewise:
     C: Array
     durations: Array
 
+    _more_in_dict = ("null_combinations",)
+    _not_in_dict = frozenset({"A", "C"})
+
     @property
     def rank(self) -> int:
         """Rank of the total observability matrix."""
@@ -264,7 +267,7 @@ class Piecewise:
     @property
     def null_combinations(self) -> tuple[str, ...]:
         """The null space in words."""
-        return tuple(describe_combination(column, self.names) for column in self.null_space.T)
+        return tuple(describe_direction(column, self.names) for column in self.null_space.T)
 
     def stripped_matrix(self) -> Array:
         """Return [Q_1; ..; Q_r], shape (r n p, n)."""
@@ -318,18 +321,14 @@ class Piecewise:
         lines += [f"  never seen: {text}" for text in self.null_combinations]
         return "\n".join(lines)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the answer as plain lists, numbers and strings, fit for JSON."""
-        return {
-            "names": list(self.names),
-            "segment_ranks": list(self.segment_ranks),
-            "stripped_ranks": list(self.stripped_ranks),
-            "total_ranks": list(self.total_ranks),
-            "kernel_rests": list(self.kernel_rests),
-            "null_space": self.null_space.tolist(),
-            "null_combinations": list(self.null_combinations),
-            "durations": self.durations.tolist(),
+    def _as_table(self) -> Columns:
+        values = {
+            "duration": self.durations,
+            "alone": np.array(self.segment_ranks),
+            "stripped": np.array(self.stripped_ranks),
+            "total": np.array(self.total_ranks),
         }
+        return Columns("segment", range(len(self.durations)), values, {})
 
 
 def piecewise(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from gramian._text import number
+from gramian._text import brief, number
 from gramian.exceptions import InputError
 from gramian.models.linear import _levels, _windows
 from gramian.models.linear._degrees import history, posterior
@@ -193,7 +193,8 @@ def linear_report(
     lines.append(
         (
             "how clear the ranks are",
-            f"weakest coupling {weakest:.2g}, rounding {rejected:.1g}, cut at {found.rtol:.1g}",
+            f"weakest coupling {brief(weakest, 2)}, rounding {brief(rejected, 1)}, cut at "
+            f"{brief(found.rtol, 1)}",
         )
     )
     lines += facts
@@ -307,7 +308,7 @@ def _ratio_table(information: Information, found: Levels, where: str, unit: str)
                 number(information.prior[i]),
                 number(information.posterior[i]),
                 information.units[i],
-                f"{information.ratio[i]:.3g}",
+                f"{brief(information.ratio[i])}",
             ]
         )
     column = "known on its own from derivative" + (f", {where}" if where else "")

@@ -11,7 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian import _options as options
+from gramian._answers import Answer, Columns
 from gramian._arrays import SEED_MOST, number, whole
+from gramian._text import brief
 from gramian.exceptions import InputError
 from gramian.models.maneuver._laws import LAWS
 from gramian.models.maneuver._planner import plan
@@ -22,8 +24,8 @@ __all__ = ["ClosedLoop", "LoopRun", "closed_loop"]
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class LoopRun:
+@dataclass(frozen=True, eq=False, repr=False)
+class LoopRun(Answer):
     """All trials of one way of choosing headings.
 
     Attributes
@@ -84,8 +86,8 @@ class LoopRun:
         return float(square.std(ddof=1) / np.sqrt(self.trials) / (2 * self.final_rms))
 
 
-@dataclass(frozen=True, eq=False)
-class ClosedLoop:
+@dataclass(frozen=True, eq=False, repr=False)
+class ClosedLoop(Answer):
     """The closed loop of several methods on the same noise; made by `closed_loop`.
 
     Attributes
@@ -145,12 +147,23 @@ class ClosedLoop:
         head = f"{'method':>14}  trials   final error rms      median    90 %   believed   nearest"
         lines = (
             f"{line['method']:>14}  {line['trials']:6d}   "
-            f"{line['final_rms_m']:8.3g} +- {line['final_rms_uncertainty_m']:.1g} m  "
+            f"{line['final_rms_m']:8.3g} +- {brief(line['final_rms_uncertainty_m'], 1)} m  "
             f"{line['final_median_m']:6.3g} m {line['final_p90_m']:6.3g} m "
             f"{line['believed_m']:7.3g} m {line['nearest_m']:7.4g} m"
             for line in self.table()
         )
         return "\n".join([head, *lines])
+
+    def _verdict_line(self) -> str:
+        """Say which method came nearest."""
+        best = min(self.runs, key=lambda run: run.final_rms)
+        return f"{best.method} ends nearest: final error {brief(best.final_rms)} m rms"
+
+    def _as_table(self) -> Columns:
+        lines = self.table()
+        values = {name: [line[name] for line in lines] for name in lines[0] if name != "method"}
+        units = {name: "m" for name in values if name.endswith("_m")}
+        return Columns("method", [run.method for run in self.runs], values, units)
 
 
 def closed_loop(
@@ -343,7 +356,7 @@ class _Setting:
             positive(value, name, unit)
         speed, dt, sigma = number(speed, "speed"), number(dt, "dt"), number(sigma, "sigma [rad]")
         if not speed * dt < 1e150:
-            raise InputError(f"a step of {speed * dt:.3g} m: its square overflows float64")
+            raise InputError(f"a step of {brief(speed * dt)} m: its square overflows float64")
         standoff = None if standoff is None else number(standoff, "standoff")
         if max_turn_rate is not None:
             positive(max_turn_rate, "max_turn_rate", "rad/s")

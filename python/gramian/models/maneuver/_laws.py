@@ -10,7 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian import _options as options
+from gramian._answers import Answer, Columns
 from gramian._arrays import as_float_array, require_finite, whole
+from gramian._text import brief
 from gramian.exceptions import InputError
 
 __all__ = ["LAWS", "AtStandoff", "Law", "Trajectory", "heading", "trajectory"]
@@ -93,8 +95,8 @@ def heading(
     return _core.maneuver_heading(bearing, range_, step, law, side)[()]
 
 
-@dataclass(frozen=True)
-class Trajectory:
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory(Answer):
     """A path that follows a law, and what its bearings tell of a fixed target.
 
     Attributes
@@ -141,20 +143,6 @@ class Trajectory:
         std: Array = np.sqrt(np.divide(across, det, out=none, where=det > 0))
         return std
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return everything as lists and numbers, for JSON."""
-        return {
-            "law": self.law,
-            "count": self.count.tolist(),
-            "path": self.path.tolist(),
-            "bearings": self.bearings.tolist(),
-            "ranges": self.ranges.tolist(),
-            "headings": self.headings.tolist(),
-            "information": self.information.tolist(),
-            "det": self.det.tolist(),
-            "sides": self.sides.tolist(),
-        }
-
     def summary(self) -> str:
         """Return the path in a line of words, or the batch's size and middle."""
         if self.det.ndim > 1:
@@ -162,15 +150,30 @@ class Trajectory:
             return (
                 f"{paths} paths of {self.det.shape[-1]} samples by law {self.law}: "
                 f"last range {np.median(self.ranges[..., -1]):.6g} m, "
-                f"det J {np.median(self.det[..., -1]):.4g} 1/m^4 (medians)"
+                f"det J {brief(np.median(self.det[..., -1]), 4)} 1/m^4 (medians)"
             )
         stopped = "" if self.count == self.det.size else ", then stopped at the stand-off range"
         return (
             f"{int(self.count)} samples by law {self.law}{stopped}: "
             f"range {self.ranges[0]:.6g} m to {self.ranges[-1]:.6g} m, "
-            f"det J {self.det[-1]:.4g} 1/m^4, "
-            f"bound {self.crlb_std[-1, 0]:.3g} m east, {self.crlb_std[-1, 1]:.3g} m north"
+            f"det J {brief(self.det[-1], 4)} 1/m^4, "
+            f"bound {brief(self.crlb_std[-1, 0])} m east, {brief(self.crlb_std[-1, 1])} m north"
         )
+
+    def _as_table(self) -> Columns:
+        if self.det.ndim > 1:
+            raise InputError("a table is of one path: this is a batch")
+        values = {
+            "east": self.path[:, 0],
+            "north": self.path[:, 1],
+            "bearing": self.bearings,
+            "range": self.ranges,
+            "det": self.det,
+            "east_std": self.crlb_std[:, 0],
+            "north_std": self.crlb_std[:, 1],
+        }
+        units = dict.fromkeys(values, "m") | {"bearing": "rad", "det": "1/m^4"}
+        return Columns("sample", range(len(self.path)), values, units)
 
 
 def trajectory(

@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._answers import Answer, Columns
 from gramian._arrays import SEED_MOST, whole, wrap_angles
+from gramian._text import brief, plain
 from gramian.exceptions import UnobservableError
 from gramian.models.maneuver._laws import LAWS
 from gramian.models.maneuver._search import (
@@ -30,8 +32,8 @@ __all__ = ["LawComparison", "Plan", "Start", "plan"]
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Start:
+@dataclass(frozen=True, repr=False)
+class Start(Answer):
     """One first guess and what became of it.
 
     Attributes
@@ -50,8 +52,8 @@ class Start:
     converged: bool
 
 
-@dataclass(frozen=True, eq=False)
-class LawComparison:
+@dataclass(frozen=True, eq=False, repr=False)
+class LawComparison(Answer):
     """A closed-form law on the same constraints as a plan.
 
     Attributes
@@ -83,8 +85,16 @@ class LawComparison:
     crlb_std: Array = field(repr=False)
 
 
-@dataclass(frozen=True, eq=False)
-class Plan:
+_CRITERIA = {
+    "D": "log det of the information",
+    "A": "trace of the bound",
+    "E": "smallest eigenvalue of the information",
+    "combination": "variance of the combination",
+}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan(Answer):
     """A planned path and how good it is; made by `plan`.
 
     Attributes
@@ -190,46 +200,42 @@ class Plan:
         """Return everything as plain numbers, strings and lists."""
         return {
             "criterion": self.criterion,
-            "value": self.value,
+            "value": plain(self.value),
             "converged": self.converged,
             "message": self.message,
             "optimum": self.optimum,
             "optima": self.optima,
             "guesses": self.guesses,
-            "clearance_m": self.clearance,
+            "clearance_m": plain(self.clearance),
             "states": list(self.names),
-            "crlb_std": self.crlb_std.tolist(),
+            "crlb_std": plain(self.crlb_std),
             "times_s": self.times.tolist(),
             "path_m": self.path.tolist(),
             "headings_rad": self.headings.tolist(),
             "speeds_m_s": self.speeds.tolist(),
             "turns": self.turns.tolist(),
-            "values": self.values.tolist(),
+            "values": plain(self.values),
             "laws": [
                 {
                     "law": law.law,
                     "side": law.side,
-                    "value": law.value,
-                    "behind": law.behind,
+                    "value": plain(law.value),
+                    "behind": plain(law.behind),
                     "kept": law.kept,
-                    "crlb_std": law.crlb_std.tolist(),
+                    "crlb_std": plain(law.crlb_std),
                 }
                 for law in self.laws
             ],
             "starts": [
-                {"name": s.name, "guess": s.guess, "value": s.value, "converged": s.converged}
+                {"name": s.name, "guess": plain(s.guess), "value": plain(s.value)}
+                | {"converged": s.converged}
                 for s in self.starts
             ],
         }
 
     def summary(self) -> str:
         """Return the answer in a few lines of words and numbers."""
-        noun = {
-            "D": "log det of the information",
-            "A": "trace of the bound",
-            "E": "smallest eigenvalue of the information",
-            "combination": "variance of the combination",
-        }[self.criterion]
+        noun = _CRITERIA[self.criterion]
         state = "converged" if self.converged else f"NOT CONVERGED: {self.message}"
         lines = [
             f"{self.path.shape[0]} bearings, {noun} {self.value:.6g}   {state}",
@@ -237,7 +243,7 @@ class Plan:
             f"chosen among {self.guesses} guesses ({self.starts[0].name})",
             "bound (1 sigma)   "
             + "   ".join(
-                f"{name} {value:.4g}"
+                f"{name} {brief(value, 4)}"
                 for name, value in zip(
                     self.names, np.sqrt(self.weights @ self.crlb_std**2), strict=True
                 )
@@ -245,8 +251,30 @@ class Plan:
         ]
         for law in self.laws:
             note = "" if law.kept else "   (breaks a limit)"
-            lines.append(f"{law.law:>14} is {law.behind:.4g} times behind{note}")
+            lines.append(f"{law.law:>14} is {brief(law.behind, 4)} times behind{note}")
         return "\n".join(lines)
+
+    def _as_table(self) -> Columns:
+        values = {
+            "east": self.path[:, 0],
+            "north": self.path[:, 1],
+            "heading": np.append(self.headings, np.nan),
+            "speed": np.append(self.speeds, np.nan),
+            "criterion": self.values,
+        }
+        units = {"time": "s", "east": "m", "north": "m", "heading": "rad", "speed": "m/s"}
+        return Columns("time", self.times, values, units)
+
+    @property
+    def reason(self) -> str:
+        """The criterion and what it came to; why the search did not converge."""
+        text = f"{len(self.path)} bearings, {_CRITERIA[self.criterion]} {self.value:.6g}"
+        return text if self.converged else f"{text}; {self.message}"
+
+    @property
+    def status(self) -> str:
+        """What became of the search: "converged" or "not_converged"."""
+        return "converged" if self.converged else "not_converged"
 
 
 def plan(
@@ -404,7 +432,7 @@ def _result(task: Task, found: list[Found], guesses: int) -> Plan:
     message = best.message
     if not kept:
         message = (
-            f"no path found that keeps all limits: this one breaks one by {-clearance:.3g} m"
+            f"no path found that keeps all limits: this one breaks one by {brief(-clearance)} m"
             if clearance < 0
             else "no path found that keeps all limits: this one turns faster than it may"
         )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from gramian._text import number
+from gramian._text import brief, number
 from gramian.exceptions import InputError
 from gramian.models.maneuver import _closed_loop, _planner
 from gramian.report import Picture, Report, Table, Tone
@@ -233,7 +233,7 @@ def _report(title: str, plan: Plan, loop: ClosedLoop | None) -> Report:
     return Report(
         title=title,
         subtitle=f"{len(plan.path)} bearings over {plan.times[-1]:.6g} s, "
-        f"sigma {np.degrees(plan.sigma):.3g} deg",
+        f"sigma {brief(np.degrees(plan.sigma))} deg",
         tone=tone,
         headline=headline,
         verdict=verdict,
@@ -256,7 +256,7 @@ def _laws_table(plan: Plan) -> Table:
         [
             f"law {law.law}" + ("" if law.kept else " (breaks a limit)"),
             number(law.value, 5),
-            "" if np.isinf(law.behind) else f"{law.behind:.4g}",
+            "" if np.isinf(law.behind) else f"{brief(law.behind, 4)}",
             number(_position_bound(law.crlb_std, plan.weights)),
         ]
         for law in plan.laws
@@ -307,10 +307,10 @@ def _loop_table(loop: ClosedLoop) -> Table:
         [
             run.method,
             str(run.trials),
-            f"{number(run.final_rms, 3)} +- {run.uncertainty:.1g}",
+            f"{number(run.final_rms, 3)} +- {brief(run.uncertainty, 1)}",
             f"{number(run.final_median, 3)}",
             f"{number(run.final_p90, 3)}",
-            f"{run.nearest.min():.4g}",
+            f"{brief(run.nearest.min(), 4)}",
         ]
         for run in loop.runs
     ]

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian import _options as options
+from gramian._answers import Answer, Columns, columns_of_states
 from gramian._arrays import SEED_MOST, as_float_array, number, whole
-from gramian._text import describe_combination, plain
+from gramian._text import brief, describe_direction
 from gramian.exceptions import ConvergenceError, InputError, UnobservableError
 from gramian.models.registration._model import gauges
 from gramian.models.registration._reports import Reports, report_array
@@ -28,8 +29,8 @@ NOISE_SHARE = 0.5
 BEND = 0.05
 
 
-@dataclass(frozen=True, eq=False)
-class Estimate:
+@dataclass(frozen=True, eq=False, repr=False)
+class Estimate(Answer):
     """What `estimate` found; arrays have the leading axes of the reports.
 
     Attributes
@@ -78,6 +79,9 @@ class Estimate:
     method: Method
     prior: Mapping[str, float]
 
+    _more_in_dict = ("p_value",)
+    _not_in_dict = frozenset({"positions"})
+
     @property
     def p_value(self) -> Array:
         """Probability of a larger chi-square: small when reports and model disagree.
@@ -96,25 +100,6 @@ class Estimate:
         value: Array = self.biases[..., self.names.index(name)]
         return value
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the answer as plain lists, numbers and strings, fit for JSON."""
-        return {
-            "method": self.method,
-            "names": list(self.names),
-            "units": list(self.units),
-            "biases": plain(self.biases),
-            "std": plain(self.std),
-            "status": self.status.tolist(),
-            "held_by_prior": list(self.held_by_prior),
-            "prior": dict(self.prior),
-            "iterations": self.iterations.tolist(),
-            "chi_square": plain(self.chi_square),
-            "dof": self.dof,
-            "p_value": plain(self.p_value),
-            "noise_share": plain(self.noise_share),
-            "bend": plain(self.bend),
-        }
-
     def summary(self) -> str:
         """Return one estimate as text; of many, their number and states."""
         if self.biases.ndim > 1:
@@ -129,15 +114,22 @@ class Estimate:
                 lines.append(f"  {name:<{width}}  not observable")
             elif unit == "rad":
                 degrees = np.degrees([value, std])
-                lines.append(f"  {name:<{width}}  {degrees[0]:.5g} +- {degrees[1]:.2g} deg")
+                lines.append(f"  {name:<{width}}  {degrees[0]:.5g} +- {brief(degrees[1], 2)} deg")
             else:
-                lines.append(f"  {name:<{width}}  {value:.5g} +- {std:.2g} {unit}".rstrip())
+                lines.append(f"  {name:<{width}}  {value:.5g} +- {brief(std, 2)} {unit}".rstrip())
         lines += [f"  held by the prior alone: {text}" for text in self.held_by_prior]
         if self.dof > 0:
             lines.append(
-                f"  chi-square {self.chi_square:.4g} of {self.dof} (p = {self.p_value:.2g})"
+                f"  chi-square {brief(self.chi_square, 4)} of {self.dof} (p = "
+                f"{brief(self.p_value, 2)})"
             )
         return "\n".join(lines)
+
+    def _as_table(self) -> Columns:
+        others = {"status": self.status, "chi2": self.chi_square, "p_value": self.p_value}
+        return columns_of_states(
+            self.names, self.units, {"": self.biases, "std": self.std}, others, self.covariance
+        )
 
 
 def estimate(
@@ -409,7 +401,7 @@ def _named(known: Setup, directions: Array, scale: Array) -> tuple[tuple[str, ..
                        for vector in freedoms.values()])  # fmt: skip
     if freedoms and np.linalg.matrix_rank(scaled, rtol=1e-6) == len(directions):
         return tuple(
-            f"{name} ({describe_combination(vector, known.names)})"
+            f"{name} ({describe_direction(vector, known.names)})"
             for name, vector in freedoms.items()
         ), ""
     # Reduced so that each has a leading bias that the others do not contain.
@@ -425,5 +417,5 @@ def _named(known: Setup, directions: Array, scale: Array) -> tuple[tuple[str, ..
         lead = int(np.argmax(np.abs(row) > 0.5 * np.abs(row).max()))
         kept = np.where(np.abs(row) > 0.05 * np.abs(row).max(), row, 0.0) * scale
         kept /= kept[lead]
-        texts.append(describe_combination(np.array([float(f"{x:.2g}") for x in kept]), known.names))
+        texts.append(describe_direction(np.array([float(f"{x:.2g}") for x in kept]), known.names))
     return tuple(texts), ""

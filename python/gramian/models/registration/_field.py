@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from gramian import _core
+from gramian._answers import Answer, Columns
 from gramian._arrays import as_float_array, number, whole
 from gramian._registry import draw
 from gramian.exceptions import InputError
@@ -18,8 +19,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@dataclass(frozen=True, eq=False)
-class Field:
+@dataclass(frozen=True, eq=False, repr=False)
+class Field(Answer):
     """A map.
 
     Attributes
@@ -50,6 +51,24 @@ class Field:
     def plot(self) -> Figure:
         """Draw the map; needs matplotlib."""
         return draw(self, "field")
+
+    def _as_table(self) -> Columns:
+        east, north = np.meshgrid(self.east, self.north)
+        values = {"east": east.ravel(), "north": north.ravel(), self.quantity: self.values.ravel()}
+        units = {"east": "m", "north": "m", self.quantity: self.unit}
+        return Columns("place", range(self.values.size), values, units)
+
+    def to_xarray(self) -> Any:
+        """Return the map as an xarray Dataset with the coordinates east and north."""
+        import xarray as xr
+
+        metres = {"units": "m"}
+        value = (("north", "east"), self.values, {"units": self.unit})
+        places = {"east": ("east", self.east, metres), "north": ("north", self.north, metres)}
+        return xr.Dataset({self.quantity: value}, places)
+
+    def _html_table(self) -> str:
+        return ""
 
 
 def field(

@@ -120,7 +120,7 @@ def problem(
     >>> along = np.stack([np.linspace(6e3, 54e3, 50), np.zeros(50)], axis=1)
     >>> sensors = {"A": (0, 0), "B": (60e3, 0)}
     >>> gm.analyze(problem(along, sensors, (50.0, 0.00175))).null_combinations
-    ('1 A.range - 1 B.range',)
+    ('A.range +1, B.range -1',)
     """
     known = setup(sensors, sigma, extras)
     about = known.biases(biases)

@@ -13,12 +13,14 @@ from numpy.typing import ArrayLike
 from gramian import _core
 from gramian import _options as options
 from gramian._arrays import SEED_MOST, as_float_array, number, real, whole, wrap_angles
+from gramian._text import brief
+from gramian._values import Value
 from gramian.exceptions import InputError
 from gramian.models.registration._setup import Array, Extra, SensorsLike, Setup, setup
 
 
 @dataclass(frozen=True, eq=False)
-class Reports:
+class Reports(Value):
     """Reports of all sensors on the same targets at the same instants.
 
     Parameters
@@ -89,7 +91,7 @@ def report_array(value: ArrayLike | Sequence[ArrayLike]) -> Array:
     angles = np.abs(array[..., 1:])
     if angles.size and np.nanmax(angles) > 2 * np.pi:
         warnings.warn(
-            f"reports have an angle of {np.nanmax(angles):.4g} rad, more than a whole turn: "
+            f"reports have an angle of {brief(np.nanmax(angles), 4)} rad, more than a whole turn: "
             "are they in degrees? Angles are in radians here",
             UserWarning,
             stacklevel=3,
@@ -131,7 +133,7 @@ def fused(known: Setup, reports: Array, biases: Array) -> Array:
         placed = False
     if not placed:
         raise InputError(
-            f"reports: the sensors, up to {ranges.max():.3g} m from a target, cannot place it: "
+            f"reports: the sensors, up to {brief(ranges.max())} m from a target, cannot place it: "
             "in one direction nothing is left of their accuracy"
         )
     return positions

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from gramian import _core, choose
 from gramian import _options as options
+from gramian._answers import Answer, Columns
 from gramian._arrays import finite, whole
-from gramian._text import plain
+from gramian._text import brief
 from gramian.exceptions import InputError
 from gramian.models.registration._model import rows
 from gramian.models.registration._setup import Array, Extra, SensorsLike, setup
 from gramian.problem import Problem
 
 
-@dataclass(frozen=True, eq=False)
-class Selection:
+@dataclass(frozen=True, eq=False, repr=False)
+class Selection(Answer):
     """What `select` chose, best first.
 
     Attributes
@@ -47,15 +47,7 @@ class Selection:
     units: tuple[str, ...]
     looks: Mapping[str, tuple[str, slice]]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the choice as plain lists, numbers and strings, fit for JSON."""
-        return {
-            "chosen": list(self.chosen),
-            "gains": plain(self.gains),
-            "names": list(self.names),
-            "bounds": plain(self.bounds),
-            "all_bounds": plain(self.all_bounds),
-        }
+    _not_in_dict = frozenset({"looks"})
 
     def summary(self) -> str:
         """Return the choice as text."""
@@ -63,12 +55,19 @@ class Selection:
         for name, bound in [*zip(self.chosen, self.bounds, strict=True), ("all", self.all_bounds)]:
             label = f"+ {name}" if name != "all" else "all tracks"
             cells = [
-                "not observ." if np.isinf(b) else f"{np.degrees(b):.3g} deg" if unit == "rad"
-                else f"{b:.3g} {unit}"
+                "not observ." if np.isinf(b) else f"{brief(np.degrees(b))} deg" if unit == "rad"
+                else f"{brief(b)} {unit}"
                 for b, unit in zip(bound, self.units, strict=True)
             ]  # fmt: skip
             lines.append(f"{label:<24}" + "".join(f"{cell:>14}" for cell in cells))
         return "\n".join(lines)
+
+    def _verdict_line(self) -> str:
+        return f"chosen: {', '.join(self.chosen)}"
+
+    def _as_table(self) -> Columns:
+        values = {"gain": self.gains} | dict(zip(self.names, self.bounds.T, strict=True))
+        return Columns("track", self.chosen, values, dict(zip(self.names, self.units, strict=True)))
 
 
 def select(

@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _options as options
 from gramian._arrays import as_float_array, finite
+from gramian._text import brief
+from gramian._values import Value
 from gramian.exceptions import InputError
 
 Array = NDArray[np.float64]
@@ -23,7 +25,7 @@ LETTERS = tuple("ABCDEFGHIJKLMNOPQRSTUVWXYZ")
 
 
 @dataclass(frozen=True, eq=False)
-class Setup:
+class Setup(Value):
     """Checked sensors: names, places (N, d), deviations (N, d), further biases."""
 
     labels: tuple[str, ...]
@@ -137,7 +139,7 @@ def setup(sensors: SensorsLike, sigma: ArrayLike | None, extras: Sequence[Extra]
         max(numbers) - min(numbers) > 1e100
         and (span := (places.max(axis=0) - places.min(axis=0)).max()) > 1e100
     ):
-        raise InputError(f"sensors are {span:.3g} m apart: their squares overflow float64")
+        raise InputError(f"sensors are {brief(span)} m apart: their squares overflow float64")
     d = places.shape[1]
     noise = np.ones(d) if sigma is None else as_float_array(sigma, "sigma")
     if noise.shape not in ((d,), (len(places), d)):

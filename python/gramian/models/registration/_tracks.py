@@ -9,16 +9,17 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from gramian._answers import Answer
 from gramian._arrays import as_float_array, finite, number
-from gramian._text import describe_combination
+from gramian._text import describe_direction
 from gramian.exceptions import InputError
 from gramian.models.registration._setup import Array, SensorsLike, Setup, setup
 
 Family = Literal["between", "outside", "abeam A", "abeam B"]
 
 
-@dataclass(frozen=True, eq=False)
-class SingularTrack:
+@dataclass(frozen=True, eq=False, repr=False)
+class SingularTrack(Answer):
     """One family of singular tracks.
 
     Attributes
@@ -56,8 +57,8 @@ class SingularTrack:
         }
 
 
-@dataclass(frozen=True, eq=False)
-class TrackCheck:
+@dataclass(frozen=True, eq=False, repr=False)
+class TrackCheck(Answer):
     """The singular track that a given track is nearest to.
 
     Attributes
@@ -112,10 +113,10 @@ def singular_tracks(sensors: SensorsLike) -> tuple[SingularTrack, ...]:
     --------
     >>> for track in singular_tracks({"A": (0, 0), "B": (60e3, 0)}):
     ...     print(track.name, dict(track.combinations))
-    between {'both': '1 A.range - 1 B.range'}
-    outside {'both': '1 A.range + 1 B.range'}
-    abeam A {'left': '6e+04 A.range + 1 A.azimuth + 1 B.azimuth', 'right': '-6e+04 A.range + 1 A.azimuth + 1 B.azimuth'}
-    abeam B {'left': '1 A.azimuth - 6e+04 B.range + 1 B.azimuth', 'right': '1 A.azimuth + 6e+04 B.range + 1 B.azimuth'}
+    between {'both': 'A.range +1, B.range -1'}
+    outside {'both': 'A.range +1, B.range +1'}
+    abeam A {'left': 'A.range +60000, A.azimuth +1, B.azimuth +1', 'right': 'A.range -60000, A.azimuth +1, B.azimuth +1'}
+    abeam B {'left': 'A.azimuth +1, B.range -60000, B.azimuth +1', 'right': 'A.azimuth +1, B.range +60000, B.azimuth +1'}
     """  # noqa: E501
     known = setup(sensors, None)
     if known.places.shape != (2, 2):
@@ -130,7 +131,7 @@ def singular_tracks(sensors: SensorsLike) -> tuple[SingularTrack, ...]:
 
     def made(name: Family, where: str, vectors: dict[str, list[float]]) -> SingularTrack:
         arrays = {side: np.array(vector) for side, vector in vectors.items()}
-        words = {side: describe_combination(v, known.names) for side, v in arrays.items()}
+        words = {side: describe_direction(v, known.names) for side, v in arrays.items()}
         return SingularTrack(name, where, arrays, words, known)
 
     d = baseline

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from gramian._text import describe_combination, number, plain
+from gramian._text import brief, describe_direction, number, plain
 from gramian.analysis import Observability, analyze
 from gramian.bounds import crlb_std
 from gramian.exceptions import ConvergenceError, UnobservableError
@@ -413,7 +413,7 @@ class RegistrationScenario(Scenario):
             check = _tracks.check_track(self.all_positions, self.places)
             facts.append(("why", f"every target keeps {check.track.where}"))
         for name, vector in _model.gauges(self.places, self.extras).items():
-            text = describe_combination(vector, answer.names)
+            text = describe_direction(vector, answer.names)
             if not answer.problem.priors:
                 facts.append(("free whatever the targets", f"{name}: {text}"))
         facts.append(("best targets", ", ".join(chosen.chosen)))
@@ -524,8 +524,8 @@ class RegistrationScenario(Scenario):
             facts = [
                 (
                     "do the reports agree with the model?",
-                    f"{'yes' if fits else 'NO'} (chi-square {first.chi_square:.4g} of "
-                    f"{first.dof}, p = {float(first.p_value):.2g})",
+                    f"{'yes' if fits else 'NO'} (chi-square {brief(first.chi_square, 4)} of "
+                    f"{first.dof}, p = {brief(float(first.p_value), 2)})",
                 ),
                 *(("held by the prior alone", text) for text in held),
                 ("best targets", ", ".join(chosen.chosen)),
@@ -670,8 +670,8 @@ def _cell(value: float, unit: str) -> str:
     if np.isinf(value):
         return "not observable"
     if unit == "rad":
-        return f"{np.degrees(value):.4g} deg"
-    return f"{value:.4g} {unit}".rstrip()
+        return f"{brief(np.degrees(value), 4)} deg"
+    return f"{brief(value, 4)} {unit}".rstrip()
 
 
 def _bounds_table(answer: Observability) -> Table:

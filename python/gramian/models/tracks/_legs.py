@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gramian._answers import Answer, Columns
 from gramian._arrays import whole
 from gramian._registry import draw
+from gramian._text import brief
 from gramian.exceptions import InputError
 from gramian.models.tracks._motion import Motion
 from gramian.models.tracks._scene import Scene, simulate
@@ -24,8 +27,8 @@ __all__ = ["LegChoice", "choose_legs", "leg_penalty"]
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class LegChoice:
+@dataclass(frozen=True, eq=False, repr=False)
+class LegChoice(Answer):
     """How the number of legs was chosen.
 
     Attributes
@@ -47,7 +50,12 @@ class LegChoice:
     count: NDArray[np.int64]
     cost: Array
     penalty: Array
-    best: TrackEstimate
+
+    @cached_property
+    def best(self) -> TrackEstimate:
+        """The estimate of the number that was chosen, by most trials of a batch."""
+        usual = int(np.bincount(np.ravel(self.count)).argmax())
+        return replace(self.estimates[usual - 1], legs=self)
 
     @property
     def gain(self) -> Array:
@@ -62,7 +70,7 @@ class LegChoice:
             return f"legs of {self.count.size} trials: {', '.join(parts)}"
         lines = ["  legs   chi2     dof   gain     penalty  turns"]
         for k, one in enumerate(self.estimates):
-            gain = "" if k == 0 else f"{float(self.gain[k - 1]):.4g}"
+            gain = "" if k == 0 else f"{brief(float(self.gain[k - 1]), 4)}"
             turns = ", ".join(
                 f"{float(one.value(f'turn_{j}')) + one.scene.origin:.4g} s" for j in range(1, k + 1)
             )
@@ -73,12 +81,22 @@ class LegChoice:
             )
         return "\n".join(lines)
 
-    def __str__(self) -> str:
-        return self.summary()
-
-    def figure(self) -> Figure:
+    def plot(self) -> Figure:
         """Return a picture of the residuals with one leg and with those chosen."""
         return draw(self, "legs")
+
+    def _verdict_line(self) -> str:
+        if self.count.ndim:
+            return self.summary()
+        turns = int(self.count) - 1
+        return f"{turns + 1} leg{'s' if turns else ''}, {turns} turn{'' if turns == 1 else 's'}"
+
+    def _as_table(self) -> Columns:
+        if self.count.ndim:
+            raise InputError("a table is of one estimate: this is a batch")
+        chosen = np.arange(1, len(self.estimates) + 1) == int(self.count)
+        values = {"chi2": self.cost, "penalty": self.penalty, "chosen": chosen}
+        return Columns("legs", range(1, len(self.estimates) + 1), values, {})
 
 
 def leg_penalty(
@@ -205,10 +223,7 @@ def choose_legs(
         extra = float(penalty) * np.arange(len(found))
     total = cost + extra.reshape(-1, *[1] * (cost.ndim - 1))
     count = 1 + np.argmin(total, axis=0)
-    usual = int(np.bincount(np.ravel(count)).argmax())
-    choice = LegChoice(tuple(found), np.asarray(count), cost, extra, found[usual - 1])
-    object.__setattr__(choice, "best", replace(found[usual - 1], legs=choice))
-    return choice
+    return LegChoice(tuple(found), np.asarray(count), cost, extra)
 
 
 def _legs_of(motion: Motion, count: int) -> Motion:

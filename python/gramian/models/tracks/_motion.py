@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian._arrays import finite, number, whole
+from gramian._values import Value
 from gramian.exceptions import InputError
 
 __all__ = ["Carrier", "Motion"]
@@ -22,7 +22,7 @@ _ORDERS = ("v", "a", "j")
 
 
 @dataclass(frozen=True)
-class Motion:
+class Motion(Value):
     """How a target moves: made by its class methods.
 
     Positions are east, north (and up) in metres, courses clockwise from north in
@@ -164,7 +164,7 @@ def _unit(name: str) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Carrier:
+class Carrier(Value):
     """Where a sensor is: a path with times, straight in between, or a fixed place.
 
     Parameters
@@ -228,9 +228,6 @@ class Carrier:
             return _core.TrackCarrier(self.path, self.times, self.velocity, heading)
         except InputError as error:
             raise InputError(f"{self.name}: {error}") from None
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {key: value for key, value in self.__dict__.items() if key != "_inner"}
 
     @property
     def dimension(self) -> int:

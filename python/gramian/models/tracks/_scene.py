@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian._arrays import SEED_MOST, as_float_array, finite, whole
+from gramian._values import Value
 from gramian.exceptions import InputError
 from gramian.models.tracks._motion import Motion
 from gramian.models.tracks._sensors import Sensor
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Scene(Value):
     """One target, sensors on carriers, and what is unknown about the sensors.
 
     Parameters
@@ -109,9 +109,6 @@ class Scene:
             [sensor.inner(index) for sensor in self.sensors],
             [f"sensors[{i}] ({sensor.name})" for i, sensor in enumerate(self.sensors)],
         )
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {key: value for key, value in self.__dict__.items() if key != "_inner"}
 
     def _check_legs(self, sensors: tuple[Sensor, ...]) -> None:
         turns = self.motion.turns

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian._arrays import as_float_array, finite, number
+from gramian._values import Value
 from gramian.exceptions import InputError
 from gramian.models.tracks._motion import Carrier
 
@@ -39,7 +40,7 @@ Quantity = str | float | None
 
 
 @dataclass(frozen=True, eq=False)
-class Sensor:
+class Sensor(Value):
     """A sensor with the times of its samples: made by the method of its kind.
 
     Each method takes ``times`` (m,), seconds, and of

@@ -10,8 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian._answers import Answer, Columns, columns_of_states
 from gramian._arrays import finite, whole
+from gramian._options import choice
 from gramian._registry import draw
+from gramian._text import brief
 from gramian.exceptions import InputError
 from gramian.models.tracks._scene import Scene
 
@@ -31,8 +34,8 @@ CONSTANTS = {"squares": 0.0, "huber": 1.345, "tukey": 4.685}
 Loss = Literal["squares", "huber", "tukey"]
 
 
-@dataclass(frozen=True, eq=False)
-class TrackEstimate:
+@dataclass(frozen=True, eq=False, repr=False)
+class TrackEstimate(Answer):
     """The answer of `estimate`: one estimate, or one for each trial of a batch.
 
     Attributes
@@ -80,6 +83,9 @@ class TrackEstimate:
     iterations: NDArray[np.int32]
     legs: Any = None
 
+    _more_in_dict = ("status", "names", "units", "std")
+    _not_in_dict = frozenset({"scene", "measurements", "legs", "code", "other", "other_cost"})
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the states."""
@@ -109,19 +115,19 @@ class TrackEstimate:
         if not isinstance(status, str):
             raise InputError("reason is of one estimate: this is a batch")
         if status == "unobservable":
-            from gramian._text import describe_combination
+            from gramian._text import describe_direction
 
             direction = self.null_direction.copy()
             direction[np.abs(direction) < 1e-9 * np.abs(direction).max(initial=0.0)] = 0
-            return f"no measurement sees {describe_combination(direction, self.names)}"
+            return f"no measurement sees {describe_direction(direction, self.names)}"
         if status == "misfit":
             return (
-                f"chi2 = {float(self.cost):.4g} for {int(self.dof)} degrees of freedom "
-                f"(p = {float(self.p_value):.2g}): the model does not fit"
+                f"chi2 = {brief(float(self.cost), 4)} for {int(self.dof)} degrees of freedom "
+                f"(p = {brief(float(self.p_value), 2)}): the model does not fit"
             )
         if status == "ambiguous":
             rise = float(self.other_cost - self.cost)
-            return f"another solution fits as well: chi2 is larger by {rise:.2g}"
+            return f"another solution fits as well: chi2 is larger by {brief(rise, 2)}"
         if status == "weak":
             return (
                 "a position of the track is uncertain by a good part of its distance (weak_ratio)"
@@ -153,31 +159,21 @@ class TrackEstimate:
         """Return positions (k, D) of a single estimate at these times."""
         return self.scene.track(self.state, times)
 
-    def figure(self) -> Figure:
-        """Return a map of a single estimate: carriers, track, error ellipses."""
-        return draw(self, "chart")
+    def plot(self, view: Literal["map", "space"] | None = None) -> Figure:
+        """Draw a single estimate: carriers, track, error ellipses; needs matplotlib.
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the answer as plain lists, numbers and strings, fit for JSON."""
-        from gramian._text import plain
-
-        def flat(values: Array) -> Any:
-            return plain(values) if values.ndim else plain(float(values))
-
-        status = self.status
-        return {
-            "status": status if isinstance(status, str) else status.tolist(),
-            "names": list(self.names),
-            "units": list(self.units),
-            "state": flat(self.state),
-            "std": flat(self.std),
-            "covariance": flat(self.covariance),
-            "chi2": flat(self.chi2),
-            "dof": self.dof.tolist(),
-            "p_value": flat(self.p_value),
-            "iterations": self.iterations.tolist(),
-            "null_direction": flat(self.null_direction),
-        }
+        Parameters
+        ----------
+        view : {"map", "space"}, optional
+            From above, or in space; by default in space where the motion is.
+        """
+        if self.code.ndim:
+            raise InputError("a picture is of one estimate: this is a batch")
+        if view is None:
+            view = "space" if self.scene.motion.dimension == 3 else "map"
+        if choice(view, "view", ("map", "space")) == "space" and self.scene.motion.dimension == 2:
+            raise InputError('view = "space": the motion is in the plane')
+        return draw(self, "chart" if view == "map" else "space")
 
     def summary(self) -> str:
         """Return the estimate, or for a batch what became of its trials, as text."""
@@ -190,15 +186,18 @@ class TrackEstimate:
         for name, unit, value, std in zip(
             self.names, self.units, self.state, self.std, strict=True
         ):
-            known = f"{value:.6g} +- {std:.3g} {unit}" if std else f"{value:.6g} {unit} (known)"
+            known = f"{value:.6g} +- {brief(std)} {unit}" if std else f"{value:.6g} {unit} (known)"
             lines.append(f"  {name:<{width}}  {'not determined' if np.isinf(std) else known}")
-        lines.append(f"  chi2 {float(self.chi2):.4g} with {int(self.dof)} degrees of freedom")
+        lines.append(f"  chi2 {brief(float(self.chi2), 4)} with {int(self.dof)} degrees of freedom")
         if self.legs is not None:
             lines.append(self.legs.summary())
         return "\n".join(lines)
 
-    def __str__(self) -> str:
-        return self.summary()
+    def _as_table(self) -> Columns:
+        others = {"status": self.status, "chi2": self.chi2, "p_value": self.p_value}
+        return columns_of_states(
+            self.names, self.units, {"": self.state, "std": self.std}, others, self.covariance
+        )
 
 
 def solve(

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gramian.plot import COLORS, Figure, ellipse, figure
+from gramian._text import brief
+from gramian.plot import COLORS, Figure, ellipse, ellipsoid, equal_space, figure
 
 if TYPE_CHECKING:
     from gramian.models.tracks._legs import LegChoice
     from gramian.models.tracks._scene import Scene
     from gramian.models.tracks._solve import TrackEstimate
 
-__all__ = ["chart", "legs"]
+__all__ = ["chart", "legs", "space"]
 
 Array = NDArray[np.float64]
 
@@ -41,15 +42,47 @@ def chart(estimate: TrackEstimate) -> Figure:
     )
     if np.isfinite(estimate.covariance).all():
         for k, time in enumerate((stamps[0], stamps[-1])):
-            outline = (
-                ellipse(_at(estimate, time) * _KM**2, 0.95) + estimate.track([time])[0, :2] * _KM
-            )
+            middle = estimate.track([time])[0, :2] * _KM
+            outline = middle + ellipse(_at(estimate, time)[:2, :2] * _KM**2, 0.95)
             label = "95 % ellipse, first and last" if k == 0 else None
             axes.plot(*outline.T, color=COLORS["bad"], linewidth=1.2, label=label)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("east, km")
     axes.set_ylabel("north, km")
     axes.grid(alpha=0.3)
+    fig.legend(loc="outside upper center", ncols=3, fontsize="small", frameon=False)
+    return fig
+
+
+def space(estimate: TrackEstimate) -> Figure:
+    """Draw carriers and the estimated track in space, 95 % ellipsoids of its ends."""
+    scene = estimate.scene
+    fig = figure(6.4, 5.6)
+    axes: Any = fig.add_subplot(projection="3d")
+    stamps = _times(scene)
+    points = []
+    for path, name in _carriers(scene):
+        wide = np.zeros((len(path), 3))
+        wide[:, : path.shape[1]] = path
+        points.append(wide * _KM)
+        axes.plot(*points[-1].T, ".-", color=COLORS["observer"], label=name, markersize=5)
+    track = estimate.track(np.linspace(stamps[0], stamps[-1], 200)) * _KM
+    points.append(track)
+    axes.plot(*track.T, color=COLORS["target"], linewidth=2, label="target")
+    axes.plot(*track[:1].T, "o", color=COLORS["target"])
+    axes.plot(*track[-1:].T, ">", color=COLORS["target"])
+    low = float(np.vstack(points)[:, 2].min())
+    for place in track[:: max(1, len(track) // 8)]:
+        below = np.stack([place, [place[0], place[1], low]])
+        axes.plot(*below.T, color=COLORS["muted"], linewidth=0.6, linestyle=":")
+    if np.isfinite(estimate.covariance).all():
+        for k, time in enumerate((stamps[0], stamps[-1])):
+            middle = estimate.track([time])[0] * _KM
+            for i, outline in enumerate(ellipsoid(_at(estimate, time) * _KM**2)):
+                label = "95 % ellipsoid, first and last" if k == i == 0 else None
+                axes.plot(*(middle + outline).T, color=COLORS["bad"], linewidth=0.9, label=label)
+    equal_space(axes, np.vstack(points))
+    axes.set(xlabel="east, km", ylabel="north, km", zlabel="up, km")
     fig.legend(loc="outside upper center", ncols=3, fontsize="small", frameon=False)
     return fig
 
@@ -74,7 +107,7 @@ def legs(choice: LegChoice) -> Figure:
         for j in range(1, count):
             axes.axvline(float(estimate.value(f"turn_{j}")) + estimate.scene.origin, color="0.5")
         word = "leg" if count == 1 else "legs"
-        axes.set_title(f"{count} {word}: chi2 {float(estimate.cost):.4g}", fontsize="small")
+        axes.set_title(f"{count} {word}: chi2 {brief(float(estimate.cost), 4)}", fontsize="small")
         axes.set_ylabel("residual / sigma")
     axes.set_xlabel("time, s")
     return fig
@@ -94,15 +127,15 @@ def _carriers(scene: Scene) -> list[tuple[Array, str]]:
 
 
 def _at(estimate: TrackEstimate, time: float) -> Array:
-    """Covariance of the horizontal position at a time, by differences of the track."""
+    """Covariance (D, D) of the position at a time, by differences of the track."""
     n = estimate.state.size
-    slope = np.zeros((2, n))
+    slope = np.zeros((estimate.scene.motion.dimension, n))
     for k in range(n):
         step = 1e-4 * max(abs(float(estimate.state[k])), float(estimate.std[k]), 1e-6)
         moved = np.array([estimate.state, estimate.state])
         moved[0, k] -= step
         moved[1, k] += step
-        ends = [estimate.scene.track(x, [time])[0, :2] for x in moved]
+        ends = [estimate.scene.track(x, [time])[0] for x in moved]
         slope[:, k] = (ends[1] - ends[0]) / (2 * step)
     covariance: Array = slope @ estimate.covariance @ slope.T
     return covariance

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from gramian import io
-from gramian._text import number
+from gramian._text import brief, number
 from gramian.analysis import analyze
 from gramian.exceptions import InputError
 from gramian.models.tracks._estimate import estimate
@@ -241,7 +241,7 @@ class TracksScenario(Scenario):
             raise self.error("target", str(error)) from error
         answer = analyze(asked)
         verdict = (
-            f"no measurement changes when {answer.null_combinations[0]} is added"
+            f"no measurement changes when the states move together: {answer.null_combinations[0]}"
             if answer.nullity
             else answer.reason
         )
@@ -287,7 +287,7 @@ class TracksScenario(Scenario):
             Picture(
                 "Map",
                 "Carriers, the estimated track, and 95 % ellipses of its first and last place.",
-                found.figure,
+                found.plot,
             )
         ]
         if found.legs is not None:
@@ -295,7 +295,7 @@ class TracksScenario(Scenario):
                 Picture(
                     "Legs",
                     "Residuals with one leg, and with the number that was chosen.",
-                    found.legs.figure,
+                    found.legs.plot,
                 )
             )
         return Report(
@@ -305,7 +305,10 @@ class TracksScenario(Scenario):
             headline=status.upper().replace("_", " "),
             verdict=found.reason,
             facts=[
-                ("fit", f"chi2 {float(found.chi2):.4g} for {int(found.dof)} degrees of freedom")
+                (
+                    "fit",
+                    f"chi2 {brief(float(found.chi2), 4)} for {int(found.dof)} degrees of freedom",
+                )
             ],
             tables=tables,
             pictures=pictures,

@@ -118,6 +118,11 @@ impl<T: Real, const N: usize> SquareRootInformation<T, N> {
         }
     }
 
+    /// A factor as it was read, its lower triangle zero; not checked.
+    pub(crate) fn of_factor(factor: [[T; N]; N], count: u32) -> Self {
+        Self { factor, count }
+    }
+
     /// The same factor with another count: of rows that were changed in place.
     pub(crate) fn with_count(mut self, count: u32) -> Self {
         self.count = count;

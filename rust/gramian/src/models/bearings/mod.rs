@@ -31,7 +31,7 @@ pub use discriminant::{
 pub use frame::{Frame, Whereabouts, frame};
 #[cfg(feature = "std")]
 pub use measured::Measured;
-pub use monitor::{Answer, Monitor};
+pub use monitor::{Answer, Kept, Monitor};
 #[cfg(feature = "std")]
 pub(crate) use motion::moved_along;
 pub use motion::{azimuth_elevation_rows, motion, motion_row};

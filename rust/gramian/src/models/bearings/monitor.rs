@@ -128,6 +128,28 @@ impl<T: Real> Sums<T> {
     }
 }
 
+/// All that a [`Monitor`] keeps, as plain numbers.
+///
+/// ```
+/// use gramian::bearings::Monitor;
+/// let mut monitor = Monitor::<f64>::new();
+/// monitor.push(0.0, 0.1, 0.01, None)?;
+/// let mut again = Monitor::from_kept(&monitor.kept())?;
+/// again.push(20.0, 0.2, 0.01, None)?;
+/// assert_eq!(again.count(), 2);
+/// # Ok::<(), gramian::bearings::Error>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Kept<T> {
+    /// Of all rows, then of the latest: the triangular factor by rows and eight moments;
+    /// then the first and the last time, the origin of time and the turn of the axes.
+    pub numbers: [T; 40],
+    /// How many rows each of the two has.
+    pub counts: [u32; 2],
+    /// Whether the bearings come with ranges.
+    pub ranged: bool,
+}
+
 /// What the bearings so far say.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Answer<T> {
@@ -247,6 +269,71 @@ impl<T: Real> Monitor<T> {
         };
         let squares = self.whole.fourth[0] + self.block.fourth[0];
         held(&self.whole) && held(&self.block) && (T::one() / squares).is_finite()
+    }
+
+    /// All that the monitor keeps, to store it and go on later: see
+    /// [`from_kept`](Self::from_kept).
+    pub fn kept(&self) -> Kept<T> {
+        let mut numbers = [T::zero(); 40];
+        let (sums, instants) = numbers.split_at_mut(36);
+        for (to, from) in sums.chunks_exact_mut(18).zip([&self.whole, &self.block]) {
+            let rows = from.root.factor().iter().enumerate();
+            let upper = rows.flat_map(|(i, row)| row.iter().skip(i));
+            let all = upper.chain(&from.second).chain(&from.fourth);
+            for (to, &from) in to.iter_mut().zip(all) {
+                *to = from;
+            }
+        }
+        instants.copy_from_slice(&[self.first, self.last, self.origin, self.turn]);
+        Kept {
+            numbers,
+            counts: [self.whole.root.count(), self.block.root.count()],
+            ranged: self.ranged,
+        }
+    }
+
+    /// The monitor that kept this, equal in every bit.
+    ///
+    /// # Errors
+    /// [`NumberError::NotFinite`] for a number that is not finite,
+    /// [`NumberError::Overflow`] for sums that no monitor keeps.
+    pub fn from_kept(kept: &Kept<T>) -> Result<Self, Error> {
+        for (index, value) in kept.numbers.iter().enumerate() {
+            if !value.is_finite() {
+                let (name, given) = ("kept", value.double());
+                return Err(NumberError::NotFinite { name, index, given }.into());
+            }
+        }
+        let mut monitor = Self::new();
+        let (sums, instants) = kept.numbers.split_at(36);
+        let parts = [&mut monitor.whole, &mut monitor.block];
+        for ((to, from), &count) in parts
+            .into_iter()
+            .zip(sums.chunks_exact(18))
+            .zip(&kept.counts)
+        {
+            let mut from = from.iter().copied();
+            let mut factor = [[T::zero(); 4]; 4];
+            for (i, row) in factor.iter_mut().enumerate() {
+                for to in row.iter_mut().skip(i) {
+                    *to = from.next().unwrap_or_else(T::zero);
+                }
+            }
+            to.root = SquareRootInformation::of_factor(factor, count);
+            for to in to.second.iter_mut().chain(&mut to.fourth) {
+                *to = from.next().unwrap_or_else(T::zero);
+            }
+        }
+        if let &[first, last, origin, turn] = instants {
+            (monitor.first, monitor.last) = (first, last);
+            (monitor.origin, monitor.turn) = (origin, turn);
+        }
+        monitor.ranged = kept.ranged;
+        if monitor.count() > 0 && !monitor.is_sound() {
+            let result = "information";
+            return Err(NumberError::Overflow { result }.into());
+        }
+        Ok(monitor)
     }
 
     /// How many bearings were taken in.
@@ -488,6 +575,25 @@ mod tests {
             5.0 * (before + after * turn.cos()),
         );
         (3.0 * t - east).atan2(10_000.0 - t - north)
+    }
+
+    #[test]
+    fn a_monitor_that_was_kept_goes_on_alike() {
+        let mut whole = Monitor::<f32>::new();
+        for i in 0..200_u16 {
+            let t = 20.0 * f32::from(i);
+            let mut kept = Monitor::from_kept(&whole.kept()).unwrap();
+            assert_eq!(kept, whole);
+            let b = (3.0 * t).atan2(10_000.0 - 6.0 * t);
+            whole.push(t, b, 0.01, None).unwrap();
+            kept.push(t, b, 0.01, None).unwrap();
+            assert_eq!(kept, whole);
+        }
+        let mut spoilt = whole.kept();
+        spoilt.numbers[3] = f32::NAN;
+        assert!(Monitor::from_kept(&spoilt).is_err());
+        spoilt.numbers[3] = f32::MAX;
+        assert!(Monitor::from_kept(&spoilt).is_err());
     }
 
     #[test]
