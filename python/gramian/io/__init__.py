@@ -3,7 +3,7 @@
 - `read`: one or more files, as a `Recording` of `Track` objects and `Detections` of sensors,
   on one clock and in one plane.
 - `joined`: several recordings as one; `unix_seconds`: dates as seconds, `utc`: seconds as dates.
-- `table`: the cells of a table, with a method for columns of numbers and of times.
+- `table`: the cells of a table, a `Table`, with a method for columns of numbers and of times.
 - `FORMATS`: what is read.
 """
 

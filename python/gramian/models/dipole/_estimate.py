@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian._arrays import finite
+from gramian._values import Value
 from gramian.models.dipole._model import NAMES
 
 __all__ = ["KNOWABLE", "PARTS", "DipoleModel", "faults"]
@@ -26,7 +27,7 @@ PARTS = {"speed": slice(3, 6), "moment": slice(6, 9)}
 
 
 @dataclass(frozen=True, eq=False)
-class DipoleModel:
+class DipoleModel(Value):
     """The fields of a pass at one or more sensors.
 
     Its states are those of (r0, v, m) that are not known, and with `background` a constant
@@ -56,11 +57,6 @@ class DipoleModel:
     known: Mapping[str, float]
     prior: Mapping[str, tuple[float, float]]
     background: bool = False
-
-    def __getstate__(self) -> dict[str, Any]:
-        # What was worked out is worked out again.
-        kept = set(self.__dataclass_fields__)
-        return {name: value for name, value in self.__dict__.items() if name in kept}
 
     def record(self, z: ArrayLike) -> _core.DipoleRecord:
         """Return the extension's record of these fields, (K, S, 3) or flat, tesla."""
