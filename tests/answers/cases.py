@@ -203,6 +203,7 @@ def files(folder):
     path.write_text("time_s,east_m,north_m\n" + "\n".join(lines))
     recording = gm.io.read(path)
     yield from (recording, *recording.tracks.values())
+    yield gm.io.table(path)
     yield gm.io.Detections("array", "t", TIMES, bearing=0.001 * TIMES)
     graph = Path(folder, "g.g2o")
     graph.write_text("VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 1 0 0\nEDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\n")

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from gramian._values import Value
 from gramian.exceptions import GramianError, InputError
 from gramian.io._angles import degrees
 from gramian.io._build import KNOT, detections_of, epoch_of, track_of
@@ -86,7 +87,7 @@ _MISSING = {"", "nan", "null", "na", "n/a", "none", "-", "--"}
 
 
 @dataclass(frozen=True)
-class Table:
+class Table(Value):
     """The cells of a file, as text.
 
     Attributes

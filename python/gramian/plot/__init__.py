@@ -5,7 +5,7 @@ pyplot's state, and so works in a notebook, a script and a server alike.
 
 - `corner`: the bound, or an estimate, of chosen states in pairs.
 - `observability`, `singular_values`, `null_space`: the result of `gramian.analyze`.
-- `figure`, `ellipse`, `ellipsoid`, `equal_space`, `COLORS`: what the pictures of the models are drawn with.
+- `figure`, `ellipse`, `ellipsoid`, `equal_space`, `COLORS`: for the pictures of the models.
 """
 
 from gramian.plot._corner import corner
