@@ -97,6 +97,14 @@ Strict = Annotated[
         help="Exit with 3 where the answer is no: not determined, a misfit, no agreement.",
     ),
 ]
+Dates = Annotated[
+    str | None,
+    typer.Option(
+        metavar='"day first"|"month first"',
+        help="The order in dates such as 01/05/2026.",
+        rich_help_panel=_FROM_FILES,
+    ),
+]
 SizeLimit = Annotated[
     int,
     typer.Option(metavar="MIB", min=1, help="Files beyond this size are refused, MiB."),
@@ -136,13 +144,14 @@ def analyze(
     start: Start = None,
     duration: Duration = None,
     step: Step = None,
+    dates: Dates = None,
     size_limit: SizeLimit = 512,
     out: Out = None,
     json: Json = False,
     strict: Strict = False,
 ) -> None:
     """Say what the measurements of a scenario, or the edges of a g2o graph, determine."""
-    chosen = (observer, target, sensor, sigma_deg, start, duration, step)
+    chosen = (observer, target, sensor, sigma_deg, start, duration, step, dates)
 
     def ask() -> Report:
         if [path.suffix.lower() for path in file] == [".g2o"]:
@@ -167,13 +176,14 @@ def localize(
     start: Start = None,
     duration: Duration = None,
     step: Step = None,
+    dates: Dates = None,
     size_limit: SizeLimit = 512,
     out: Out = None,
     json: Json = False,
     strict: Strict = False,
 ) -> None:
     """Estimate from the recorded measurements of a scenario."""
-    chosen = (observer, target, sensor, sigma_deg, start, duration, step)
+    chosen = (observer, target, sensor, sigma_deg, start, duration, step, dates)
 
     def ask() -> Report:
         scenario = _scenario(file, chosen)
@@ -294,6 +304,7 @@ def import_(
     start: Start = None,
     duration: Duration = None,
     step: Step = None,
+    dates: Dates = None,
     size_limit: SizeLimit = 512,
     scenario: Annotated[
         Path | None,
@@ -308,11 +319,11 @@ def import_(
     from gramian.scenario import Choices, draft
 
     with files_up_to(size_limit << 20), _spinner("reading"):
-        recording = read(*file)
+        recording = read(*file, dates=dates)
     if scenario is not None:
         if scenario.exists():
             raise StorageError(f"{scenario}: is there already; choose another name or remove it")
-        choices = Choices(observer, target, sensor, sigma_deg, start, duration, step)
+        choices = Choices(observer, target, sensor, sigma_deg, start, duration, step, dates)
         text = draft(recording, choices, scenario.parent)
         try:
             write_whole(scenario, text.encode())
@@ -350,6 +361,7 @@ def _scenario(
         str | None,
         float | None,
         float | None,
+        str | None,
     ],
 ) -> Scenario:
     from gramian.scenario import Choices, from_files, load

@@ -15,7 +15,7 @@ from gramian.scenario._keys import KEYS, key_of
 from gramian.scenario._reference import _sections
 from gramian.scenario.base import scenario_class
 
-PAGE = Path(__file__).parents[2] / "docs" / "scenario.md"
+PAGE = Path(__file__).parents[2] / "docs" / "howto" / "scenario.md"
 
 
 def fields(model):

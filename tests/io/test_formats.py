@@ -281,3 +281,87 @@ def test_plane_is_true_from_its_origin():
     east, north = to_plane(np.array([e[1] for e in ends]), np.array([e[0] for e in ends]), origin)
     drawn = np.hypot(np.diff(east), np.diff(north))[0]
     assert 0 < drawn / true - 1 < 1e5**2 / (6 * 6.36e6**2) * 1.1
+
+
+@pytest.mark.parametrize("library", ["pandas", "pandas index", "polars", "pyarrow", "xarray"])
+def test_frames(library):
+    module = pytest.importorskip(library.partition(" ")[0])
+    start = dt.datetime(2026, 5, 1, 12)
+    when = [start + dt.timedelta(seconds=30 * i) for i in range(3)]
+    columns = {"time": when, "lat": [50.0, None, 50.002], "lon": [-1.0, -1.0, -1.0]}
+    if library == "pyarrow":
+        frame = module.table(columns)
+    elif library == "xarray":
+        frame = module.Dataset(
+            {"lat": ("time", [50.0, np.nan, 50.002]), "lon": ("time", [-1.0] * 3)},
+            coords={"time": np.array(when, dtype="datetime64[ns]")},
+        )
+    else:
+        frame = module.DataFrame(columns) if library != "pandas index" else pytest.importorskip(
+            "pandas").DataFrame(columns).set_index("time")  # fmt: skip
+    recording = io.read(frame)
+    track = recording.track("frame")
+    np.testing.assert_array_equal(track.times, [0, 60])
+    np.testing.assert_allclose(np.diff(track.north), 222.4, atol=0.1)
+    assert recording.epoch == 1777636800
+
+
+def test_units_of_a_dataset_count_and_what_is_no_frame_is_named():
+    xarray = pytest.importorskip("xarray")
+    data = xarray.Dataset(
+        {"east": ("time", [0.0, 1.0], {"units": "km"}), "north": ("time", [0.0, 0.0])},
+        coords={"time": ("time", [0.0, 1.0], {"units": "min"})},
+    )
+    track = io.read(data).track(None)
+    np.testing.assert_array_equal(track.east, [0, 1000])
+    np.testing.assert_array_equal(track.times, [0, 60])
+    with pytest.raises(gm.InputError, match="must be a path, or a frame of pandas"):
+        io.read({"t": [0, 1]})
+
+
+@pytest.mark.parametrize(
+    ("times", "dates"),
+    [
+        ("01.05.2026 12:00:00|01.05.2026 12:01:00", None),
+        ("13/05/2026 12:00:00|13/05/2026 12:01:00", None),
+        ("05/13/26 11:59:30 AM|05/13/26 12:00:30 PM", None),
+        ("01/05/26 12:00|01/05/26 12:01", "day first"),
+        ("01/05/2026 12:00|01/05/2026 12:01", "month first"),
+        ("2016-12-31T23:59:60Z|2017-01-01T00:01:00Z", None),
+        ("11:59:30 am|12:00:30 pm", None),
+    ],
+)
+def test_dates_as_they_are_written(tmp_path, times, dates):
+    first, second = times.split("|")
+    path = write(tmp_path, "ship.csv", f"time;x;y\n{first};0;0\n{second};500;1\n")
+    recording = io.read(path, dates=dates)
+    np.testing.assert_array_equal(np.diff(recording.track("ship").times), 60)
+    days = {"13": "2026-05-13", "05": "2026-05-13", "20": "2017-01-01", "11": None}
+    day = {"day first": "2026-05-01", "month first": "2026-01-05"}.get(
+        dates, days.get(first[:2], "2026-05-01")
+    )
+    assert (recording.epoch is None) == (day is None)
+    assert day is None or io.utc(recording.epoch).startswith(day)
+
+
+def test_a_column_of_dates_beside_the_time_of_day(tmp_path):
+    text = "date,time,x,y\n2026-05-01,23:59:30,0,0\n2026-05-04,00:00:30,90000,1\n"
+    track = io.read(write(tmp_path, "ship.csv", text)).track("ship")
+    np.testing.assert_array_equal(track.times, [0, 2 * 86400 + 60])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "# made by a logger\n# Time [s],X [km],Y [km]\n0,0,0.5\n60,1,1.5\n",
+        "time;x;y\ns;km;km\n0;0;0,5\n60;1;1,5\n",
+        "sep=;\ntime_s;x_km;y_km\r\n0;0;0,5\n60;1;1,5\r",
+        "time_min\tx_m\ty_m\tcomment\n0\t0\t500\tstart\n1\t1000\t1500\t\n",
+    ],
+)
+def test_headers_and_units_where_they_stand(tmp_path, text):
+    path = tmp_path / "ship.csv"
+    path.write_bytes(text.encode())
+    track = io.read(path).track("ship")
+    np.testing.assert_allclose(track.times, [0, 60])
+    np.testing.assert_allclose(track.path, [[0, 500], [1000, 1500]])

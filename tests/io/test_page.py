@@ -5,7 +5,7 @@ from pathlib import Path
 from gramian.io import FORMATS
 from gramian.io._slips import CHECKS
 
-PAGE = (Path(__file__).parents[2] / "docs" / "files.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs" / "howto" / "files.md").read_text(encoding="utf-8")
 
 
 def test_the_table_of_formats_is_that_of_the_code():

@@ -56,7 +56,7 @@ def track_of(
         if any(columns[key][order[i]] != columns[key][order[i + 1]] for key in position):
             raise InputError(f"{place}: {name} is at two places at {t[i]:.10g} s")
     if again.size:
-        notes.append(f"{name}: {again.size} reports came twice")
+        notes.append(f"{name}: {_count(again.size, 'report')} came twice")
         order = np.delete(order, again + 1)
         t = times[order]
     values = {key: column[order] for key, column in columns.items()}
@@ -94,7 +94,11 @@ def detections_of(
             if first != second and not (np.isnan(first) and np.isnan(second)):
                 raise InputError(f"{place}: sensor {sensor} has two detections at {t[i]:.10g} s")
     if again.size:
-        notes.append(f"sensor {sensor}: {again.size} detections came twice")
+        notes.append(f"sensor {sensor}: {_count(again.size, 'detection')} came twice")
         order = np.delete(order, again + 1)
     kept = {k: c[order] for k, c in columns.items() if np.isfinite(c[order]).any()}
     return Detections(sensor, carrier, times[order], **kept), notes
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"

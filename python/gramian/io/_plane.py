@@ -23,8 +23,11 @@ def centre(latitude: Array, longitude: Array) -> tuple[float, float]:
     """
     for name, values, limit in (("latitude", latitude, 90.0), ("longitude", longitude, 360.0)):
         if (bad := np.flatnonzero(np.abs(values) > limit)).size:
+            packed = np.abs(values[bad[0]])
             hint = (
-                ": are latitude and longitude swapped?"
+                f": is it degrees and minutes in one? Write {packed // 100:.0f} {packed % 100:g}"
+                if packed % 100 < 60 and packed // 100 <= limit and packed > 360
+                else ": are latitude and longitude swapped?"
                 if name == "latitude" and np.abs(longitude).max() <= 90
                 else ""
             )

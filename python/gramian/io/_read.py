@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime
+from os import PathLike
 from pathlib import Path
+from typing import Any
 
 from gramian import _options as options
 from gramian._files import read_text, read_whole
@@ -57,11 +59,12 @@ BINARY = (".parquet", ".feather", ".arrow")
 
 
 def read(
-    *paths: Path | str,
+    *paths: Path | str | Any,
     columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
     separator: str | None = None,
     decimal: str | None = None,
+    dates: str | None = None,
     trust: Collection[str] = (),
     size_limit: int | None = None,
 ) -> Recording:
@@ -69,8 +72,10 @@ def read(
 
     Parameters
     ----------
-    *paths : path
-        One or more files; what is in them is put on one clock and in one plane.
+    *paths : path or frame
+        One or more files; what is in them is put on one clock and in one plane. A frame of
+        pandas or polars, a table of pyarrow or a dataset of xarray stands for a table; the
+        attribute ``units`` of a variable counts as a unit in its heading.
     columns : mapping of str to str, optional
         For tables: what a column holds ("time", "east", "north", "latitude", "longitude",
         "height", "speed", "course", "bearing", "range", "frequency", "id", "sensor") ->
@@ -79,6 +84,8 @@ def read(
         For tables: what a column holds -> its unit, where the heading does not end in it.
     separator, decimal : str, optional
         For tables: what separates cells, and the decimal sign; found where not given.
+    dates : {"day first", "month first"}, optional
+        For tables: the order in dates such as 01/05/2026, where it does not show itself.
     trust : collection of str
         Checks for slips to leave out: "units", "speed", "course", "missing", "bearings",
         "clock".
@@ -106,10 +113,20 @@ def read(
     """
     if not paths:
         raise InputError("read was given no file")
+    if dates is not None:
+        options.choice(dates, "dates", ("day first", "month first"))
     found = []
-    for given in paths:
-        path = Path(given)
-        found.append(_one(path, columns, units, separator, decimal, size_limit))
+    for i, given in enumerate(paths):
+        frame = _table.of_frame(given, "frame" if len(paths) == 1 else f"frame {i + 1}")
+        if frame is not None:
+            found.append(_table.recording_of(frame, columns, units, dates))
+            continue
+        if not isinstance(given, (str, PathLike)):
+            raise InputError(
+                f"{options.given(given)}: must be a path, or a frame of pandas, polars, pyarrow "
+                "or xarray"
+            )
+        found.append(_one(Path(given), columns, units, separator, decimal, dates, size_limit))
     return joined(found, trust)
 
 
@@ -145,12 +162,13 @@ def _one(
     units: Mapping[str, str] | None,
     separator: str | None,
     decimal: str | None,
+    dates: str | None,
     size_limit: int | None,
 ) -> Recording:
     suffix = path.suffix.lower()
     text = _text(path, size_limit)
     if text is None:
-        return _table.recording_of(_table.read_parquet(path), columns, units)
+        return _table.recording_of(_table.read_parquet(path), columns, units, dates)
     if suffix == ".gpx" or "<gpx" in text[:2000]:
         return _gpx.read(path, text)
     if suffix == ".kml" or "<kml" in text[:2000]:
@@ -160,7 +178,7 @@ def _one(
     if suffix in (".nmea", ".ais") or _nmea.looks_like(text):
         return _nmea.read(path, text)
     cells = _table.read_table(path, text, separator=separator, decimal=decimal)
-    return _table.recording_of(cells, columns, units)
+    return _table.recording_of(cells, columns, units, dates)
 
 
 def table(path: Path | str, *, separator: str | None = None, decimal: str | None = None) -> Table:

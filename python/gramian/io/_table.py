@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from gramian.exceptions import GramianError, InputError
 from gramian.io._angles import degrees
 from gramian.io._build import KNOT, detections_of, epoch_of, track_of
 from gramian.io._recording import Recording
-from gramian.io._times import instants
+from gramian.io._times import CLOCK, instants
 
 __all__ = ["COLUMNS", "Table", "guess", "read_table", "recording_of"]
 
@@ -28,6 +29,7 @@ Array = NDArray[np.float64]
 #: without units.
 COLUMNS: dict[str, tuple[str, ...]] = {
     "id": ("id", "ship", "vessel", "aircraft", "mmsi", "name", "track", "callsign", "icao24"),
+    "date": ("date", "day"),
     "time": ("time", "t", "timestamp", "datetime", "date_time", "basedatetime", "when", "utc"),
     "east": ("east", "x", "easting"),
     "north": ("north", "y", "northing"),
@@ -42,7 +44,7 @@ COLUMNS: dict[str, tuple[str, ...]] = {
     "frequency": ("frequency", "freq"),
     "sensor": ("sensor",),
 }
-_TEXTS = ("id", "sensor")
+_TEXTS = ("id", "sensor", "date")
 #: The unit that a heading can end in, and the factor to m, m/s, rad, Hz.
 _UNITS: dict[str, tuple[str, float]] = {
     "m": ("length", 1.0),
@@ -62,6 +64,7 @@ _UNITS: dict[str, tuple[str, float]] = {
     "kmh": ("speed", 1 / 3.6),
     "km/h": ("speed", 1 / 3.6),
     "deg": ("angle", np.pi / 180),
+    "°": ("angle", np.pi / 180),
     "rad": ("angle", 1.0),
     "hz": ("frequency", 1.0),
     "khz": ("frequency", 1000.0),
@@ -135,9 +138,21 @@ class Table(Value):
             values[i] = value
         return values
 
-    def times(self, name: str) -> tuple[Array, bool, str]:
-        """Return a column as seconds, whether they are since 1970, and how it was read."""
-        return instants(self[name], f"{self.path}: {name}")
+    def times(
+        self, name: str, date: str | None = None, order: str | None = None
+    ) -> tuple[Array, bool, str]:
+        """Return a column as seconds, whether they are since 1970, and how it was read.
+
+        `date` is a second column that has the date; `order` says whether days or months
+        stand first in dates such as 01/05/2026.
+        """
+        cells = self[name]
+        if date is not None and all(CLOCK.match(cell) for cell in cells if cell):
+            cells = [
+                f"{day} {cell}" if cell else "" for day, cell in zip(self[date], cells, strict=True)
+            ]
+            name = f"{date} and {name}"
+        return instants(cells, f"{self.path}: {name}", order)
 
     def place(self, row: int, name: str) -> str:
         """Return where a cell is, for messages."""
@@ -154,11 +169,7 @@ def read_table(
     InputError
         No header, rows of another length than the header, a separator that is not in it.
     """
-    lines = text.splitlines()
-    skipped = 0
-    while lines and (not lines[0].strip() or lines[0].lstrip().startswith("#")):
-        lines.pop(0)
-        skipped += 1
+    lines, skipped = _headed(text.splitlines(), separator)
     if not lines:
         raise InputError(f"{path}: is empty")
     notes = []
@@ -176,16 +187,71 @@ def read_table(
             f"{path}:{skipped + 1}: the first line has numbers only: a header must name the columns"
         )
     body = _body(rows, len(header), separator, path, skipped)
-    if decimal is None and separator != ",":
-        comma = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?$")
-        cells = [cell for row in body for cell in row if "," in cell]
-        if cells and all(comma.match(cell) for cell in cells):
-            decimal = ","
-            notes.append("decimal commas")
+    # Units may have a line of their own below the header.
+    first = skipped + 2
+    if len(body) > 1 and any(body[0]) and all(c.lower() in {"", "-", *_UNITS} for c in body[0]):
+        header = [
+            f"{h} [{u}]" if u not in ("", "-") else h
+            for h, u in zip(header, body.pop(0), strict=True)
+        ]
+        first += 1
+    if decimal is None and separator != "," and _decimal_commas(header, body, path):
+        decimal = ","
+        notes.append("decimal commas")
     if decimal == ",":
-        body = [[re.sub(r"(?<=\d),(?=\d)", ".", cell) for cell in row] for row in body]
+        body = _with_points(header, body, path)
     columns = [list(column) for column in zip(*body, strict=True)]
-    return Table(path, "csv", header, columns, skipped + 2, notes)
+    return Table(path, "csv", header, columns, first, notes)
+
+
+def _headed(lines: list[str], separator: str | None) -> tuple[list[str], int]:
+    """Return the lines from the header on, and how many there were before it."""
+    skipped, comment = 0, ""
+    while lines and (not lines[0].strip() or lines[0].lstrip().startswith("#")):
+        comment = lines.pop(0).strip().lstrip("#").strip()
+        skipped += 1
+    if lines and comment:
+        # A header may stand behind a sign of comments: "# Timestamp,Latitude".
+        sign = separator or _separator(lines[0])
+        named, first = ([c.strip() for c in x.split(sign)] for x in (comment, lines[0]))
+        if len(named) == len(first) and "time" in guess(named) and not guess(first):
+            return [comment, *lines], skipped - 1
+    return lines, skipped
+
+
+def _decimal_commas(header: list[str], body: list[list[str]], path: Path) -> bool:
+    """Say whether commas in cells are decimal signs."""
+    comma = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?$")
+    cells = [cell for row in body for cell in row if "," in cell]
+    if not cells or not all(comma.match(cell) for cell in cells):
+        return False
+    angles = _angles(header)
+    cells = [c for row in body for i, c in enumerate(row) if "," in c and i not in angles]
+    if cells and all(re.fullmatch(r"[+-]?[1-9]\d{0,2},\d{3}", cell) for cell in cells):
+        raise InputError(
+            f"{path}: {cells[0]}: is the comma a decimal sign, or does it group thousands? "
+            "Say decimal = ',' or decimal = '.'"
+        )
+    return True
+
+
+def _angles(header: list[str]) -> list[int]:
+    """Return the columns of degrees, which have no thousands."""
+    found = guess(header)
+    return [header.index(found[k]) for k in ("latitude", "longitude", "bearing") if k in found]
+
+
+def _with_points(header: list[str], body: list[list[str]], path: Path) -> list[list[str]]:
+    """Return cells with decimal points in place of commas."""
+    grouped = re.compile(r"[+-]?\d{1,3}(\.\d{3})+")
+    angles = _angles(header)
+    for cell in (c for row in body for i, c in enumerate(row) if i not in angles):
+        if grouped.fullmatch(cell):
+            raise InputError(
+                f"{path}: {cell}: decimals are marked by commas: does the point group thousands? "
+                "Remove it"
+            )
+    return [[re.sub(r"(?<=\d),(?=\d)", ".", cell) for cell in row] for row in body]
 
 
 def _rows(lines: list[str], separator: str, path: Path) -> list[list[str]]:
@@ -233,6 +299,29 @@ def read_parquet(path: Path) -> Table:
     return of_columns({n: found[n].to_pylist() for n in found.column_names}, path, "parquet")
 
 
+def of_frame(value: Any, name: str) -> Table | None:
+    """Return a frame of pandas, polars, pyarrow or xarray as a table; None for anything else."""
+    kind = type(value)
+    library = kind.__module__.partition(".")[0]
+    if (library, kind.__name__) == ("xarray", "Dataset"):
+        units = {str(key): part.attrs.get("units") for key, part in value.variables.items()}
+        frame = value.to_dataframe().reset_index()
+        columns = {
+            f"{key} [{units[key]}]" if units.get(key) else str(key): frame[key] for key in frame
+        }
+    elif (library, kind.__name__) == ("pandas", "DataFrame"):
+        named = [level for level in value.index.names if level is not None]
+        frame = value.reset_index() if named else value
+        columns = {str(key): frame[key] for key in frame}
+    elif (library, kind.__name__) in (("polars", "DataFrame"), ("pyarrow", "Table")):
+        names = value.columns if library == "polars" else value.column_names
+        listed = "to_list" if library == "polars" else "to_pylist"
+        columns = {key: getattr(value[key], listed)() for key in names}
+    else:
+        return None
+    return of_columns({key: list(part) for key, part in columns.items()}, Path(name), library)
+
+
 def of_columns(columns: Mapping[str, Sequence[object]], path: Path, form: str) -> Table:
     """Return a table of columns of any scalars: dates become text, None an empty cell."""
     texts = [[_cell(value) for value in column] for column in columns.values()]
@@ -242,7 +331,9 @@ def of_columns(columns: Mapping[str, Sequence[object]], path: Path, form: str) -
 
 
 def _cell(value: object) -> str:
-    if value is None or value != value:  # noqa: PLR0124 - NaN and NaT differ from themselves
+    if value is None or type(value).__name__ in ("NAType", "NaTType"):
+        return ""
+    if value != value:  # noqa: PLR0124 - NaN differs from itself
         return ""
     if isinstance(value, np.datetime64):
         return str(value.astype("datetime64[us]"))
@@ -270,8 +361,9 @@ def _split(heading: str) -> tuple[str, str | None]:
     match = re.match(r"(.+?)\s*[\[(]\s*([^\])]+?)\s*[\])]$", text) or re.match(
         r"(.+?)[_ ]([a-z/]+)$", text
     )
-    if match and match.group(2) in _UNITS:
-        return re.sub(r"[\s-]+", "_", match.group(1).strip()), match.group(2)
+    # "deg T" and "deg true" are degrees.
+    if match and (unit := match.group(2).removesuffix(" t").removesuffix(" true")) in _UNITS:
+        return re.sub(r"[\s-]+", "_", match.group(1).strip()), unit
     return re.sub(r"[\s-]+", "_", text), None
 
 
@@ -279,6 +371,7 @@ def recording_of(
     table: Table,
     columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
+    dates: str | None = None,
 ) -> Recording:
     """Return the tracks or detections of a table.
 
@@ -290,6 +383,8 @@ def recording_of(
     units : mapping of str to str, optional
         What a column holds -> its unit ("km", "kn", "rad"), where its heading does not
         say it. Without either: m, m/s, degrees, Hz, s.
+    dates : {"day first", "month first"}, optional
+        Of dates such as 01/05/2026.
 
     Raises
     ------
@@ -297,18 +392,8 @@ def recording_of(
         Columns that are missing, cells that are no numbers, units that do not fit.
     """
     path = table.path
-    found = {**guess(table.header), **dict(columns or {})}
-    for meaning in found:
-        if meaning not in COLUMNS:
-            raise InputError(
-                f"{path}: columns.{meaning}: is not known: must be one of {', '.join(COLUMNS)}"
-            )
-    if "time" not in found:
-        raise InputError(
-            f"{path}: no column is recognised as the time: its columns are "
-            f"{', '.join(table.header)}; name one with columns.time"
-        )
-    times, dated, said = table.times(found["time"])
+    found = _meanings(table, columns)
+    times, dated, said = table.times(found["time"], found.get("date"), dates)
     unit = _unit_of("time", found["time"], units, path)
     if not dated and not said:
         times = times * _UNITS[unit or "s"][1]
@@ -345,6 +430,25 @@ def recording_of(
         f"longitude) or a detection (bearing, range): its columns are {', '.join(table.header)}; "
         "name them with columns.east, columns.north"
     )
+
+
+def _meanings(table: Table, columns: Mapping[str, str] | None) -> dict[str, str]:
+    """Return what the columns hold: their headings by what they mean."""
+    path = table.path
+    found = {**guess(table.header), **dict(columns or {})}
+    for meaning in found:
+        if meaning not in COLUMNS:
+            raise InputError(
+                f"{path}: columns.{meaning}: is not known: must be one of {', '.join(COLUMNS)}"
+            )
+    if "time" not in found and "date" in found:
+        found["time"] = found.pop("date")
+    if "time" not in found:
+        raise InputError(
+            f"{path}: no column is recognised as the time: its columns are "
+            f"{', '.join(table.header)}; name one with columns.time"
+        )
+    return found
 
 
 def _tracks(

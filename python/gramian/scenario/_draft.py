@@ -34,6 +34,8 @@ class Choices:
         first instant that is shared.
     duration, step : float or None
         s.
+    dates : {"day first", "month first"} or None
+        The order in dates such as 01/05/2026.
     """
 
     observer: str | None = None
@@ -43,6 +45,7 @@ class Choices:
     start: float | str | None = None
     duration: float | None = None
     step: float | None = None
+    dates: str | None = None
 
     @property
     def given(self) -> list[str]:
@@ -52,7 +55,7 @@ class Choices:
 
 def from_files(paths: Sequence[Path], choices: Choices) -> Scenario:
     """Return the scenario of files of tracks and measurements, without one of its own."""
-    recording = read(*paths)
+    recording = read(*paths, dates=choices.dates)
     scenario = parsed(draft(recording, choices), Path(recording.where))
     scenario.take(recording)
     return scenario
@@ -93,6 +96,8 @@ def draft(recording: Recording, choices: Choices, folder: Path | None = None) ->
     ]
     if target is not None:
         lines.append(f"target = {json.dumps(target.name)}")
+    if choices.dates is not None:
+        lines.append(f"dates = {json.dumps(choices.dates)}")
     gap = max(_longest_gap(track) for track in (observer, target) if track is not None)
     if gap > 120:
         lines.append(f"max_gap = {np.ceil(gap):.0f}.0        # s; the longest gap of these tracks")

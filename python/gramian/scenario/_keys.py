@@ -17,6 +17,7 @@ _TABLES = """
 Reading.units | | what a column holds -> its unit, where its heading does not say it | { east = "km", speed = "kn" }
 Reading.separator | | what separates the cells; found where it is not given | ";"
 Reading.decimal | | the decimal sign; found where it is not given | ","
+Reading.dates | | the order in dates such as 01/05/2026, where it does not show itself | "day first"
 Reading.trust | | checks for slips to leave out | ["speed"]
 """
 
@@ -31,7 +32,7 @@ BearingsScenario.noise | | how good the bearings are |
 BearingsScenario.prior | m, m/s, rad | what is known: a standard deviation, or a mean and one | { speed = 0.5 }
 BearingsScenario.known | | states that are known exactly | ["vx", "vy"]
 BearingsScenario.limits | | from where on a state counts as weakly known |
-Tracks.file | | one file of tracks, or several, of any format of docs/files.md | "tracks.csv"
+Tracks.file | | one file of tracks, or several, of any format of docs/howto/files.md | "tracks.csv"
 Tracks.target_file | | the target's file, if it is another | "target.gpx"
 Tracks.columns | | what the columns are called, where their headings do not say it |
 Tracks.observer | | the track of the observer | "pilot_boat"

@@ -56,6 +56,7 @@ class Reading(Section):
     units: dict[str, str] = Field(default_factory=dict)
     separator: str | None = Field(default=None, min_length=1, max_length=1)
     decimal: Literal[".", ","] | None = None
+    dates: Literal["day first", "month first"] | None = None
     trust: list[str] = Field(default_factory=list)
 
 
@@ -259,6 +260,7 @@ class BearingsScenario(Scenario):
                 units={**(units or {}), **how.units},
                 separator=how.separator,
                 decimal=how.decimal,
+                dates=how.dates,
                 trust=how.trust,
             )
         except InputError as error:
