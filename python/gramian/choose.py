@@ -182,7 +182,7 @@ def select(
         goal=goal if isinstance(goal, str) else "A",
         worth=_shown(value, letter),
         within=_within(value, limit, letter, n),
-        guarantee=1 - 1 / np.e if letter == "D" and full_before else np.nan,
+        guarantee=1 - float(np.exp(-1)) if letter == "D" and full_before else np.nan,
         gains=_gains(worth, letter, base, full_before),
         rank=rank[-1],
         nullity=n - rank[-1],
