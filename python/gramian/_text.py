@@ -17,6 +17,7 @@ __all__ = [
     "describe_null_space",
     "number",
     "plain",
+    "signed",
     "visible",
 ]
 
@@ -48,6 +49,11 @@ def brief(value: Any, digits: int = 3) -> str:
     if "e" in text and 1 <= abs(float(value)) < 1e6:
         return f"{float(text):.0f}"
     return text
+
+
+def signed(value: Any, digits: int = 3) -> str:
+    """Return a change, with its sign: "+580", "-0.0123"."""
+    return ("-" if value < 0 else "+") + brief(abs(value), digits)
 
 
 def count(n: int, one: str, many: str = "") -> str:
@@ -118,10 +124,7 @@ def _described(
 
 
 def _moves(change: Array, names: Sequence[str], part: NDArray[np.intp]) -> str:
-    signs = {True: "-", False: "+"}
-    return ", ".join(
-        f"{names[int(i)]} {signs[bool(change[i] < 0)]}{brief(abs(change[i]), 4)}" for i in part
-    )
+    return ", ".join(f"{names[int(i)]} {signed(change[i], 4)}" for i in part)
 
 
 def _sum(coefficients: Array, names: Sequence[str], part: NDArray[np.intp]) -> str:

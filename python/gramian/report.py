@@ -13,13 +13,14 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from gramian._answers import Tone
 from gramian._core import __version__
 from gramian._files import digest, write_whole
+from gramian._layout import columns, facts, paragraph
 from gramian._text import number
 from gramian.exceptions import GramianError, InputError
 
@@ -113,37 +114,36 @@ class Report:
 
     def show(self, console: Console) -> None:
         """Print the report to a terminal, without its pictures."""
-        from rich.markup import escape
-        from rich.table import Table as RichTable
+        from rich.text import Text
 
-        console.print(f"[bold]{escape(self.title)}[/]   {escape(self.subtitle)}\n", highlight=False)
-        style = _STYLES[self.tone]
-        console.print(
-            f"[{style}]{escape(self.headline)}[/]: {escape(self.verdict)}", highlight=False
-        )
-        if self.facts:
-            facts = RichTable.grid(padding=(0, 2))
-            for label, text in self.facts:
-                facts.add_row(f"  [dim]{escape(label)}[/]", escape(text))
-            console.print(facts, highlight=False)
+        width = console.width
+
+        def say(*parts: tuple[str, str]) -> None:
+            console.print(Text.assemble(*parts), soft_wrap=True)
+
+        for k, line in enumerate(paragraph(f"{self.title}   {self.subtitle}", width)):
+            head = self.title if k == 0 and line.startswith(self.title) else ""
+            say((head, "bold"), (line[len(head) :], ""))
+        say(("", ""))
+        for k, line in enumerate(paragraph(f"{self.headline}: {self.verdict}", width)):
+            head = self.headline if k == 0 and line.startswith(self.headline) else ""
+            say((head, _STYLES[self.tone]), (line[len(head) :], ""))
+        for label, text in facts(self.facts, width):
+            say(("  " + label, "dim"), ("  " + text if text else "", ""))
         for table in self.tables:
-            shown = RichTable(
-                title=escape(table.title),
-                title_justify="left",
-                title_style="bold",
-                box=None,
-                padding=(0, 1),
-                caption=escape(table.note) or None,
-                caption_justify="left",
-            )
-            for i, column in enumerate(table.columns):
-                # Where the terminal is narrow, numbers are broken and not cut off.
-                side: Literal["left", "right"] = "left" if table.is_text(i) else "right"
-                shown.add_column(escape(column), justify=side, overflow="fold")
-            for row in table.rows:
-                shown.add_row(*(escape(cell) for cell in row))
-            console.print()
-            console.print(shown, highlight=False)
+            say(("", ""))
+            say((table.title, "bold"))
+            words = [table.is_text(i) for i in range(len(table.columns))]
+            for k, (top, body) in enumerate(columns(table.columns, table.rows, words, width - 1)):
+                if k:
+                    say(("", ""))
+                for line in top:
+                    say((" " + line, "dim"))
+                for line in body:
+                    say((" " + line, ""))
+            if table.note:
+                for line in paragraph(table.note, width, " "):
+                    say((line, "italic"))
 
     def to_json(self) -> str:
         """Return the data as JSON text."""

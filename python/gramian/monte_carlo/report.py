@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gramian._text import brief, number
+from gramian._text import brief, number, signed
 from gramian.monte_carlo.experiment import Experiment
 from gramian.monte_carlo.result import MonteCarloResult, wider_for_all
 from gramian.monte_carlo.run import run
@@ -80,7 +80,7 @@ def _facts(result: MonteCarloResult) -> list[tuple[str, str]]:
         )
     wider = wider_for_all(len(result.names))
     biased = [
-        f"{name} {bias:+.3g} {unit}".rstrip()
+        f"{name} {signed(bias)} {unit}".rstrip()
         for name, unit, bias, (low, high) in zip(
             result.names, result.units, result.bias, result.bias_interval, strict=True
         )

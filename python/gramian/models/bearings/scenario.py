@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from gramian import _core, io
 from gramian._arrays import wrap_angles
-from gramian._text import brief, number, plain
+from gramian._text import brief, number, plain, signed
 from gramian.analysis import Observability, analyze
 from gramian.bounds import crlb_std
 from gramian.exceptions import InputError, ScenarioError
@@ -561,7 +561,7 @@ class BearingsScenario(Scenario):
         else:
             along = answer.weakest_direction
             moves = ", ".join(
-                f"{name} {value:+.3g} {unit}"
+                f"{name} {signed(value)} {unit}"
                 for name, value, unit in zip(answer.names, along, answer.units, strict=True)
             )
             facts.append(("hardest direction (1 sigma)", moves))
