@@ -30,7 +30,16 @@ if TYPE_CHECKING:
 
     from gramian.analysis import Observability
 
-__all__ = ["Picture", "Report", "Table", "Tone", "answer_pictures", "answer_tables", "tone_of"]
+__all__ = [
+    "Picture",
+    "Report",
+    "Table",
+    "Tone",
+    "answer_pictures",
+    "answer_tables",
+    "page_unit",
+    "tone_of",
+]
 
 _STYLES = {"good": "bold green", "weak": "bold dark_orange3", "bad": "bold red"}
 
@@ -230,17 +239,25 @@ class Report:
         )
 
 
+def page_unit(unit: str) -> tuple[float, str]:
+    """Return by what to multiply for a page, and the unit there: angles are in degrees."""
+    angle = re.fullmatch(r"rad(/s|/s\^2)?", unit)
+    return (180 / np.pi, f"deg{angle[1] or ''}") if angle else (1.0, unit)
+
+
 def answer_tables(answer: Observability, *, suggestions: int = 6) -> list[Table]:
     """Return the tables that every model's answer has: bounds, null space, knowledge."""
     priors = answer.problem.priors
     scale = answer.problem.scale
     rows = []
-    for i, (name, unit) in enumerate(zip(answer.names, answer.units, strict=True)):
-        cells = [name, number(answer.crlb_std[i]), unit]
+    factors, units = zip(*(page_unit(unit) for unit in answer.units), strict=True)
+    for i, (name, unit, f) in enumerate(zip(answer.names, units, factors, strict=True)):
+        cells = [name, number(f * answer.crlb_std[i]), unit]
         if priors:
-            cells += [number(answer.data_std[i]), number(priors[name]) if name in priors else ""]
+            prior = number(f * priors[name]) if name in priors else ""
+            cells += [number(f * answer.data_std[i]), prior]
         if not np.isnan(scale).all():
-            cells.append("" if np.isnan(scale[i]) else number(scale[i]))
+            cells.append("" if np.isnan(scale[i]) else number(f * scale[i]))
         rows.append(cells)
     columns = ["state", "standard deviation", "unit"]
     if priors:
@@ -254,13 +271,13 @@ def answer_tables(answer: Observability, *, suggestions: int = 6) -> list[Table]
                 "What cannot be determined",
                 ["unobservable combination"],
                 [[text] for text in answer.null_combinations],
-                "Moving the states together in these proportions changes no measurement.",
+                "Moving the states together in these proportions changes no measurement."
+                + (" Angles in radians here." if "rad" in " ".join(answer.units) else ""),
             )
         )
     if answer.suggestions:
         then = [
-            f"{n} then, {u}" if u else f"{n} then"
-            for n, u in zip(answer.names, answer.units, strict=True)
+            f"{n} then, {u}" if u else f"{n} then" for n, u in zip(answer.names, units, strict=True)
         ]
         columns = ["known exactly", "left unobservable", *then]
         tables.append(
@@ -268,7 +285,11 @@ def answer_tables(answer: Observability, *, suggestions: int = 6) -> list[Table]
                 "What one piece of knowledge would give",
                 columns,
                 [
-                    [s.name, str(s.nullity) if s.nullity else "nothing", *map(number, s.crlb_std)]
+                    [
+                        s.name,
+                        str(s.nullity) if s.nullity else "nothing",
+                        *map(number, np.array(factors) * s.crlb_std),
+                    ]
                     for s in answer.suggestions[:suggestions]
                 ],
             )

@@ -59,12 +59,14 @@ def draw_geometry(tracks: Geometry, answer: Observability, axes: Axes) -> None:
     else:
         covariance = _position_covariance(answer) * km**2
         outline = ellipse(covariance, 0.95) + target[0]
-        reach = float(np.abs(outline - target[0]).max())
-        label = "95 % error ellipse"
+        # The larger half axis, whatever its direction.
+        reach = float(np.hypot(*(outline - target[0]).T).max())
+        size = f"{brief(reach)} km" if reach >= 1 else f"{brief(1e3 * reach, 2)} m"
+        label = f"95 % error ellipse, half axis {size}"
         if reach > 4 * half:
-            label += f", {brief(reach)} km long: far beyond this map"
+            label += ": far beyond this map"
         elif reach < half / 50:
-            label += f", {brief(reach * 1e3, 2)} m: too small to see"
+            label += ": too small to see"
             axes.plot(*target[0], "+", color=COLORS["good"], markersize=16, zorder=5)
         else:
             half = max(half, 1.1 * float(np.abs(outline - middle).max()))

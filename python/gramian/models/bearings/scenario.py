@@ -429,8 +429,12 @@ class BearingsScenario(Scenario):
         pictures = [
             Picture(
                 "Geometry",
-                "Paths, some of the lines of sight, and the 95 % error ellipse of the target's "
-                "first position at the bound.",
+                "Paths, some of the lines of sight, and "
+                + (
+                    "the line along which the target may be anywhere."
+                    if answer.nullity
+                    else "the 95 % error ellipse of the target's first position at the bound."
+                ),
                 lambda: _pictures().geometry(geometry, answer),
             ),
             Picture(

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from gramian._text import brief, number, plain
+from gramian._text import brief, count, number, plain
 from gramian.analysis import Observability, analyze
 from gramian.exceptions import UnobservableError
 from gramian.models.dipole import _localize, _model
@@ -128,7 +128,7 @@ class DipoleScenario(Scenario):
             raise ValueError("give the section [record] (a recorded field) or [pass], one of them")
         if self.record and len(self.record.columns.field) != len(self.sensors):
             raise ValueError(
-                f"record.columns.field names {len(self.record.columns.field)} sensor(s), "
+                f"record.columns.field names {count(len(self.record.columns.field), 'sensor')}, "
                 f"sensors has {len(self.sensors)} position(s): must be as many"
             )
         return self
@@ -215,7 +215,7 @@ class DipoleScenario(Scenario):
     def _refusal(self, error: UnobservableError) -> Report:
         return Report(
             title=self._title,
-            subtitle=f"{len(self.sensors)} three-component sensor(s), one dipole",
+            subtitle=f"{count(len(self.sensors), 'three-component sensor')}, one dipole",
             tone="bad",
             headline="UNOBSERVABLE",
             verdict=str(error),
@@ -266,7 +266,8 @@ class DipoleScenario(Scenario):
         return Report(
             title=self._title,
             subtitle=(
-                f"{len(problem.rows)} numbers of {len(self.sensors)} sensor(s), one passing dipole"
+                f"{len(problem.rows)} numbers of {count(len(self.sensors), 'sensor')}, "
+                "one passing dipole"
             ),
             tone=tone_of(answer),
             headline={"weak": "WEAKLY OBSERVABLE"}.get(answer.status, answer.status.upper()),
@@ -450,7 +451,10 @@ def _located(found: Localization, title: str, model: str) -> Report:
 
     return Report(
         title=title,
-        subtitle=f"{len(found.times)} samples of {len(found.sensors)} three-component sensor(s)",
+        subtitle=(
+            f"{count(len(found.times), 'sample')} of "
+            f"{count(len(found.sensors), 'three-component sensor')}"
+        ),
         tone=tone,
         headline=_HEADLINES[found.status],
         verdict=(

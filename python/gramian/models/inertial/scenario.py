@@ -25,6 +25,13 @@ __all__ = ["InertialScenario"]
 
 Array = NDArray[np.float64]
 
+#: What the states of the error model are, in a line for a page.
+SYMBOLS = (
+    "errors of phi: attitude (rad), dV: velocity (m/s), dL and dlambda: latitude and longitude "
+    "(rad), dh: height (m); biases of eps: gyroscopes (rad/s), Delta: accelerometers (m/s^2); "
+    "_N north, _W west, _U up"
+)
+
 
 class Site(Section):
     """Where it begins: degrees, metres above the ellipsoid."""
@@ -144,6 +151,11 @@ class InertialScenario(Scenario):
         """Time between samples in flight, s."""
         return self.window.step if self.window else 1.0
 
+    @staticmethod
+    def _explained(report: Report) -> Report:
+        """Return the report with a line that says what the symbols are."""
+        return replace(report, facts=[*report.facts, ("symbols", SYMBOLS)])
+
     def _at_rest(self, latitude: float, place: str, priors: dict[str, float]) -> Report:
         system = _model.static_base(
             latitude,
@@ -164,7 +176,8 @@ class InertialScenario(Scenario):
                 self.window.step,
                 "s",
             )
-        return linear_report(self.path.stem, f"at rest, {place}", linear.levels(system), observed)
+        report = linear_report(self.path.stem, f"at rest, {place}", linear.levels(system), observed)
+        return self._explained(report)
 
     def _in_flight(self, flight: Flight, place: str) -> Report:
         found = linear.levels(flight.A[0], flight.C[0], flight.system.names)
@@ -227,6 +240,7 @@ class InertialScenario(Scenario):
             f"the first leg alone has rank {found.rank}, all legs {whole.rank} "
             f"of {len(system.names)}"
         )
+        report = self._explained(report)
         return replace(
             report,
             tone="bad" if unseen else "good",

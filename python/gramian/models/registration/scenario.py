@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from gramian._text import brief, describe_direction, number, plain
+from gramian._text import brief, count, describe_direction, number, plain
 from gramian.analysis import Observability, analyze
 from gramian.bounds import crlb_std
 from gramian.exceptions import ConvergenceError, UnobservableError
@@ -352,7 +352,9 @@ class RegistrationScenario(Scenario):
                 "nearest one and how far off it the target comes at most.",
             ),
             Table(
-                f"The most informative {budget}",
+                "The most informative target"
+                if budget == 1
+                else f"The {budget} most informative targets",
                 ["added", *map(_label, answer.names)],
                 [
                     [name, *(_cell(b, u) for b, u in zip(bounds, answer.units, strict=True))]
@@ -376,7 +378,7 @@ class RegistrationScenario(Scenario):
             )
         return Report(
             title="Registration of " + ", ".join(self.sensors),
-            subtitle=f"{len(self.seen)} targets, {len(self.all_positions)} looks",
+            subtitle=f"{count(len(self.seen), 'target')}, {count(len(self.all_positions), 'look')}",
             tone=tone,
             headline="WEAKLY OBSERVABLE" if answer.status == "weak" else headline,
             verdict=verdict,
@@ -418,7 +420,13 @@ class RegistrationScenario(Scenario):
                 facts.append(("free whatever the targets", f"{name}: {text}"))
         facts.append(("best targets", ", ".join(chosen.chosen)))
         if answer.nullity and answer.suggestions:
-            facts.append(("what would help most", answer.describe(answer.suggestions[0])))
+            best = answer.suggestions[0]
+            gives = ", ".join(
+                f"{name} to {_cell(std, unit)}"
+                for name, std, unit in zip(answer.names, best.crlb_std, answer.units, strict=True)
+                if std > 0
+            )
+            facts.append(("what would help most", f"knowing {best.name} gives {gives}"))
         return facts
 
     def _pictures(self, chosen: Selection) -> list[Picture]:
@@ -551,7 +559,10 @@ class RegistrationScenario(Scenario):
         looks = sum(len(r.values) for r in self.measured.values())
         return Report(
             title="Registration of " + ", ".join(self.sensors),
-            subtitle=f"{len(self.measured)} targets, {looks} looks, {self.estimate.method.upper()}",
+            subtitle=(
+                f"{count(len(self.measured), 'target')}, {count(looks, 'look')}, "
+                f"{self.estimate.method.upper()}"
+            ),
             tone=tone,
             headline=headline,
             verdict=verdict,
@@ -601,7 +612,7 @@ class RegistrationScenario(Scenario):
                 self.all_positions, self.places, self.sigma, self.truth or None, self.extras
             ),
             title="Registration of " + ", ".join(self.sensors),
-            subtitle=f"{len(self.seen)} targets, {len(self.all_positions)} looks",
+            subtitle=f"{count(len(self.seen), 'target')}, {count(len(self.all_positions), 'look')}",
         )
 
     def simulate(
