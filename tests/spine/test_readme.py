@@ -12,7 +12,7 @@ from gramian._registry import REGISTRY
 ROOT = Path(__file__).parents[2]
 BLOCKS = re.compile(r"```python\n(.*?)```", flags=re.S)
 # Pages that the build of the site writes are checked there.
-GENERATED = ("gallery/", "reference/generated/")
+GENERATED = ("gallery/", "reference/generated/", "scenario.md")
 PAGES = [ROOT / "README.md"]
 PAGES += [
     page

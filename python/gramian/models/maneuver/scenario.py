@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -169,9 +170,14 @@ def _radians(degrees: float | None) -> float | None:
     return None if degrees is None else float(np.radians(degrees))
 
 
-def _report(title: str, plan: Plan, loop: ClosedLoop | None) -> Report:
-    from gramian.models.maneuver import plot as pictures
+def _pictures() -> ModuleType:
+    """Return the pictures, which need matplotlib: imported when a page is written."""
+    from gramian.models.maneuver import plot
 
+    return plot
+
+
+def _report(title: str, plan: Plan, loop: ClosedLoop | None) -> Report:
     tone: Tone = "good"
     headline = "PLANNED"
     if not plan.converged:
@@ -205,17 +211,17 @@ def _report(title: str, plan: Plan, loop: ClosedLoop | None) -> Report:
         Picture(
             "Paths",
             "The planned path with a dot for each bearing, and the laws on the same limits.",
-            lambda: pictures.paths(plan),
+            lambda: _pictures().paths(plan),
         ),
         Picture(
             "Information along the paths",
             "What is known after each bearing; a plan may lose at first to win in the end.",
-            lambda: pictures.information(plan),
+            lambda: _pictures().information(plan),
         ),
         Picture(
             "Error ellipses",
             "The region that holds 95 % of the errors at the bound, without the prior.",
-            lambda: pictures.ellipses(plan),
+            lambda: _pictures().ellipses(plan),
         ),
     ]
     tables = [_laws_table(plan), _bounds_table(plan), _starts_table(plan)]
@@ -227,7 +233,7 @@ def _report(title: str, plan: Plan, loop: ClosedLoop | None) -> Report:
             Picture(
                 "Closed loop",
                 "Errors of an observer that estimates the target as it goes, on the same noise.",
-                lambda: pictures.errors(loop),
+                lambda: _pictures().errors(loop),
             )
         )
     return Report(
