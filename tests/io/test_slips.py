@@ -1,10 +1,13 @@
 """Slips that people make with files: each ends in a question or an error."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import gramian as gm
 from gramian import io
+from gramian.scenario import load
 
 
 def write(folder, name, text):
@@ -59,6 +62,12 @@ SLIPS = [
     ("degrees beyond the circle",
      ";SENSOR:\t260501\t120000\tA\t@A\tNULL\t700\t1\ts\n", "within \\+-360"),
     ("a header is missing", "0,0,0\n60,0,300\n", "header"),
+    ("day or month first", "t,x,y\n01/05/2026,0,0\n02/05/2026,0,9e4\n", "is the day or the month"),
+    ("commas that group thousands", "t;x;y\n1;1,000;2,500\n2;1,100;2,600\n", "group thousands"),
+    ("points that group thousands", "t;x;y\n1;0,5;2.500\n2;0,6;2.600\n", "group thousands"),
+    ("degrees and minutes in one number", "t,lat,lon\n0,5046.5,106\n9,5046.6,106\n",
+     "Write 50 46.5"),
+    ("days of MATLAB", "t,x,y\n738642.5,0,1\n738642.6,50,3\n", "day numbers"),
 ]  # fmt: skip
 
 
@@ -66,6 +75,33 @@ SLIPS = [
 def test_slip_is_asked_about(tmp_path, text, question):
     with pytest.raises(gm.InputError, match=question):
         io.read(write(tmp_path, "file.csv", text))
+
+
+PAGE = (Path(__file__).parents[2] / "docs" / "howto" / "files.md").read_text(encoding="utf-8")
+
+
+def test_the_page_lists_them():
+    listed = [line[2:].split(":")[0] for line in PAGE.splitlines() if line.startswith("- ")]
+    assert {name for name, _, _ in SLIPS} <= set(listed)
+    assert len(listed) >= 20
+
+
+def test_degrees_for_the_radians_of_a_sigma(tmp_path):
+    path = write(
+        tmp_path,
+        "a.toml",
+        """
+model = "tracks"
+[[sensors]]
+kind = "bearing"
+times = [0, 10]
+sigma = 0.5
+""",
+    )
+    with pytest.raises(
+        gm.ScenarioError, match=r"sigma = 0.5 rad of a bearing is 29 deg: are these"
+    ):
+        load(path)
 
 
 def test_files_that_are_right_are_not_asked_about(tmp_path):
@@ -99,3 +135,46 @@ def test_files_whose_clocks_differ(tmp_path):
         io.read(ship, plain)
     with pytest.raises(gm.InputError, match="another of the files"):
         io.read(ship, ship)
+
+
+def encounter(folder, change):
+    """Two ships' tracks, and bearings from one to the other, changed."""
+    t = np.arange(0.0, 1800.0, 20.0)
+    own = np.stack([4 * t, 1500 * np.sin(t / 400)], axis=1)
+    other = np.array([6000.0, 4000.0]) + t[:, None] * [-5.0, 1.0]
+    ships = write(folder, "ships.csv", table(
+        "id,t,x,y", *(("own", a, *p) for a, p in zip(t, own, strict=True)),
+        *(("other", a, *p) for a, p in zip(t, other, strict=True))))  # fmt: skip
+    course = np.arctan2(*np.gradient(own, axis=0).T)
+    s = np.arange(100.0, 1600.0, 20.0)
+    at = [np.stack([np.interp(s, t, p[:, k]) for k in (0, 1)], axis=1) for p in (own, other)]
+    bearing = np.arctan2(*(at[1] - at[0]).T) + np.random.default_rng(1).normal(0, 0.005, s.size)
+    times, angle = change(s, bearing, np.interp(s, t, np.unwrap(course)))
+    rows = zip(times, ["own"] * s.size, np.degrees(angle) % 360, strict=True)
+    return ships, write(folder, "seen.csv", table("t,id,bearing", *rows))
+
+
+@pytest.mark.parametrize(
+    ("change", "question"),
+    [
+        (lambda t, b, _: (t - 130, b), r"agree with \+130 s on the sensor's clock"),
+        (lambda t, b, _: (t + 3600, b), "they do not overlap. With -1 hour they overlap"),
+        (lambda t, b, _: (t, np.pi / 2 - b), "counted counterclockwise from east"),
+        (lambda t, b, _: (t, -b), "counted the other way round"),
+        (lambda t, b, _: (t, b + np.pi), "from the target to the observer"),
+        (lambda t, b, c: (t, b - c), "relative to the carrier's course"),
+    ],
+    ids=["clock", "zone", "axis", "sense", "reciprocal", "relative"],
+)
+def test_bearings_that_fit_when_read_in_another_way(tmp_path, change, question):
+    files = encounter(tmp_path, change)
+    with pytest.raises(gm.InputError, match=question):
+        io.read(*files)
+
+
+def test_bearings_that_fit_are_not_asked_about(tmp_path):
+    files = encounter(tmp_path, lambda t, b, _: (t, b))
+    assert io.read(*files).sensors["seen"].times.size == 75
+    noise = np.random.default_rng(2).uniform(0, 2 * np.pi, 75)
+    files = encounter(tmp_path, lambda t, b, _: (t, noise))
+    io.read(*files)  # wrong altogether: what a fit says, and no slip that is known

@@ -58,6 +58,8 @@ def check(recording: Recording, trust: Collection[str] = ()) -> None:
             _radians_for_degrees(seen, recording.where)
     if "clock" not in trust:
         _clock(recording)
+    for seen in recording.sensors.values():
+        _against_tracks(seen, recording, trust)
 
 
 def _ask(where: str, what: str, name: str) -> InputError:
@@ -206,3 +208,78 @@ def _clock(recording: Recording) -> None:
             f"{recording.when(track.times[0])} to {recording.when(track.times[-1])}: they do not "
             f"overlap.{hint}"
         )
+
+
+#: Shifts of a clock that are tried, s: minutes, then quarters of an hour to a day.
+_SHIFTS = np.concatenate([np.arange(-3600, 3601, 10), np.arange(-96, 97) * 900]).astype(float)
+
+
+def _against_tracks(seen: Detections, recording: Recording, trust: Collection[str]) -> None:
+    """Ask about bearings that would fit the tracks if they were read in another way.
+
+    Only where carrier and target are both known: a sensor on a track, and one other track.
+    """
+    carrier = recording.tracks.get(seen.carrier)
+    if carrier is None and len(recording.tracks) == 2:
+        carrier = next(iter(recording.tracks.values()))
+    others = [t for t in recording.tracks.values() if t is not carrier]
+    if carrier is None or len(others) != 1 or seen.bearing is None:
+        return
+    good = np.isfinite(seen.bearing)
+    times, bearing, target = seen.times[good], seen.bearing[good], others[0]
+    as_read = _misfit(carrier, target, times, bearing)
+    if times.size < 8 or not np.radians(5) < as_read < np.inf:
+        return
+    where, off = recording.where, np.degrees(as_read)
+    start = (
+        f"bearings of {seen.sensor} are {off:.0f} deg off those from {carrier.name} to "
+        f"{target.name} by their tracks, and "
+    )
+    if "bearings" not in trust:
+        readings = {
+            "counted counterclockwise from east": np.pi / 2 - bearing,
+            "counted the other way round": -bearing,
+            "those from the target to the observer": bearing + np.pi,
+            "relative to the carrier's course": bearing + _heading(carrier, times),
+        }
+        for what, changed in readings.items():
+            if _misfit(carrier, target, times, changed) < as_read / 10:
+                raise _ask(where, f"{start}agree if they are {what}: are they?", "bearings")
+    if "clock" not in trust:
+        misfits = np.array([_misfit(carrier, target, times + s, bearing) for s in _SHIFTS])
+        best = int(np.argmin(misfits))
+        if misfits[best] < as_read / 10:
+            raise _ask(
+                where,
+                f"{start}agree with {_SHIFTS[best]:+.0f} s on the sensor's clock: is one of the "
+                "clocks off?",
+                "clock",
+            )
+
+
+def _misfit(carrier: Track, target: Track, times: Array, bearing: Array) -> float:
+    """Return the median error of bearings against two tracks; infinite off their span."""
+    inside = (times >= max(carrier.times[0], target.times[0])) & (
+        times <= min(carrier.times[-1], target.times[-1])
+    )
+    if inside.sum() < max(8, 0.8 * times.size):
+        return float("inf")
+    t = times[inside]
+    at = [
+        np.stack([np.interp(t, k.times, k.east), np.interp(t, k.times, k.north)])
+        for k in (carrier, target)
+    ]
+    east, north = at[1] - at[0]
+    return float(np.median(np.abs(wrap_angles(np.arctan2(east, north) - bearing[inside]))))
+
+
+def _heading(carrier: Track, times: Array) -> Array:
+    """Return the course of a track at given times."""
+    steps = np.clip(np.searchsorted(carrier.times, times), 1, max(carrier.times.size - 1, 1))
+    if carrier.times.size < 2:
+        return np.zeros(times.size)
+    course: Array = np.arctan2(
+        carrier.east[steps] - carrier.east[steps - 1],
+        carrier.north[steps] - carrier.north[steps - 1],
+    )
+    return course

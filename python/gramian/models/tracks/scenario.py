@@ -40,6 +40,9 @@ Kind = Literal[
 ]
 
 
+_ANGLES = ("bearing", "elevation", "cone_angle", "course")
+
+
 class Moves(Section):
     """How the target moves."""
 
@@ -134,6 +137,11 @@ class Seen(Section):
     def _one_sigma(self) -> Seen:
         if (self.sigma is None) == (self.sigma_deg is None):
             raise ValueError("give sigma, or sigma_deg for an angle")
+        if self.kind in _ANGLES and self.sigma is not None and self.sigma > 0.35:
+            raise ValueError(
+                f"sigma = {self.sigma:g} rad of a {self.kind} is {np.degrees(self.sigma):.0f} deg: "
+                "are these degrees? Say it in degrees (sigma_deg)"
+            )
         return self
 
     def sensor(self, carriers: dict[str, Carrier]) -> Sensor:
