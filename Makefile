@@ -84,8 +84,8 @@ docs:
 # The site, in site/: opens from the folder, without a server or a network. A warning, a
 # failing cell or example, a dead link or a public name without a page ends the build.
 site: $(VENV)/.site docs
-	$(BIN)/python -m sphinx --builder html --fresh-env --jobs auto --fail-on-warning --keep-going --quiet --doctree-dir target/site/doctrees docs site
-	rm -rf site/rust && cp -r target/doc site/rust
+	$(BIN)/python -m sphinx --builder html --fresh-env --jobs auto --fail-on-warning --keep-going --quiet --doctree-dir target/site/doctrees docs target/site/html
+	rm -rf site && cp -r target/site/html site && cp -r target/doc site/rust
 	$(BIN)/python docs/_site/check.py site
 
 # By name, so that the extension is not built a second time.
@@ -96,7 +96,7 @@ $(VENV)/.site: $(VENV)/.installed
 	touch $@
 
 clean:
-	rm -rf target $(VENV) out site docs/gallery docs/reference/generated
+	rm -rf target $(VENV) out site docs/gallery docs/reference/generated docs/tutorials/notebooks
 
 # The extension is built anew when a Rust source changed, the rest when pyproject.toml
 # did.

@@ -6,7 +6,7 @@ from pathlib import Path
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
-from _site import gallery, reference  # noqa: E402
+from _site import gallery, notebooks, reference  # noqa: E402
 
 import gramian  # noqa: E402
 
@@ -25,7 +25,13 @@ extensions = [
     "_site.mathml",  # formulas that need no network
     "_site.names",
 ]
-exclude_patterns = ["_site", "gallery/**/*.ipynb", "gallery/**/*.py", "**/sg_execution_times*"]
+exclude_patterns = [
+    "_site",
+    "tutorials/notebooks",
+    "gallery/**/*.ipynb",
+    "gallery/**/*.py",
+    "**/sg_execution_times*",
+]
 source_suffix = {".md": "myst-nb", ".rst": "restructuredtext"}
 
 # Markdown. A cell that fails, fails the build.
@@ -57,6 +63,8 @@ sphinx_gallery_conf = gallery.CONF
 
 # The looks: furo has no network in it, works at 390 px and has a dark mode.
 html_theme = "furo"
+pygments_style = "tango"
+pygments_dark_style = "github-dark"
 html_title = f"gramian {version}"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
@@ -82,3 +90,4 @@ templates_path = []
 def setup(app):
     """Have the generated pages written before any page is read."""
     app.connect("builder-inited", reference.write)
+    app.connect("builder-inited", notebooks.write)

@@ -87,7 +87,7 @@ def kind(value: object) -> str:
     """Say in which part of a page a value stands."""
     if inspect.isclass(value):
         return "Exceptions" if issubclass(value, BaseException) else "Classes"
-    return "Functions" if callable(value) else "Constants"
+    return "Functions" if inspect.isroutine(value) else "Constants"
 
 
 def entry(title: str, name: str, value: object) -> list[str]:

@@ -11,6 +11,8 @@ from gramian._registry import REGISTRY
 
 ROOT = Path(__file__).parents[2]
 BLOCKS = re.compile(r"```python\n(.*?)```", flags=re.S)
+# Cells, whose output the build of the site puts on the page.
+CELLS = re.compile(r"```\{code-cell\} python\n(?::[^\n]*\n)*(.*?)```", flags=re.S)
 # Pages that the build of the site writes are checked there.
 GENERATED = ("gallery/", "reference/generated/", "scenario.md")
 PAGES = [ROOT / "README.md"]
@@ -20,7 +22,8 @@ PAGES += [
     if not page.relative_to(ROOT / "docs").as_posix().startswith(GENERATED)
 ]
 # What the pages name beside the package: words of other tools and of Rust.
-OTHERS = {"no_std", "default-features", "python-control"}
+# The vocabulary of statuses is not a name.
+OTHERS = {"no_std", "default-features", "python-control", "not_converged"}
 # Pages about one module, where they are not named after it.
 ABOUT = {"files": "io"}
 
@@ -89,6 +92,18 @@ def test_blocks_run_and_print_what_they_say(page, capsys):
         claims = [a or b for a, b in re.findall(r"print\(.*?\)\s*# (.*)|\n# (.*)", block)]
         assert claims, f"a block claims nothing: {block}"
         assert printed == [claim.split(": on the line")[0] for claim in claims]
+
+
+@pytest.mark.parametrize(
+    "page",
+    [page for page in PAGES if CELLS.search(page.read_text())],
+    ids=lambda page: page.stem,
+)
+def test_cells_run_top_to_bottom(page):
+    pytest.importorskip("matplotlib")
+    space = {}
+    for cell in CELLS.findall(page.read_text()):
+        exec(compile(cell, str(page), "exec"), space)
 
 
 def test_the_readme_has_every_model():

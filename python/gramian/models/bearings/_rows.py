@@ -30,7 +30,9 @@ __all__ = ["NAMES", "UNITS", "merge", "problem", "rows", "simulate", "state_name
 
 Array = NDArray[np.float64]
 
+#: The states: position and velocity at the first time.
 NAMES = ("x0", "y0", "vx", "vy")
+#: Their units.
 UNITS = ("m", "m", "m/s", "m/s")
 
 _AXES = {2: "xy", 3: "xyz"}

@@ -31,7 +31,9 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
+#: The states: position, velocity and moment.
 NAMES = ("x0", "y0", "z0", "vx", "vy", "vz", "mx", "my", "mz")
+#: Their units.
 UNITS = ("m", "m", "m", "m/s", "m/s", "m/s", "A m^2", "A m^2", "A m^2")
 
 #: The magnetic constant, H/m.

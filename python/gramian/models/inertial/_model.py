@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 TILT = float(np.radians(1 / 60))
 GYRO_BIAS = float(np.radians(0.01)) / 3600
 
+#: The states of the error model.
 NAMES = (
     "phi_N", "phi_W", "phi_U",
     "dV_N", "dV_W", "dV_U",
@@ -29,6 +30,7 @@ NAMES = (
     "eps_N", "eps_W", "eps_U",
     "Delta_N", "Delta_W", "Delta_U",
 )  # fmt: skip
+#: Their units.
 UNITS = (*["rad"] * 3, *["m/s"] * 3, "rad", "rad", "m", *["rad/s"] * 3, *["m/s^2"] * 3)
 #: What a navigator at rest determines, in the order of the extension.
 AT_REST = (

@@ -18,7 +18,9 @@ from gramian.exceptions import InputError
 __all__ = ["LAWS", "AtStandoff", "Law", "Trajectory", "heading", "trajectory"]
 
 Array = NDArray[np.float64]
+#: The closed-form laws.
 Law = Literal["max_det", "hammel_liu", "bearing_rate", "circle", "perpendicular"]
+#: What a trajectory does at the stand-off range.
 AtStandoff = Literal["stop", "circle"]
 
 LAWS: tuple[Law, ...] = ("max_det", "hammel_liu", "bearing_rate", "circle", "perpendicular")
