@@ -503,7 +503,7 @@ impl TrackScene {
         }
         let out = PyDict::new(py);
         let mut at = 0;
-        let parts: [(&str, &[usize]); 11] = [
+        let parts: [(&str, &[usize]); 12] = [
             ("state", &[n]),
             ("covariance", &[n, n]),
             ("null_direction", &[n]),
@@ -515,6 +515,7 @@ impl TrackScene {
             ("rank", &[]),
             ("iterations", &[]),
             ("converged", &[]),
+            ("vagueness", &[]),
         ];
         for (name, shape) in parts {
             let width: usize = shape.iter().product();

@@ -296,7 +296,7 @@ def judged(
     def mark(where: NDArray[Any], status: str) -> None:
         code[np.asarray(where, dtype=bool)] = STATUSES.index(status)
 
-    mark(_is_weak(scene, found["state"], found["covariance"], weak_ratio), "weak")
+    mark(found["vagueness"] > weak_ratio, "weak")
     mark(found["other_cost"] - cost < 6.0, "ambiguous")
     mark(found["converged"] < 1, "not_converged")
     mark(p_value < alpha, "misfit")
@@ -316,40 +316,3 @@ def judged(
         null_direction=found["null_direction"],
         iterations=found["iterations"].astype(np.int32),
     )
-
-
-def _is_weak(scene: Scene, states: Array, covariances: Array, ratio: float) -> NDArray[Any]:
-    """Say which estimates leave a position of the track uncertain by `ratio` of its distance.
-
-    Any position while the sensors look, not the first alone: a velocity, or the last leg,
-    may be open where the start is known.
-    """
-    seen = [
-        (s.times[picked], s.carrier.at(s.times[picked])[0])
-        for s in scene.sensors
-        if s.carrier is not None
-        for picked in [np.unique(np.linspace(0, s.times.size - 1, 5).astype(int))]
-    ]
-    weak = np.zeros(states.shape[:-1], dtype=bool)
-    if not seen:
-        return weak
-    times = np.concatenate([t for t, _ in seen])
-    for trial in np.ndindex(weak.shape):
-        state, covariance = states[trial], covariances[trial]
-        if not (np.isfinite(state).all() and np.isfinite(covariance).all()):
-            weak[trial] = True
-            continue
-        values, axes = np.linalg.eigh(covariance)
-        track = scene.track(state, times)
-        spread = np.zeros(times.size)
-        for axis in (axes * np.sqrt(np.maximum(values, 0.0))).T:
-            if axis.any():
-                spread += ((scene.track(state + axis, times) - track) ** 2).sum(axis=1)
-        # A target that passes close by is no worse known for it: its usual distance.
-        ends = np.cumsum([t.size for t, _ in seen])[:-1]
-        away = min(
-            float(np.median(np.linalg.norm(part - path, axis=1)))
-            for part, (_, path) in zip(np.split(track, ends), seen, strict=True)
-        )
-        weak[trial] = np.sqrt(spread.max()) > ratio * away
-    return weak

@@ -82,6 +82,12 @@ impl<S: Simd> Lanes<S> {
         Self { simd, value }
     }
 
+    /// The part `part` of a block, in lanes like these.
+    #[inline(always)]
+    pub fn load_like(self, block: &Block, part: usize) -> Self {
+        Self::load(self.simd, block, part)
+    }
+
     /// Writes the part `part` of a block.
     #[inline(always)]
     pub fn store(self, block: &mut Block, part: usize) {

@@ -12,6 +12,7 @@ use alloc::vec;
 use alloc::vec::Vec;
 
 use super::{Function, Model};
+use crate::numbers::lane::Lane;
 use crate::square_root::{rotate_in, triangularize};
 
 /// How a residual counts, in units of its deviation.
@@ -27,20 +28,41 @@ pub enum Loss {
 
 impl Loss {
     /// Twice the loss of a residual, and its weight psi(r) / r.
-    pub fn at(self, r: f64) -> (f64, f64) {
+    #[inline(always)]
+    pub fn at<L: Lane>(self, r: L) -> (L, L) {
+        let one = r.splat(1.0);
         match self {
-            Self::Squares => (r * r, 1.0),
+            Self::Squares => (r * r, one),
             Self::Huber(c) => {
-                let size = r.abs();
-                if size <= c {
-                    (r * r, 1.0)
-                } else {
-                    (2.0 * c * size - c * c, c / size)
-                }
+                let (size, c) = (r.abs(), r.splat(c));
+                let beyond = (c + c) * size - c * c;
+                (
+                    size.select_greater(c, beyond, r * r),
+                    size.select_greater(c, c / size, one),
+                )
             }
             Self::Tukey(c) => {
-                let rest = (1.0 - (r / c) * (r / c)).max(0.0);
-                (c * c / 3.0 * (1.0 - rest * rest * rest), rest * rest)
+                let c = r.splat(c);
+                let u = r / c;
+                let rest = (one - u * u).max(r.splat(0.0));
+                let square = rest * rest;
+                ((c * c).times(1.0 / 3.0) * (one - square * rest), square)
+            }
+        }
+    }
+
+    /// The derivative of psi.
+    pub fn slope(self, r: f64) -> f64 {
+        match self {
+            Self::Squares => 1.0,
+            Self::Huber(c) => f64::from(u8::from(r.abs() <= c)),
+            Self::Tukey(c) => {
+                let u = (r / c) * (r / c);
+                if u < 1.0 {
+                    (1.0 - u) * (1.0 - 5.0 * u)
+                } else {
+                    0.0
+                }
             }
         }
     }

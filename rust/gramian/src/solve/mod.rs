@@ -6,6 +6,7 @@
 //! | module | what is in it |
 //! |---|---|
 //! | [`gauss_newton`] | the most likely state from one start, functions of it held |
+//! | [`side_by_side`] | the same for many small problems at once, one in each lane |
 //! | [`starts`] | where to start, many starts, clusters of what they reach |
 //! | [`fit`] | does the model fit, what would explain that it does not |
 //! | [`other_solutions`] | which other states fit as well |
@@ -21,6 +22,8 @@ pub mod knowledge;
 pub mod other_solutions;
 #[cfg(feature = "std")]
 pub mod region;
+#[cfg(feature = "std")]
+pub mod side_by_side;
 #[cfg(feature = "std")]
 pub mod starts;
 

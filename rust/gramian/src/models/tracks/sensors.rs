@@ -118,6 +118,8 @@ impl<L: Lane, const D: usize> Reading<L, D> {
 pub trait Sensor<const D: usize> {
     /// Whether whole turns of the value do not matter.
     const WRAPS: bool = false;
+    /// Whether the velocity of the target matters.
+    const SEES_VELOCITY: bool = true;
 
     /// The value and its derivatives; not finite where there is no derivative.
     fn read<L: Lane>(&self, sight: &Sight<L, D>, parameters: &[L; 2]) -> Reading<L, D>;
@@ -128,6 +130,7 @@ pub trait Sensor<const D: usize> {
 pub struct Bearing;
 
 impl<const D: usize> Sensor<D> for Bearing {
+    const SEES_VELOCITY: bool = false;
     const WRAPS: bool = true;
 
     #[inline(always)]
@@ -146,6 +149,8 @@ impl<const D: usize> Sensor<D> for Bearing {
 pub struct Elevation;
 
 impl<const D: usize> Sensor<D> for Elevation {
+    const SEES_VELOCITY: bool = false;
+
     #[inline(always)]
     fn read<L: Lane>(&self, sight: &Sight<L, D>, _: &[L; 2]) -> Reading<L, D> {
         let up = sight.offset[D - 1];
@@ -168,6 +173,8 @@ pub struct Range {
 }
 
 impl<const D: usize> Sensor<D> for Range {
+    const SEES_VELOCITY: bool = false;
+
     #[inline(always)]
     fn read<L: Lane>(&self, sight: &Sight<L, D>, _: &[L; 2]) -> Reading<L, D> {
         let range = sight.range();
@@ -249,6 +256,8 @@ impl<const D: usize> Sensor<D> for Frequency {
 pub struct ConeAngle;
 
 impl<const D: usize> Sensor<D> for ConeAngle {
+    const SEES_VELOCITY: bool = false;
+
     #[inline(always)]
     fn read<L: Lane>(&self, sight: &Sight<L, D>, _: &[L; 2]) -> Reading<L, D> {
         let along = dot(&sight.offset, &sight.axis);
@@ -277,6 +286,8 @@ pub struct SignalStrength;
 const DECIBELS: f64 = 4.342_944_819_032_518;
 
 impl<const D: usize> Sensor<D> for SignalStrength {
+    const SEES_VELOCITY: bool = false;
+
     #[inline(always)]
     fn read<L: Lane>(&self, sight: &Sight<L, D>, parameters: &[L; 2]) -> Reading<L, D> {
         let square = dot(&sight.offset, &sight.offset);
@@ -301,6 +312,8 @@ pub struct Place {
 }
 
 impl<const D: usize> Sensor<D> for Place {
+    const SEES_VELOCITY: bool = false;
+
     #[inline(always)]
     fn read<L: Lane>(&self, sight: &Sight<L, D>, _: &[L; 2]) -> Reading<L, D> {
         let mut reading = Reading::new(sight.zero());

@@ -86,6 +86,7 @@ macro_rules! with_motion {
 }
 
 mod starts;
+mod trials;
 
 impl Moving {
     /// How many states it has in `dimension` dimensions.
@@ -283,6 +284,8 @@ struct Group {
     first: usize,
     count: usize,
     width: usize,
+    /// Times of the samples after the reference time.
+    instants: Vec<f64>,
     times: Vec<Block>,
     carrier: Vec<Block>,
     second: Option<Vec<Block>>,
@@ -430,68 +433,83 @@ impl Scene {
         if let Some(rows) = &mut rows {
             rows.fill(0.0);
         }
+        for (sensor, group) in self.groups.iter().enumerate() {
+            self.predict_group(group, x, values, rows.as_deref_mut())
+                .map_err(|error| InSensor { sensor, error })?;
+        }
+        Ok(())
+    }
+
+    /// The same of one sensor; its rows are added to.
+    fn predict_group(
+        &self,
+        group: &Group,
+        x: &[f64],
+        values: &mut [f64],
+        rows: Option<&mut [f64]>,
+    ) -> Result<(), Error> {
         // What the kernels write the whole of: made once a thread.
-        SCRATCH.with_borrow_mut(|(moves, reads)| self.predict_with(x, values, rows, moves, reads))
+        SCRATCH.with_borrow_mut(|(moves, reads)| {
+            self.predict_with(group, x, values, rows, moves, reads)
+        })
     }
 
     fn predict_with(
         &self,
+        group: &Group,
         x: &[f64],
         values: &mut [f64],
         mut rows: Option<&mut [f64]>,
         moves: &mut Vec<Block>,
         reads: &mut Vec<Block>,
-    ) -> Result<(), InSensor> {
+    ) -> Result<(), Error> {
         let n = self.states();
-        for (sensor, group) in self.groups.iter().enumerate() {
-            let channel = &group.channel;
-            let clock = Clock {
-                offset: self.value(x, channel.clock),
-                true_path: channel.true_path,
-                state: matches!(channel.clock, Parameter::State(_)),
+        let channel = &group.channel;
+        let clock = Clock {
+            offset: self.value(x, channel.clock),
+            true_path: channel.true_path,
+            state: matches!(channel.clock, Parameter::State(_)),
+        };
+        let columns = self.motion_states + usize::from(clock.state);
+        let blocks = group.times.len();
+        let size = blocks * moves_size(self.dimension, columns);
+        if moves.len() < size {
+            moves.resize(size, [0.0; LANES]);
+        }
+        if self.dimension == 2 {
+            self.moves::<2>(group, x, clock, &mut moves[..size]);
+        } else {
+            self.moves::<3>(group, x, clock, &mut moves[..size]);
+        }
+        let size_reads = blocks * (columns + 3);
+        if reads.len() < size_reads {
+            reads.resize(size_reads, [0.0; LANES]);
+        }
+        let parameters = channel.parameters.map(|p| self.value(x, p));
+        for axis in 0..group.width {
+            let task = Task {
+                path: self.path,
+                group,
+                parameters,
+                columns,
+                clock,
+                moves: &moves[..size],
             };
-            let columns = self.motion_states + usize::from(clock.state);
-            let blocks = group.times.len();
-            let size = blocks * moves_size(self.dimension, columns);
-            if moves.len() < size {
-                moves.resize(size, [0.0; LANES]);
-            }
             if self.dimension == 2 {
-                self.moves::<2>(group, x, clock, &mut moves[..size]);
+                task.sees::<2>(axis, &mut reads[..size_reads]);
             } else {
-                self.moves::<3>(group, x, clock, &mut moves[..size]);
+                task.sees::<3>(axis, &mut reads[..size_reads]);
             }
-            let size_reads = blocks * (columns + 3);
-            if reads.len() < size_reads {
-                reads.resize(size_reads, [0.0; LANES]);
-            }
-            let parameters = channel.parameters.map(|p| self.value(x, p));
-            for axis in 0..group.width {
-                let task = Task {
-                    path: self.path,
-                    group,
-                    parameters,
-                    columns,
-                    clock,
-                    moves: &moves[..size],
-                };
-                if self.dimension == 2 {
-                    task.sees::<2>(axis, &mut reads[..size_reads]);
-                } else {
-                    task.sees::<3>(axis, &mut reads[..size_reads]);
-                }
-                self.collect(
-                    group,
-                    x,
-                    axis,
-                    columns,
-                    &reads[..size_reads],
-                    values,
-                    rows.as_deref_mut(),
-                    n,
-                )
-                .map_err(|error| InSensor { sensor, error })?;
-            }
+            self.collect(
+                group,
+                x,
+                axis,
+                columns,
+                &reads[..size_reads],
+                values,
+                rows.as_deref_mut(),
+                n,
+            )?;
         }
         Ok(())
     }
@@ -850,6 +868,7 @@ impl Group {
             count,
             width,
             times: blocks(&times, 1, count).collect(),
+            instants: times,
             carrier: match &channel.carrier {
                 Some(carried) => packed(carried, dimension, count),
                 None => nothing,
@@ -1060,6 +1079,71 @@ impl Scene {
         for course in &mut x[courses] {
             *course = wrapped(*course);
         }
+    }
+
+    /// The largest deviation of the target's place while the sensors look, over the least
+    /// of their usual distances: by the covariance of all states, at five times of each
+    /// sensor. Infinite where the covariance is, 0 where no sensor has a place.
+    ///
+    /// All along the track, not at its first place alone: a velocity, or the last leg,
+    /// may be open where the start is known.
+    pub fn vagueness(&self, x: &[f64], covariance: &[f64]) -> f64 {
+        if !x.iter().chain(covariance).all(|x| x.is_finite()) {
+            return f64::INFINITY;
+        }
+        with_motion!(&self.motion, motion => if self.dimension == 2 {
+            self.vague::<_, 2>(motion, x, covariance)
+        } else {
+            self.vague::<_, 3>(motion, x, covariance)
+        })
+    }
+
+    fn vague<M: Motion<D>, const D: usize>(
+        &self,
+        motion: &M,
+        x: &[f64],
+        covariance: &[f64],
+    ) -> f64 {
+        let (n, states) = (x.len(), self.motion_states);
+        let mut changes = [super::motion::Change::<f64, D>::zero(0.0); MOST];
+        let (mut widest, mut nearest) = (0.0_f64, f64::INFINITY);
+        for group in self.groups.iter().filter(|group| group.count > 0) {
+            let Some(carrier) = &group.channel.carrier else {
+                continue;
+            };
+            let mut away = [0.0; 5];
+            let mut used = 0;
+            let mut last = None;
+            for k in 0..5 {
+                let sample = k * (group.count - 1) / 4;
+                if last == Some(sample) {
+                    continue;
+                }
+                last = Some(sample);
+                let now = motion.at(x, group.instants[sample], &mut changes);
+                let mut square = 0.0;
+                let mut spread = 0.0;
+                for axis in 0..D {
+                    square += (now.place[axis] - carrier.place[sample * D + axis]).powi(2);
+                    for (i, row) in covariance.chunks_exact(n).enumerate().take(states) {
+                        let by = changes[i].place[axis];
+                        let sum: f64 = (0..states).map(|j| row[j] * changes[j].place[axis]).sum();
+                        spread += by * sum;
+                    }
+                }
+                away[used] = square;
+                used += 1;
+                widest = widest.max(spread);
+            }
+            // A target that passes close by is no worse known for it: its usual distance.
+            away[..used].sort_by(f64::total_cmp);
+            let median = 0.5 * (away[(used - 1) / 2].sqrt() + away[used / 2].sqrt());
+            nearest = nearest.min(median);
+        }
+        if nearest.is_infinite() {
+            return 0.0;
+        }
+        (widest.max(0.0).sqrt() / nearest).min(f64::MAX)
     }
 
     /// The mirror image of a state across the line of all carriers, where all sensors

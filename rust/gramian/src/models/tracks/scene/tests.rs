@@ -307,6 +307,192 @@ fn correlated_noise() {
     }
 }
 
+/// J^T J, column-major alike, and the squares of the residuals, of one trial by itself.
+fn alone(
+    scene: &Scene,
+    z: &[f64],
+    x: &[f64],
+    known: &[Option<f64>],
+) -> (Vec<f64>, f64, Vec<f64>) {
+    let measured = Measured::new(scene, z, known).unwrap();
+    let (m, n) = (measured.measurements(), measured.states());
+    let (mut residuals, mut rows) = (vec![0.0; m], vec![0.0; m * n]);
+    let free: Vec<f64> = (0..x.len())
+        .filter(|&k| known[k].is_none())
+        .map(|k| x[k])
+        .collect();
+    measured
+        .linearize(&free, &mut residuals, Some(&mut rows))
+        .unwrap();
+    let (mut gram, mut slope) = (vec![0.0; n * n], vec![0.0; n]);
+    for (row, r) in rows.chunks_exact(n).zip(&residuals) {
+        for i in 0..n {
+            slope[i] += row[i] * r;
+            for j in 0..n {
+                gram[i * n + j] += row[i] * row[j];
+            }
+        }
+    }
+    (gram, residuals.iter().map(|r| r * r).sum(), slope)
+}
+
+/// A lane has the rows that [`Measured`] has: every motion and sensor, missing samples,
+/// known states, noise that ties samples, on every path.
+#[test]
+fn trials_side_by_side_see_what_one_sees() {
+    use crate::solve::side_by_side::minimize_all;
+    for dimension in [2, 3] {
+        for motion in motions() {
+            if motion == (Moving::Polynomial { order: 0 }) {
+                continue;
+            }
+            for (true_path, delay) in [(false, None), (true, Some(1500.0))] {
+                let mut scene = everything(dimension, motion.clone(), true_path, delay);
+                let mut channels: Vec<Channel> = scene.channels().map(|c| c.0.clone()).collect();
+                if let Noise::Sigma(sigma) = &channels[2].noise {
+                    let (sigma, time) = (sigma.clone(), 20.0);
+                    channels[2].noise = Noise::Correlated { sigma, time };
+                }
+                // Bearings without a clock, which have a pass of their own.
+                let mut plain = channels[0].clone();
+                (plain.clock, plain.delay) = (Parameter::Fixed(0.0), None);
+                channels.push(plain);
+                scene = Scene::new(dimension, motion.clone(), 10.0, 6, channels).unwrap();
+                let x = state(dimension, &motion);
+                let (n, m) = (scene.states(), scene.measurements());
+                let exact = scene.values(&x).unwrap();
+                let mut z = Vec::new();
+                let mut starts = Vec::new();
+                for trial in 0..5 {
+                    let mut out = vec![0.0; m];
+                    scene.simulate(&exact, 1, trial, &mut out);
+                    if trial == 3 {
+                        for i in (0..m).step_by(4) {
+                            out[i] = f64::NAN;
+                        }
+                    }
+                    z.extend(out);
+                    starts.push(x.iter().map(|x| x * (1.0 + 1e-3 * trial as f64)).collect());
+                }
+                for known in [None, Some(n - 5)] {
+                    let mut given = vec![f64::NAN; n];
+                    let mut held = vec![None; n];
+                    if let Some(k) = known {
+                        (given[k], held[k]) = (x[k], Some(x[k]));
+                    }
+                    let (mean, sigma) = (vec![0.0; n], vec![f64::INFINITY; n]);
+                    for path in Path::available() {
+                        let scene = scene.clone().on(path);
+                        let items = crate::batch::Items::each(&z, m);
+                        let mut all = trials::Trials::new(&scene, items, &given, &mean, &sigma);
+                        let free = all.free().to_vec();
+                        let some: Vec<Vec<f64>> = starts
+                            .iter()
+                            .map(|x: &Vec<f64>| free.iter().map(|&k| x[k]).collect())
+                            .collect();
+                        let jobs: Vec<(usize, &[f64])> =
+                            some.iter().enumerate().map(|(i, x)| (i, &x[..])).collect();
+                        let options = crate::solve::Options {
+                            max_iterations: 0,
+                            ..crate::solve::Options::default()
+                        };
+                        let found = minimize_all(&mut all, &jobs, options, path);
+                        for (trial, found) in found.iter().enumerate() {
+                            let z = &z[trial * m..][..m];
+                            let mut whole = starts[trial].clone();
+                            if let Some(k) = known {
+                                whole[k] = x[k];
+                            }
+                            let (gram, chi2, _) = alone(&scene, z, &whole, &held);
+                            let n = free.len();
+                            assert!(
+                                (found.chi2 - chi2).abs() < 1e-8 * chi2,
+                                "{motion:?} {dimension} {trial}: {} {chi2}",
+                                found.chi2
+                            );
+                            for i in 0..n {
+                                for j in 0..n {
+                                    let sum: f64 = (0..n)
+                                        .map(|k| found.factor[k * n + i] * found.factor[k * n + j])
+                                        .sum();
+                                    let size = (gram[i * n + i] * gram[j * n + j]).sqrt();
+                                    assert!(
+                                        (sum - gram[i * n + j]).abs() <= 1e-9 * size,
+                                        "{motion:?} {dimension} {trial} {i} {j}: {sum} {}",
+                                        gram[i * n + j]
+                                    );
+                                }
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Estimates are at rest, and do not depend on the company they are made in.
+#[test]
+fn a_lane_does_not_depend_on_the_others() {
+    use crate::solve::side_by_side::minimize_all;
+    let times: Vec<f64> = (0..40).map(|i| 7.5 * f64::from(i)).collect();
+    let seen = zigzag(2).at(&times).unwrap();
+    for motion in [
+        Moving::Polynomial { order: 1 },
+        Moving::Legs(TurnTimes::Unknown(1)),
+        Moving::CoordinatedTurn,
+    ] {
+        let bearings = Channel::new(Kind::Bearing, times.clone(), Some(seen.clone()), 0.003);
+        let range = Channel::new(Kind::Range, times.clone(), Some(seen.clone()), 20.0);
+        let scene = Scene::new(2, motion.clone(), 0.0, 0, vec![bearings, range]).unwrap();
+        let x = match motion {
+            Moving::Legs(_) => vec![2000.0, 3000.0, 3.0, -4.0, -2.0, 5.0, 148.0],
+            Moving::CoordinatedTurn => vec![2000.0, 3000.0, 6.0, 0.5, 0.003],
+            _ => vec![2000.0, 3000.0, 3.0, -4.0],
+        };
+        let (n, m, count) = (scene.states(), scene.measurements(), 21);
+        let exact = scene.values(&x).unwrap();
+        let mut z = vec![0.0; count * m];
+        for (trial, z) in z.chunks_exact_mut(m).enumerate() {
+            scene.simulate(&exact, 5, trial as u64, z);
+            if trial % 3 == 1 {
+                z[trial] = f64::NAN;
+            }
+        }
+        let start: Vec<f64> = x.iter().map(|x| 1.05 * x).collect();
+        let known = vec![f64::NAN; n];
+        let mut sigma = vec![f64::INFINITY; n];
+        sigma[2] = 3.0;
+        for loss in [crate::solve::Loss::Squares, crate::solve::Loss::Huber(1.345)] {
+            let options = crate::solve::Options {
+                loss,
+                ..crate::solve::Options::default()
+            };
+            let items = crate::batch::Items::each(&z, m);
+            let mut trials = trials::Trials::new(&scene, items, &known, &x, &sigma);
+            let jobs: Vec<(usize, &[f64])> = (0..count).map(|i| (i, &start[..])).collect();
+            let together = minimize_all(&mut trials, &jobs, options, Path::Best);
+            assert!(together.iter().all(|one| one.converged));
+            for (trial, found) in together.iter().enumerate() {
+                let one = minimize_all(&mut trials, &[(trial, &start[..])], options, Path::Best);
+                assert_eq!(one[0].x, found.x);
+                assert_eq!(one[0].factor, found.factor);
+                if loss != crate::solve::Loss::Squares || matches!(motion, Moving::Legs(_)) {
+                    continue;
+                }
+                // The gradient, in deviations.
+                let held = vec![None; n];
+                let z = &z[trial * m..][..m];
+                let (gram, _, mut slope) = alone(&scene, z, &found.x, &held);
+                slope[2] += (x[2] - found.x[2]) / 9.0;
+                for k in 0..n {
+                    assert!(slope[k].abs() < 1e-4 * gram[k * n + k].sqrt(), "{slope:?}");
+                }
+            }
+        }
+    }
+}
+
 #[test]
 fn mirror_images_give_the_same_data() {
     let times: Vec<f64> = (0..12).map(|i| 25.0 * f64::from(i)).collect();
@@ -392,4 +578,42 @@ fn bad_input_is_named() {
     let scene = Scene::new(2, cv, 0.0, 0, vec![array]).unwrap();
     let error = scene.rows(&[0.0, 500.0, 0.0, 1.0]).unwrap_err().error;
     assert!(matches!(error, Error::NoReading { index: 0, .. }));
+}
+
+#[test]
+fn zz_timing() {
+    use std::println;
+    let times: Vec<f64> = (0..60).map(|i| 1200.0 / 59.0 * f64::from(i)).collect();
+    let h = 0.5_f64.sqrt() * 1500.0;
+    let path = [0.0, 0.0, h, h, 2.0 * h, 0.0, 3.0 * h, h, 4.0 * h, 0.0];
+    let carrier = Carrier::along(2, &[0.0, 300.0, 600.0, 900.0, 1200.0], &path, None, None).unwrap();
+    let seen = carrier.at(&times).unwrap();
+    for (motion, x, f) in [
+        (Moving::Legs(TurnTimes::Unknown(1)), vec![1500.0, 3700.0, 3.0, -4.0, -1.964, -4.598, 610.0], vec![1.05, 0.95, 0.8, 1.2, 1.2, 0.9, 1.05]),
+        (Moving::Polynomial { order: 1 }, vec![1500.0, 3700.0, 3.0, -4.0], vec![1.1; 4]),
+    ] {
+        let b = Channel::new(Kind::Bearing, times.clone(), Some(seen.clone()), 0.3_f64.to_radians());
+        let scene = Scene::new(2, motion, 0.0, 0, vec![b]).unwrap();
+        let n = scene.states();
+        let exact = scene.values(&x).unwrap();
+        let mut z = vec![0.0; 60 * 1000];
+        for (trial, z) in z.chunks_exact_mut(60).enumerate() { scene.simulate(&exact, 1, trial as u64, z); }
+        let start: Vec<f64> = x.iter().zip(&f).map(|(x, f)| x * f).collect();
+        let task = estimate::Task { scene: &scene, known: &vec![f64::NAN; n], mean: &vec![0.0; n], sigma: &vec![f64::INFINITY; n], options: estimate::Options::default() };
+        let size = estimate::Layout { states: n }.size();
+        let mut out = vec![0.0; 1000 * size];
+        for starts in [Some(crate::batch::Items::shared(&start)), None] {
+            let mut best = f64::INFINITY;
+            for _ in 0..10 {
+                let t = std::time::Instant::now();
+                estimate::estimate(task, crate::batch::Items::each(&z, 60), starts, crate::batch::Threads::One, &mut out).unwrap();
+                best = best.min(t.elapsed().as_secs_f64());
+            }
+            let it: f64 = out.chunks_exact(size).map(|o| o[size - 3]).sum::<f64>() / 1000.0;
+            println!("n {n} given {} : {:.2} us, iterations {it}", starts.is_some(), best * 1e3);
+        }
+        let mut hist = std::collections::BTreeMap::new();
+        for o in out.chunks_exact(size) { *hist.entry(o[size - 3] as u32).or_insert(0) += 1; }
+        println!("{hist:?}");
+    }
 }
