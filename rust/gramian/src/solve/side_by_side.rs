@@ -199,6 +199,7 @@ fn square<S: pulp::Simd>(simd: S, part: usize, column: &[Block]) -> Lanes<S> {
 
 /// Takes from `K` columns their parts along one.
 #[inline(always)]
+#[allow(clippy::needless_pass_by_value)] // The columns are lent one by one.
 fn take<S: pulp::Simd, const K: usize>(
     simd: S,
     part: usize,
@@ -406,8 +407,10 @@ pub fn losses<M: SideBySide + ?Sized>(
         }
         rows.clear(false);
         model.linearize(&x, &mut rows);
-        out.extend(rows.cost[..group.len()].iter().map(|&cost| {
-            if cost.is_finite() {
+        // A loss may be level where the residual is no number.
+        let found = rows.cost.iter().zip(&rows.data).take(group.len());
+        out.extend(found.map(|(&cost, &data)| {
+            if cost.is_finite() && data.is_finite() {
                 cost
             } else {
                 f64::INFINITY

@@ -325,37 +325,38 @@ fn group(
     };
     rank(&mut trials, &mut candidates, how, options.polish, scene);
     let mut found: Vec<Vec<Arrived>> = vec![Vec::new(); count];
-    let mut follow = |some: &dyn Fn(usize, &[Arrived]) -> (usize, usize),
-                      found: &mut [Vec<Arrived>]| {
+    // Which of the starts of each trial are followed.
+    let mut follow = |some: &[core::ops::Range<usize>], found: &mut [Vec<Arrived>]| {
         let mut jobs: Vec<(usize, &[f64])> = Vec::new();
-        for (trial, starts) in candidates.iter().enumerate() {
-            let (from, to) = some(trial, &found[trial]);
-            let (from, to) = (from.min(starts.len()), to.min(starts.len()));
-            jobs.extend(starts[from..to].iter().map(|x| (trial, &x[..])));
+        for (trial, (starts, some)) in candidates.iter().zip(some).enumerate() {
+            let part = some.start.min(starts.len())..some.end.min(starts.len());
+            jobs.extend(starts[part].iter().map(|x| (trial, &x[..])));
         }
-        for (arrived, (trial, _)) in minimize_all(&mut trials, &jobs, how, scene.path)
-            .into_iter()
-            .zip(&jobs)
-        {
+        let arrived = minimize_all(&mut trials, &jobs, how, scene.path);
+        for (arrived, (trial, _)) in arrived.into_iter().zip(&jobs) {
             if arrived.chi2.is_finite() {
                 found[*trial].push(arrived);
             }
         }
     };
     let polish = options.polish.max(1);
-    follow(&|_, _| (0, polish), &mut found);
+    follow(&vec![0..polish; count], &mut found);
     if starts.is_none() {
         // Where none of the best starts fits, others are followed too.
-        let measured = |trial: usize| {
-            let z = measurements.get(trial);
-            z.iter().filter(|z| !z.is_nan()).count()
-        };
-        let more = |trial: usize, found: &[Arrived]| {
-            let dof = measured(trial).saturating_sub(free.len()) as f64;
-            let plausible = dof + 6.0 * (2.0 * dof).sqrt() + 20.0;
-            let fits = found.iter().any(|s| s.converged && s.chi2 < plausible);
-            if fits { (0, 0) } else { (polish, polish + 12) }
-        };
+        let more: Vec<_> = (0..count)
+            .map(|trial| {
+                let z = measurements.get(trial);
+                let present = z.iter().filter(|z| !z.is_nan()).count();
+                let dof = present.saturating_sub(free.len()) as f64;
+                let plausible = dof + 6.0 * (2.0 * dof).sqrt() + 20.0;
+                let fits = |s: &Arrived| s.converged && s.chi2 < plausible;
+                if found[trial].iter().any(fits) {
+                    0..0
+                } else {
+                    polish..polish + 12
+                }
+            })
+            .collect();
         follow(&more, &mut found);
     }
     let known: Vec<Option<f64>> = task

@@ -308,12 +308,7 @@ fn correlated_noise() {
 }
 
 /// J^T J, column-major alike, and the squares of the residuals, of one trial by itself.
-fn alone(
-    scene: &Scene,
-    z: &[f64],
-    x: &[f64],
-    known: &[Option<f64>],
-) -> (Vec<f64>, f64, Vec<f64>) {
+fn alone(scene: &Scene, z: &[f64], x: &[f64], known: &[Option<f64>]) -> (Vec<f64>, f64, Vec<f64>) {
     let measured = Measured::new(scene, z, known).unwrap();
     let (m, n) = (measured.measurements(), measured.states());
     let (mut residuals, mut rows) = (vec![0.0; m], vec![0.0; m * n]);
@@ -463,7 +458,10 @@ fn a_lane_does_not_depend_on_the_others() {
         let known = vec![f64::NAN; n];
         let mut sigma = vec![f64::INFINITY; n];
         sigma[2] = 3.0;
-        for loss in [crate::solve::Loss::Squares, crate::solve::Loss::Huber(1.345)] {
+        for loss in [
+            crate::solve::Loss::Squares,
+            crate::solve::Loss::Huber(1.345),
+        ] {
             let options = crate::solve::Options {
                 loss,
                 ..crate::solve::Options::default()
@@ -578,42 +576,4 @@ fn bad_input_is_named() {
     let scene = Scene::new(2, cv, 0.0, 0, vec![array]).unwrap();
     let error = scene.rows(&[0.0, 500.0, 0.0, 1.0]).unwrap_err().error;
     assert!(matches!(error, Error::NoReading { index: 0, .. }));
-}
-
-#[test]
-fn zz_timing() {
-    use std::println;
-    let times: Vec<f64> = (0..60).map(|i| 1200.0 / 59.0 * f64::from(i)).collect();
-    let h = 0.5_f64.sqrt() * 1500.0;
-    let path = [0.0, 0.0, h, h, 2.0 * h, 0.0, 3.0 * h, h, 4.0 * h, 0.0];
-    let carrier = Carrier::along(2, &[0.0, 300.0, 600.0, 900.0, 1200.0], &path, None, None).unwrap();
-    let seen = carrier.at(&times).unwrap();
-    for (motion, x, f) in [
-        (Moving::Legs(TurnTimes::Unknown(1)), vec![1500.0, 3700.0, 3.0, -4.0, -1.964, -4.598, 610.0], vec![1.05, 0.95, 0.8, 1.2, 1.2, 0.9, 1.05]),
-        (Moving::Polynomial { order: 1 }, vec![1500.0, 3700.0, 3.0, -4.0], vec![1.1; 4]),
-    ] {
-        let b = Channel::new(Kind::Bearing, times.clone(), Some(seen.clone()), 0.3_f64.to_radians());
-        let scene = Scene::new(2, motion, 0.0, 0, vec![b]).unwrap();
-        let n = scene.states();
-        let exact = scene.values(&x).unwrap();
-        let mut z = vec![0.0; 60 * 1000];
-        for (trial, z) in z.chunks_exact_mut(60).enumerate() { scene.simulate(&exact, 1, trial as u64, z); }
-        let start: Vec<f64> = x.iter().zip(&f).map(|(x, f)| x * f).collect();
-        let task = estimate::Task { scene: &scene, known: &vec![f64::NAN; n], mean: &vec![0.0; n], sigma: &vec![f64::INFINITY; n], options: estimate::Options::default() };
-        let size = estimate::Layout { states: n }.size();
-        let mut out = vec![0.0; 1000 * size];
-        for starts in [Some(crate::batch::Items::shared(&start)), None] {
-            let mut best = f64::INFINITY;
-            for _ in 0..10 {
-                let t = std::time::Instant::now();
-                estimate::estimate(task, crate::batch::Items::each(&z, 60), starts, crate::batch::Threads::One, &mut out).unwrap();
-                best = best.min(t.elapsed().as_secs_f64());
-            }
-            let it: f64 = out.chunks_exact(size).map(|o| o[size - 3]).sum::<f64>() / 1000.0;
-            println!("n {n} given {} : {:.2} us, iterations {it}", starts.is_some(), best * 1e3);
-        }
-        let mut hist = std::collections::BTreeMap::new();
-        for o in out.chunks_exact(size) { *hist.entry(o[size - 3] as u32).or_insert(0) += 1; }
-        println!("{hist:?}");
-    }
 }
