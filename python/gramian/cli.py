@@ -263,7 +263,8 @@ def demo(
         raise StorageError(f"cannot write the demo to {out}: {error}") from error
     answers = _Answers(json, strict)
     for scenario in scenarios:
-        report = load(scenario).analyze()
+        loaded = load(scenario)
+        report = _of(loaded.analyze(), [scenario], loaded)
         console.rule(f"gramian analyze {scenario}", align="left", style="dim")
         answers.add(scenario.stem, report, out / scenario.stem)
     console.print("\nEdit a scenario and run its line again, or point one at your own tracks.")

@@ -8,7 +8,8 @@ import json
 import os
 import re
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import cached_property
@@ -231,9 +232,12 @@ class Report:
             trim_blocks=True,
             lstrip_blocks=True,
         )
-        pictures = [
-            {"title": p.title, "caption": p.caption} | _embedded(p.draw()) for p in self.pictures
-        ]
+        # Letters that can be read where a picture is as wide as a telephone.
+        with _large_letters() if self.pictures else nullcontext():
+            pictures = [
+                {"title": p.title, "caption": p.caption} | _embedded(p.draw())
+                for p in self.pictures
+            ]
         return environment.get_template("report.html").render(
             report=self, pictures=pictures, origin=self._origin
         )
@@ -312,6 +316,15 @@ def tone_of(answer: Observability) -> Tone:
     return answer.tone
 
 
+@contextmanager
+def _large_letters() -> Iterator[None]:
+    """Draw with larger letters."""
+    import matplotlib as mpl
+
+    with mpl.rc_context({"font.size": 12.5}):
+        yield
+
+
 def _embedded(figure: Figure) -> dict[str, Any]:
     """Return a figure as a data URI, and whether it is legible on a small screen."""
     buffer = io.BytesIO()
@@ -324,4 +337,4 @@ def _embedded(figure: Figure) -> dict[str, Any]:
         figure.savefig(buffer, format="png", dpi=160)
         text, kind = buffer.getvalue(), "png"
     source = f"data:image/{kind};base64,{base64.b64encode(text).decode('ascii')}"
-    return {"source": source, "narrow": figure.get_figwidth() < 5}
+    return {"source": source, "narrow": figure.get_figwidth() < 7}

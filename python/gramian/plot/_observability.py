@@ -18,12 +18,13 @@ __all__ = ["null_space", "observability", "singular_values"]
 
 def observability(answer: Observability) -> Figure:
     """Draw the singular values and what each null combination is made of."""
-    fig = figure(8.0, 3.2)
     if answer.nullity:
-        left, right = fig.subplots(1, 2)
-        singular_values(answer, left)
-        null_space(answer, right)
+        fig = figure(6.4, 2.8 + 1.2 + 0.3 * len(answer.names))
+        upper, lower = fig.subplots(2, 1, height_ratios=[2.8, 1.2 + 0.3 * len(answer.names)])
+        singular_values(answer, upper)
+        null_space(answer, lower)
     else:
+        fig = figure(6.4, 3.2)
         singular_values(answer, fig.subplots())
     return fig
 

@@ -622,7 +622,8 @@ class StraightLineFit:
 
     def describe(self) -> str:
         """Return the finding in words."""
-        text = f"it is up to {self.off_line:.0f} m off any straight line"
+        off = f"up to {self.off_line:.0f} m" if self.off_line >= 0.5 else "less than 1 m"
+        text = f"it is {off} off any straight line"
         if self.holds:
             return f"yes, near enough: {text}"
         parts = []

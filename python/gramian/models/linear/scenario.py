@@ -236,8 +236,13 @@ def linear_report(
             ),
             Picture(
                 "Combinations, best known first",
-                "Each column is a combination of the states; right of the red line the prior "
-                "knows more than the window. None of it depends on a unit.",
+                "Each column is a combination of the states. "
+                + (
+                    "Right of the red line the prior knows more than the window. "
+                    if information.determined < len(information.names)
+                    else "The window knows more than the prior of every one. "
+                )
+                + "None of it depends on a unit.",
                 information.plot,
             ),
         ]
