@@ -22,7 +22,7 @@ from gramian._answers import Tone
 from gramian._core import __version__
 from gramian._files import digest, write_whole
 from gramian._layout import columns, facts, paragraph
-from gramian._text import number
+from gramian._text import number, visible
 from gramian.exceptions import GramianError, InputError
 
 if TYPE_CHECKING:
@@ -129,7 +129,8 @@ class Report:
         width = console.width
 
         def say(*parts: tuple[str, str]) -> None:
-            console.print(Text.assemble(*parts), soft_wrap=True)
+            # Names come from files: their control characters are shown, not obeyed.
+            console.print(Text.assemble(*((visible(t), s) for t, s in parts)), soft_wrap=True)
 
         for k, line in enumerate(paragraph(f"{self.title}   {self.subtitle}", width)):
             head = self.title if k == 0 and line.startswith(self.title) else ""

@@ -195,7 +195,13 @@ def test_ctrl_c_stops_it_with_130(folder, name):
     )  # fmt: skip
     time.sleep(2.5)
     assert process.poll() is None, process.communicate()
-    os.killpg(process.pid, signal.SIGINT)
-    _, said = process.communicate(timeout=60)
+    # Python itself loses an interrupt that falls into a callback of an import.
+    for _ in range(20):
+        os.killpg(process.pid, signal.SIGINT)
+        try:
+            _, said = process.communicate(timeout=3)
+            break
+        except subprocess.TimeoutExpired:
+            continue
     assert process.returncode == 130, said
     assert "Traceback" not in said

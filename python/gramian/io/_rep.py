@@ -188,7 +188,7 @@ def _value(text: str, name: str, place: str) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise InputError(f"{place}: {name} = {text!r}: must be a number or NULL") from None
+        raise InputError(f"{place}: {name} = {text[:60]!r}: must be a number or NULL") from None
     if not np.isfinite(value):
-        raise InputError(f"{place}: {name} = {text}: must be finite")
+        raise InputError(f"{place}: {name} = {text[:60]}: must be finite")
     return value

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gramian import _options as options
 from gramian._values import Value
 from gramian.exceptions import GramianError, InputError
 from gramian.io._angles import degrees
@@ -132,9 +133,11 @@ class Table(Value):
                 # Python reads 1_000 as a number; in a table it is a slip.
                 value = float("" if "_" in cell else cell)
             except ValueError:
-                raise InputError(f"{self.place(i, name)} = {cell!r}: must be a number") from None
+                raise InputError(
+                    f"{self.place(i, name)} = {options.given(cell)}: must be a number"
+                ) from None
             if not isfinite(value):
-                raise InputError(f"{self.place(i, name)} = {cell}: must be finite")
+                raise InputError(f"{self.place(i, name)} = {cell[:60]}: must be finite")
             values[i] = value
         return values
 

@@ -114,7 +114,7 @@ def _seconds(text: str, i: int, place: str) -> float:
         return float("" if "_" in text else text)
     except ValueError:
         raise InputError(
-            f"{place}[{i}] = {text!r}: must be a number of seconds, as the cells before it"
+            f"{place}[{i}] = {text[:60]!r}: must be a number of seconds, as the cells before it"
         ) from None
 
 

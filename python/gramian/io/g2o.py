@@ -390,7 +390,7 @@ class _Reader:
         except ValueError:
             raise self.error(number, f"{word!r} is not a number") from None
         if not np.isfinite(value):
-            raise self.error(number, f"{word}: must be finite")
+            raise self.error(number, f"{word[:60]}: must be finite")
         return value
 
     def graph(self) -> PoseGraph:

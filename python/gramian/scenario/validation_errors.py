@@ -11,7 +11,12 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from gramian._options import given
+
 __all__ = ["describe"]
+
+#: A key is shown up to so many characters.
+_LONGEST = 200
 
 _WANTED = {
     "greater_than": "must be > {gt}",
@@ -48,8 +53,9 @@ def describe(error: ValidationError, kind: type[BaseModel], path: Path, text: st
         # A table that fails inside need not be told that it is no number either.
         if any(len(other) > len(loc) and other[: len(loc)] == loc for other, _ in found):
             continue
-        key = _dotted(loc)
-        line = _line(text, loc)
+        key = _short(_dotted(loc))
+        # No pattern of a million characters: such a key is no slip whose line helps.
+        line = _line(text, loc) if len(key) < _LONGEST else None
         place = f"{path}:{line}" if line else f"{path}"
         if item["type"] == "missing":
             lines.append(f"{place}: {key} is missing")
@@ -59,9 +65,13 @@ def describe(error: ValidationError, kind: type[BaseModel], path: Path, text: st
         else:
             wanted = _WANTED.get(item["type"], item["msg"]).format(**item.get("ctx", {}))
             whole = item["type"] == "value_error" and isinstance(item["input"], dict)
-            given = "" if not loc else f"{key}: " if whole else f"{key} = {item['input']!r}: "
-            lines.append(f"{place}: {given}{wanted}")
+            shown = "" if not loc else f"{key}: " if whole else f"{key} = {given(item['input'])}: "
+            lines.append(f"{place}: {shown}{wanted}")
     return "\n".join(dict.fromkeys(lines))
+
+
+def _short(text: str) -> str:
+    return text if len(text) < _LONGEST else f"{text[: _LONGEST - 3]}..."
 
 
 def _is_branch(part: str | int) -> bool:
