@@ -7,7 +7,7 @@ export CARGO_TERM_COLOR ?= auto
 # As maturin sets it: else pyo3 is compiled anew whenever cargo and maturin take turns.
 export PYO3_PYTHON ?= $(abspath $(BIN)/python)
 
-.PHONY: demo test lint format rust-test python-test no-std-check fuzz attack bench bench-quick bench-check bench-record embedded-size package docs site clean
+.PHONY: demo test lint format rust-test python-test no-std-check fuzz attack bench bench-quick bench-check bench-record embedded-size package wheel docs site clean
 
 # What the demo needs and no more, unless everything is there already.
 demo: $(if $(wildcard $(VENV)/.installed),$(VENV)/.installed,$(VENV)/.demo)
@@ -77,6 +77,15 @@ embedded-size: $(VENV)/.installed
 # What `cargo publish` would send, built from the packages alone.
 package:
 	cargo package -p gramian -p gramian-capi --allow-dirty
+
+# The wheel and the sdist, in target/wheels, each tried: the wheel in an empty environment, where
+# the README's example and the demo run; the sdist by building from it what the demo needs.
+wheel: $(VENV)/.dependencies
+	rm -rf target/wheels && mkdir -p target/wheels
+	$(BIN)/maturin build --release --strip --out target/wheels
+	$(BIN)/maturin sdist --out target/wheels
+	$(PYTHON) tests/wheel/try_wheel.py target/wheels
+	$(PYTHON) tests/wheel/try_sdist.py target/wheels $(BIN)/maturin
 
 docs:
 	RUSTDOCFLAGS='-D warnings' cargo doc --quiet -p gramian -p gramian-capi --no-deps --features gramian/parallel,gramian/large

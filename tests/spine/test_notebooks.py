@@ -29,5 +29,10 @@ def test_it_runs(page, monkeypatch, tmp_path):
     cells = [cell for cell in made.cells if cell.cell_type == "code"]
     assert len(cells) >= 1
     assert all(cell.execution_count for cell in cells)
+    if "plot" in page.read_text():
+        shown = [
+            out for cell in cells for out in cell.outputs if "image/png" in out.get("data", {})
+        ]
+        assert shown, "no picture is shown"
     assert not any(out.output_type == "error" for cell in cells for out in cell.outputs)
     sys.modules.pop("_site.notebooks", None)

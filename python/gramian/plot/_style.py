@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from typing import Any
 
 import numpy as np
@@ -29,9 +30,18 @@ COLORS = {
 }
 
 
+class Picture(Figure):
+    """A figure that a notebook shows by itself, whether or not pyplot was imported."""
+
+    def _repr_png_(self) -> bytes:
+        buffer = BytesIO()
+        self.savefig(buffer, format="png", dpi=self.dpi)
+        return buffer.getvalue()
+
+
 def figure(width: float = 6.4, height: float = 4.0) -> Figure:
     """Return an empty figure in the house style."""
-    return Figure(figsize=(width, height), layout="constrained", dpi=110)
+    return Picture(figsize=(width, height), layout="constrained", dpi=110)
 
 
 def ellipse(covariance: Array, probability: float) -> Array:
