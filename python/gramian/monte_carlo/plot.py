@@ -163,7 +163,7 @@ def nees_histogram(result: MonteCarloResult, axes: Axes) -> None:
     label = f"mean {brief(nees.mean)}" + ("" if inside else ", beyond the axis")
     axes.axvline(min(nees.mean, nees.edges[-1]), color="black", linewidth=1.5, label=label)
     axes.set_xlim(0, 1.02 * nees.edges[-1])
-    axes.axvspan(*nees.band, color=COLORS["good"], alpha=0.4, label="95 % band of the mean")
+    axes.axvspan(*nees.band, color=COLORS["good"], alpha=0.4, label="band of the mean")
     top = max(density.max(), 0.2 / nees.dof**0.5)
     axes.set_ylim(0, 1.25 * top)
     over = nees.histogram[-1] / nees.count

@@ -11,7 +11,7 @@ import numpy as np
 
 from gramian._text import brief, number, signed
 from gramian.monte_carlo.experiment import Experiment
-from gramian.monte_carlo.result import MonteCarloResult, wider_for_all
+from gramian.monte_carlo.result import MonteCarloResult
 from gramian.monte_carlo.run import run
 from gramian.report import Picture, Report, Table, Tone
 
@@ -78,16 +78,14 @@ def _facts(result: MonteCarloResult) -> list[tuple[str, str]]:
                 f"{brief(100 * result.nees.inside)} % of the errors within the 95 % ellipsoid",
             )
         )
-    wider = wider_for_all(len(result.names))
     biased = [
         f"{name} {signed(bias)} {unit}".rstrip()
-        for name, unit, bias, (low, high) in zip(
-            result.names, result.units, result.bias, result.bias_interval, strict=True
-        )
-        if abs(bias) > wider * (high - low) / 2
+        for name, unit, bias in zip(result.names, result.units, result.bias, strict=True)
+        if name in result.biased
     ]
     if result.used:
-        facts.append(("is it unbiased?", f"NO: {', '.join(biased)}" if biased else "yes, at 95 %"))
+        answer = f"NO: {', '.join(biased)}" if biased else "yes, all states together at 99 %"
+        facts.append(("is it unbiased?", answer))
     failed = f"{result.failed} of {result.trials}" if result.failed else "none"
     facts.append(("trials without an estimate", failed))
     facts.append(("speed", f"{result.rate:,.0f} trials/s"))

@@ -14,6 +14,17 @@ from numpy.typing import NDArray
 
 from gramian.models import inertial, linear
 from gramian.report import Picture, Report, Table
+from gramian.reproduce._claims import (
+    Claim,
+    Outcome,
+    claims_data,
+    claims_table,
+    fitted,
+    near,
+    refuted,
+    true,
+)
+from gramian.reproduce._claims import verdict as overall
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,6 +32,9 @@ if TYPE_CHECKING:
 __all__ = ["PRINTED", "run", "verdict"]
 
 Array = NDArray[np.float64]
+
+#: The paper does not print its latitude: the one that its tables fit.
+LATITUDE = 28.15
 
 #: Table 1 as printed, outside the null space and the pair of equal eigenvalues
 #: (s8, s9, whose mixing is arbitrary), without entries that are rounding beside
@@ -67,6 +81,23 @@ PRINTED: dict[str, dict[str, str]] = {
     "s15": {"phi_N": "9.9E-01"},
 }  # fmt: skip
 
+#: The columns of the null space, s1 to s3, by their entries above rounding. Their mixing is
+#: arbitrary, so that they are compared with the computed null space and not entry by entry.
+NULL: dict[str, dict[str, float]] = {
+    "s1": {
+        "phi_N": -1.0e-1, "phi_W": -2.0e-2, "phi_U": -2.0e-4, "eps_N": -6.8e-7, "eps_W": 3.4e-6,
+        "eps_U": 1.3e-6, "Delta_N": -1.9e-1, "Delta_W": 9.8e-1,
+    },
+    "s2": {
+        "phi_N": 2.0e-2, "phi_W": -1.0e-1, "phi_U": -2.4e-4, "eps_N": -3.4e-6, "eps_W": -6.9e-7,
+        "eps_U": 6.4e-6, "Delta_N": -9.8e-1, "Delta_W": -1.9e-1,
+    },
+    "s3": {
+        "phi_N": -1.5e-5, "phi_W": -2.8e-5, "phi_U": 1.0, "eps_N": -9.7e-10, "eps_W": 6.4e-5,
+        "eps_U": 1.8e-9, "Delta_N": -2.8e-4, "Delta_W": 1.5e-4,
+    },
+}  # fmt: skip
+
 #: Printed eigenvalues of s1 to s15.
 PRINTED_VALUES = (
     *["0"] * 3, "4e-7", *["1"] * 5, *["2"] * 2, *["95.9"] * 2, *["96.9"] * 2
@@ -75,18 +106,24 @@ PRINTED_VALUES = (
 #: The order beta that the text gives for each.
 PRINTED_ORDERS = (None, None, None, None, 0, 0, 0, 0, 0, 0, 1, 2, 2, 1, 1)
 
-#: Table 2 as printed, and what is wrong with it.
-COMBINATIONS = (
-    ("s1", "-0.1 phi_N - 0.19 Delta_N + 0.98 Delta_W", "drops -0.02 phi_W, which g makes 0.2"),
-    ("s2", "-0.1 phi_W - 0.19 Delta_W - 0.98 Delta_N", "drops 0.02 phi_N, likewise"),
-    ("s3", "phi_U", "drops 6.4e-5 eps_W: with phi_U alone it would be seen"),
-    ("s4", "eps_U + 6.5e-6 Delta_N", "agrees with table 1"),
-    ("s12", "6.4e-5 phi_U - 0.01 phi_N - eps_W - 0.001 Delta_W",
-     "signs of phi_N and Delta_W: both are + in table 1"),
-    ("s13", "0.01 phi_W + eps_N - 0.001 Delta_N", "agrees with table 1"),
-    ("s14", "-0.99 phi_W + 0.1 Delta_N", "drops 0.0099 eps_N; s13 keeps a 0.001"),
-    ("s15", "0.99 phi_N + 0.1 Delta_W", "drops 0.0099 eps_W, likewise"),
-)  # fmt: skip
+#: Table 2 as printed: the combination of each row.
+COMBINATIONS: dict[str, dict[str, str]] = {
+    "s1": {"phi_N": "-0.1", "Delta_N": "-0.19", "Delta_W": "0.98"},
+    "s2": {"phi_W": "-0.1", "Delta_W": "-0.19", "Delta_N": "-0.98"},
+    "s3": {"phi_U": "1"},
+    "s4": {"eps_U": "1", "Delta_N": "6.5e-6"},
+    "s5": {"dV_W": "1"},
+    "s6": {"dL": "1"},
+    "s7": {"dV_N": "1"},
+    "s8": {"dh": "1"},
+    "s9": {"dlambda": "1"},
+    "s10": {"dV_U": "1"},
+    "s11": {"Delta_U": "1"},
+    "s12": {"phi_U": "6.4e-5", "phi_N": "-0.01", "eps_W": "-1", "Delta_W": "-0.001"},
+    "s13": {"phi_W": "0.01", "eps_N": "1", "Delta_N": "-0.001"},
+    "s14": {"phi_W": "-0.99", "Delta_N": "0.1"},
+    "s15": {"phi_N": "0.99", "Delta_W": "0.1"},
+}
 
 # Below this a computed component is zero: those that are not are above 1e-14.
 ZERO = 1e-16
@@ -94,20 +131,33 @@ ZERO = 1e-16
 
 def run() -> Report:
     """Compute everything and compare it with the printed values."""
-    system = inertial.static_base(np.radians(28.15))
+    system = inertial.static_base(np.radians(LATITUDE))
     found = linear.degree(system, method="order")
     assert isinstance(found, linear.Degree)
     entries, counts = _entries(found)
-    values = _values(found)
-    toy = _toy()
-    reordered, ranking = _reordered(system)
+    toy_table, toy = _toy()
+    reordered, ranking, units = _reordered(system)
     levels = linear.levels(system)
-    agrees = counts["agrees"]
-    verdict_line = (
-        f"{agrees} of {counts['all']} legible entries of table 1 agree in sign and both digits, "
-        f"{counts['noise']} are rounding noise in the paper, "
-        f"{counts['differs']} contradict the paper's own orthogonality"
-    )
+    q = linear.observability_matrix(system)
+    groups = {
+        "Table 1, eigenvectors": entries,
+        "Table 1, eigenvalues and orders": [*_values(found), *_orders(found)],
+        "Table 1, the null space": _null_columns(q),
+        "Table 2, the combinations": _table_2(found, q),
+        "Toy example, equations (9) to (12)": toy,
+        "The text": [
+            fitted("the latitude", "none", f"{LATITUDE:g} deg",
+                   "chosen so that the eigenvalues and eigenvectors agree"),
+            true("the orders come in groups of 6, 3, 2 and, for s4, 1",
+                 tuple(levels.ranks[:4] if levels.ranks else ()) == (6, 9, 11, 12),
+                 f"ranks {', '.join(map(str, levels.ranks[:5] if levels.ranks else ()))}"),
+            true("three combinations are never seen", len(levels.null_combinations) == 3,
+                 "; ".join(levels.null_combinations)),
+            units,
+        ],
+    }  # fmt: skip
+    claims = [claim for group in groups.values() for claim in group]
+    tone, headline, sentence = overall(claims)
     information = linear.degree(system, window=3600.0, dt=1.0)
     assert isinstance(information, linear.Information)
 
@@ -117,16 +167,23 @@ def run() -> Report:
     return Report(
         title="Yang & Yin 2012",
         subtitle="degree of observability, strapdown navigator on a static base",
-        tone="good",
-        headline="REPRODUCED",
-        verdict=verdict_line,
+        tone=tone,
+        headline=headline,
+        verdict=sentence,
         facts=[
             ("ranks by derivative", ", ".join(map(str, levels.ranks[:5] if levels.ranks else ()))),
             ("never seen", "; ".join(levels.null_combinations)),
             ("the older degrees", ranking),
-            ("orders of the text", "the levels of s5 to s15 are those printed; that of s4 is 3"),
+            ("the paper's formula of the order",
+             "to the letter it gives 14 for nearly all: some part of each combination shows in "
+             "the last derivative; the printed orders are the levels"),
         ],
-        tables=[toy, values, *entries, _table_2(), reordered],
+        tables=[
+            toy_table,
+            _values_table(found),
+            *(claims_table(title, group) for title, group in groups.items()),
+            reordered,
+        ],
         pictures=[
             Picture(
                 "What each derivative adds",
@@ -141,13 +198,14 @@ def run() -> Report:
             ),
         ],
         data={
+            "claims": claims_data(claims),
             "counts": counts,
             "eigenvalues": found.values.tolist(),
             "orders": list(found.order),
             "levels": levels.to_dict(),
             "information": information.to_dict(),
         },
-    )
+    )  # fmt: skip
 
 
 def verdict(printed: str, computed: float) -> str:
@@ -167,14 +225,14 @@ def _vector(found: linear.Degree, name: str) -> Array:
     return vector if vector[i] * float(PRINTED[name][largest]) > 0 else -vector
 
 
-def _entries(found: linear.Degree) -> tuple[list[Table], dict[str, int]]:
-    words = {
-        "agrees": "agrees",
-        "noise": "rounding in the paper: it is 0",
-        "differs": "misprint: 0.0099 by its own s14 and s15",
-    }
+def _entries(found: linear.Degree) -> tuple[list[Claim], dict[str, int]]:
     counts = {"all": 0, "agrees": 0, "noise": 0, "differs": 0, "unit": 0}
-    rows = []
+    claims = []
+    # What rounding of Q^T Q leaves in the eigenvector of s4, beside eigenvalues of zero.
+    left = np.finfo(float).eps * found.values[-1] / found.values[3]
+    # s13 and s14 are orthogonal, and s12 and s15 likewise: what that makes of the print.
+    fourteen = {state: float(text) for state, text in PRINTED["s14"].items()}
+    implied = (fourteen["eps_N"] - 1e-3 * fourteen["Delta_N"]) / -fourteen["phi_W"]
     for name, column in PRINTED.items():
         vector = _vector(found, name)
         for state, printed in column.items():
@@ -186,19 +244,129 @@ def _entries(found: linear.Degree) -> tuple[list[Table], dict[str, int]]:
             else:
                 counts["all"] += 1
                 counts[kind] += 1
+            outcome: Outcome = "FAILS"
+            note = ""
+            if kind == "agrees":
+                outcome = "holds"
+            elif kind == "noise" and abs(float(printed)) < left:
+                outcome, note = "misprint", f"it is 0; double precision leaves {left:.0e} of it"
+            elif (name, state) in {("s12", "phi_N"), ("s13", "phi_W")} and (
+                abs(computed - implied) < 1e-4
+            ):
+                outcome, note = "misprint", f"orthogonal to the print of s14 it is {implied:.5f}"
             shown = "0" if abs(computed) < ZERO else f"{computed:.3E}"
-            rows.append([name, state, printed, shown, words[kind]])
-    note = (
-        f"{counts['unit']} entries that are 1 by the vectors' length are shown but not counted. "
-        "Left out: the null space and the pair s8, s9, whose mixing is arbitrary (0.19 and 0.98, "
-        "1.8e-3, 5.4e-6, 3.3e-10 in the paper), and entries below 1e-14."
-    )
+            claims.append(Claim(f"{name}, {state}", printed, shown, outcome, note))
+    return claims, counts
+
+
+def _values(found: linear.Degree) -> list[Claim]:
+    """Compare the eigenvalues in the digits printed; whole numbers to 1e-6."""
+    claims = []
+    for i, (printed, value) in enumerate(zip(PRINTED_VALUES, found.values, strict=True)):
+        floor = {"0": 1e-12 * found.values[-1], "4e-7": 0.5e-7}.get(printed)
+        if floor is None:
+            floor = 0.05 if "." in printed else 1e-6
+        claims.append(near(f"eigenvalue of s{i + 1}", float(printed), value, rel=0, floor=floor))
+    return claims
+
+
+def _orders(found: linear.Degree) -> list[Claim]:
     return [
-        Table("Table 1, eigenvectors", ["vector", "state", "printed", "computed", ""], rows, note)
-    ], counts
+        true(f"order of s{i + 1} is {printed}", found.order[i] == printed, str(found.order[i]))
+        for i, printed in enumerate(PRINTED_ORDERS)
+        if printed is not None
+    ]
 
 
-def _values(found: linear.Degree) -> Table:
+def _null_columns(q: Array) -> list[Claim]:
+    """Compare the printed columns of s1 to s3 with the computed null space."""
+    names = list(inertial.NAMES)
+    null = _null_space(q)
+    claims = []
+    for name, column in NULL.items():
+        v = np.array([column.get(state, 0.0) for state in names])
+        off = float(np.linalg.norm(v - null @ (null.T @ v)) / np.linalg.norm(v))
+        # What the printed digits of its entries leave.
+        least = 1e-6 if name == "s3" else 1e-3
+        claims.append(true(f"{name} lies in the null space", off < least, f"off by {off:.0e}"))
+    return claims
+
+
+def _table_2(found: linear.Degree, q: Array) -> list[Claim]:
+    names = list(found.names)
+    claims = []
+    for name, terms in COMBINATIONS.items():
+        stated = np.array([float(terms.get(state, 0.0)) for state in names])
+        if name in NULL:
+            # Whether it is unseen, to what the digits leave: 0.1 is 1.0E-01 in table 1.
+            seen = float(np.linalg.norm(q @ stated))
+            allowed = sum(
+                0.005 * float(np.linalg.norm(q[:, names.index(state)]))
+                for state, text in terms.items()
+                if text != "1"
+            )
+            claims.append(
+                refuted(
+                    f"{name} = {_words(terms)} is not seen",
+                    seen > 1.5 * allowed,
+                    f"norm of its measurements {seen:.2g}, digits leave {allowed:.2g}",
+                    "terms of the null space are dropped that the measurements show",
+                )
+            )
+            continue
+        if name in ("s8", "s9"):
+            # Equal eigenvalues: any mixture of the two.
+            pair = found.vectors[:, 7:9]
+            part = float(np.linalg.norm(pair[names.index(next(iter(terms)))]))
+            claims.append(near(f"{name} = {_words(terms)}, within s8 and s9", 1.0, part, rel=1e-5))
+            continue
+        vector = _vector(found, name)
+        for state, text in terms.items():
+            claims.append(_coefficient(name, state, text, float(vector[names.index(state)])))
+        rest = np.where(stated == 0, np.abs(vector), 0)
+        left_out = names[int(rest.argmax())]
+        least = min(abs(float(text)) for text in terms.values())
+        what = f"{name} = {_words(terms)}: what is left out is smaller than what is kept"
+        size = f"largest left out: {rest.max():.2g} {left_out}"
+        claims.append(true(what, bool(rest.max() < least), size))
+    return claims
+
+
+def _coefficient(name: str, state: str, printed: str, computed: float) -> Claim:
+    """Compare one coefficient in its printed digits; a sign alone that is wrong is a misprint."""
+    half = _half_unit(printed) or 0.005
+    value, what = float(printed), f"{name}, coefficient of {state}"
+    right = -value if abs(computed + value) <= half < abs(computed - value) else None
+    return near(what, value, computed, rel=0, floor=half, right=right,
+                note="the sign: table 1 has the other")  # fmt: skip
+
+
+def _half_unit(text: str) -> float:
+    """Return half a unit of the last digit printed; 0 for a coefficient of 1 not printed."""
+    if text.lstrip("-") == "1":
+        return 0.0
+    mantissa, _, exponent = text.partition("e")
+    places = len(mantissa.partition(".")[2])
+    return 0.5 * 10.0 ** (int(exponent or 0) - places)
+
+
+def _words(terms: dict[str, str]) -> str:
+    return " + ".join(
+        (f"{text} " if text.lstrip("-") != "1" else text.replace("1", "")) + state
+        for state, text in terms.items()
+    ).replace("+ -", "- ")
+
+
+def _null_space(q: Array) -> Array:
+    """Return the null space (n, 3) of the seen levels, from the scaled rows."""
+    # Each derivative is scaled by its size: the last powers are far below rounding.
+    blocks = q.reshape(-1, 6, q.shape[1])
+    scaled = np.concatenate([b / max(float(np.abs(b).max()), 1e-300) for b in blocks[:4]])
+    null: Array = np.linalg.svd(scaled)[2][-3:].T
+    return null
+
+
+def _values_table(found: linear.Degree) -> Table:
     rows = []
     for i, value in enumerate(found.values):
         order, printed = found.order[i], PRINTED_ORDERS[i]
@@ -217,46 +385,50 @@ def _values(found: linear.Degree) -> Table:
         "Table 1, eigenvalues, and the orders of the text",
         ["", "printed", "computed", "order printed", "level", "order by the paper's formula"],
         rows,
-        "The formula, taken to the letter, gives 14 for all: some part of each combination shows "
-        "in the last derivative. The printed orders are the levels.",
     )
 
 
-def _toy() -> Table:
-    rows = []
+def _toy() -> tuple[Table, list[Claim]]:
+    rows, claims = [], []
+    names = ["x1", "x2", "x3"]
     for a, c1, c2 in ((1.0, 1.0, 1.0), (0.1, 1.0, 1.0), (10.0, 1.0, 1.0), (1.0, 10.0, 1.0)):
         matrix = np.array([[0, 0, a], [0, 0, 0], [0, 0, 0]])
         outputs = np.array([[c1, 0, 0], [0, c2, 0]])
-        degrees = linear.degree(matrix, outputs, "eigenvalue", names=["x1", "x2", "x3"])
+        degrees = linear.degree(matrix, outputs, "eigenvalue", names=names)
         assert isinstance(degrees, linear.Degree)
         by_state = dict(zip(degrees.states, degrees.values, strict=True))
-        levels = linear.levels(matrix, outputs, ["x1", "x2", "x3"])
+        found = linear.levels(matrix, outputs, names).states or {}
+        case = f"a = {a:g}, c1 = {c1:g}, c2 = {c2:g}"
+        printed = (c1**2, c2**2, (a * c1) ** 2)
+        for name, value in zip(names, printed, strict=True):
+            claims.append(near(f"(12): eigenvalue of {name}, {case}", value, by_state[name]))
+        order = [found[name] for name in names]
+        claims.append(true(f"(10), (11): derivatives 0, 0, 1 give x1, x2, x3, {case}",
+                           order == [0, 0, 1], ", ".join(map(str, order))))  # fmt: skip
         rows.append(
             [
-                f"a = {a:g}, c1 = {c1:g}, c2 = {c2:g}",
-                ", ".join(f"{by_state[name]:g}" for name in ("x1", "x2", "x3")),
-                f"{c1**2:g}, {c2**2:g}, {(a * c1) ** 2:g}",
-                ", ".join(str(level) for level in (levels.states or {}).values()),
+                case,
+                ", ".join(f"{by_state[name]:g}" for name in names),
+                ", ".join(f"{value:g}" for value in printed),
+                ", ".join(map(str, order)),
             ]
         )
-    return Table(
+    # (11) at x = (2, 3, 5): y1 = c1 x1, its derivative a c1 x3.
+    a, c1, x = 0.1, 10.0, np.array([2.0, 3.0, 5.0])
+    rate = np.array([[0, 0, a], [0, 0, 0], [0, 0, 0]]) @ x
+    claims.append(
+        near("(11): x3 = y1 / (a c1), at x = (2, 3, 5)", c1 * x[0] / (a * c1), float(x[2]),
+             right=float(c1 * rate[0] / (a * c1)), note="a dot is lost: the derivative of y1")
+    )  # fmt: skip
+    table = Table(
         "Toy example, eq. (9) to (12)",
         ["", "eigenvalues of x1, x2, x3", "by eq. (12)", "levels (paper: 0, 0, 1)"],
         rows,
-        "Eq. (11) lost a dot in print: x3 = y1' / (a c1), the derivative of y1.",
     )
+    return table, claims
 
 
-def _table_2() -> Table:
-    return Table(
-        "Table 2, the combinations",
-        ["", "printed", "remark"],
-        [list(line) for line in COMBINATIONS],
-        "s5 to s11 are single states to the digits printed.",
-    )
-
-
-def _reordered(system: linear.System) -> tuple[Table, str]:
+def _reordered(system: linear.System) -> tuple[Table, str, Claim]:
     """Return the best and worst seen combinations by the unit of time."""
     rows = []
     units = (("second", 1.0), ("minute", 60.0), ("hour", 3600.0))
@@ -300,7 +472,13 @@ def _reordered(system: linear.System) -> tuple[Table, str]:
         "The same vehicle each time; only the unit of time of all quantities changes. Above "
         "1e-12 of the largest eigenvalue counts as not zero.",
     )
+    ranks = {row[5] for row in rows}
     return (
         table,
         f"{rows[0][3]} combinations seen with the second as unit, {rows[2][3]} by the hour",
+        true(
+            "eigenvalues of different states do not compare: the unit of time orders them anew",
+            len({row[1] for row in rows}) > 1 and len(ranks) == 1,
+            f"highest: {'; '.join(row[1] for row in rows)}; the levels stay",
+        ),
     )

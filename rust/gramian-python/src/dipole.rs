@@ -242,6 +242,7 @@ struct PyOptions {
     sigma: Option<f64>,
     origin: Option<f64>,
     starts: usize,
+    rounds: u32,
 }
 
 impl PyOptions {
@@ -261,7 +262,7 @@ impl PyOptions {
             sigma: self.sigma,
             origin: self.origin,
             starts: self.starts,
-            ..Options::default()
+            rounds: self.rounds,
         })
     }
 }

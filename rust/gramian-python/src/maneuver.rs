@@ -2,7 +2,7 @@
 
 use gramian::batch::simd::Path;
 use gramian::maneuver::batch::{self, Determinant, Paths, Sightings};
-use gramian::maneuver::{AtStandoff, Law};
+use gramian::maneuver::{AtStandoff, Law, TwoLegGoal, best_two_legs, two_leg_terms};
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -176,6 +176,34 @@ fn maneuver_best_sides<'py>(
     })
 }
 
+/// Determinant and variance of the range of two legs, in units of the track.
+#[pyfunction]
+fn maneuver_two_leg_terms(turn: f64, first: f64, second: f64) -> PyResult<(f64, f64)> {
+    let terms = two_leg_terms(turn, first, second)
+        .map_err(|error| InputError::new_err(error.to_string()))?;
+    Ok((terms.determinant, terms.range_variance))
+}
+
+/// The best turn, cross speeds, determinant and variance of the range of two legs.
+#[pyfunction]
+fn maneuver_best_two_legs(cross: f64, of_range: bool) -> PyResult<(f64, f64, f64, f64, f64)> {
+    let goal = if of_range {
+        TwoLegGoal::Range
+    } else {
+        TwoLegGoal::Determinant
+    };
+    let best =
+        best_two_legs(cross, goal).map_err(|error| InputError::new_err(error.to_string()))?;
+    let terms = best.terms;
+    Ok((
+        best.turn,
+        best.first,
+        best.second,
+        terms.determinant,
+        terms.range_variance,
+    ))
+}
+
 /// The checked inputs of `maneuver_fisher` and `maneuver_fisher_det`.
 struct Inputs<'py> {
     positions: Input<'py>,
@@ -294,6 +322,8 @@ fn maneuver_fisher_det<'py>(
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(maneuver_best_sides, module)?)?;
+    module.add_function(wrap_pyfunction!(maneuver_best_two_legs, module)?)?;
+    module.add_function(wrap_pyfunction!(maneuver_two_leg_terms, module)?)?;
     module.add_function(wrap_pyfunction!(maneuver_fisher, module)?)?;
     module.add_function(wrap_pyfunction!(maneuver_fisher_det, module)?)?;
     module.add_function(wrap_pyfunction!(maneuver_heading, module)?)?;

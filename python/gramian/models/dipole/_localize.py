@@ -52,6 +52,7 @@ class _Options:
     sigma: float | None
     origin: float | None
     starts: int
+    rounds: int
 
 
 def localize(
@@ -70,6 +71,7 @@ def localize(
     alpha: float = 0.001,
     chance: float = 0.01,
     weak_ratio: float = 0.25,
+    max_iterations: int = 200,
 ) -> Localization:
     """Locate a passing dipole from the field it makes and what is known beforehand.
 
@@ -104,6 +106,8 @@ def localize(
     alpha, chance, weak_ratio : float
         As for `gramian.estimate`: levels of "misfit" and "ambiguous", and the share of the
         closest range that its deviation may be before the answer is "weak".
+    max_iterations : int
+        Most iterations of the separable least squares from each start, >= 1.
 
     Returns
     -------
@@ -145,6 +149,7 @@ def localize(
     """
     setup = _Setup(known, prior, sensors, background, loss, sigma, starts)
     limits = levels(alpha, chance, weak_ratio)
+    setup.max_iterations = whole(max_iterations, "max_iterations", 1, 1_000_000)
     t, y, dropped = setup.samples(times, field, missing)
     # The instant of the state, whichever samples are used.
     origin = float(np.ravel(as_float_array(times, "times"))[0])
@@ -355,6 +360,7 @@ class _Setup:
             raise InputError(f"sensors has shape {self.sensors.shape}: must be (S, 3)")
         finite(self.sensors, "sensors")
         self.background, self.loss, self.sigma, self.starts = background, loss, sigma, starts
+        self.max_iterations = 200
         self.exact = [self.known.get(name, np.nan) for name in KNOWABLE]
         self.priors = [list(self.prior.get(name, (np.nan, np.nan))) for name in KNOWABLE]
 
@@ -364,7 +370,7 @@ class _Setup:
         return 9 - len(self.known) + fitted
 
     def options(self, background: str, origin: float | None) -> _Options:
-        return _Options(background, self.loss, self.sigma, origin, self.starts)
+        return _Options(background, self.loss, self.sigma, origin, self.starts, self.max_iterations)
 
     def samples(self, times: ArrayLike, field: ArrayLike, missing: str) -> tuple[Array, Array, int]:
         """Return times (K,), field (K, S, 3) and how many samples were dropped."""

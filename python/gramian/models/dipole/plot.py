@@ -134,17 +134,19 @@ def fields(times: NDArray[np.float64], curves: dict[str, NDArray[np.float64]]) -
     return fig
 
 
-def convergence(curves: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]) -> Figure:
-    """Draw costs against seconds, both on logarithmic axes."""
+def convergence(
+    curves: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]], against: str
+) -> Figure:
+    """Draw costs against what they took, both on logarithmic axes."""
     fig = figure(6.4, 4.0)
     axes = fig.subplots()
     colors = (COLORS["observer"], COLORS["target"], COLORS["good"])
-    for (label, (seconds, cost)), color in zip(curves.items(), colors, strict=False):
+    for (label, (taken, cost)), color in zip(curves.items(), colors, strict=False):
         floor = np.maximum(cost, 1e-45)
-        axes.plot(seconds, floor, "o" if len(cost) == 1 else "-", color=color, label=label)
+        axes.plot(taken, floor, "o" if len(cost) == 1 else "-", color=color, label=label)
     axes.set_xscale("log")
     axes.set_yscale("log")
-    axes.set_xlabel("time, s")
+    axes.set_xlabel(against)
     axes.set_ylabel("sum of squares, T$^2$")
     axes.legend(fontsize="small")
     return fig

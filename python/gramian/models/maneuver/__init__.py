@@ -4,6 +4,7 @@
   law does once it is near enough; `trajectory` follows a law, as a `Trajectory`.
 - `plan`: the best path over a horizon, a `Plan` with `Start` and `LawComparison`.
 - `closed_loop`: laws and plans without knowing the target, a `ClosedLoop` of `LoopRun`.
+- `two_legs`: where to turn against a distant moving target, in closed form, as `TwoLegs`.
 - `fisher`, `fisher_det`, `problem`: what a path tells of its target.
 
 Bearings and headings are clockwise from north; x is east, y is north.
@@ -13,6 +14,7 @@ from gramian.models.maneuver._closed_loop import ClosedLoop, LoopRun, closed_loo
 from gramian.models.maneuver._fisher import fisher, fisher_det, problem
 from gramian.models.maneuver._laws import AtStandoff, Law, Trajectory, heading, trajectory
 from gramian.models.maneuver._planner import LawComparison, Plan, Start, plan
+from gramian.models.maneuver._two_legs import TwoLegs, two_legs
 
 __all__ = [
     "AtStandoff",
@@ -23,6 +25,7 @@ __all__ = [
     "Plan",
     "Start",
     "Trajectory",
+    "TwoLegs",
     "closed_loop",
     "fisher",
     "fisher_det",
@@ -30,6 +33,7 @@ __all__ = [
     "plan",
     "problem",
     "trajectory",
+    "two_legs",
 ]
 
 

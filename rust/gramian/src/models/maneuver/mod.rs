@@ -15,6 +15,9 @@ pub mod plan;
 #[cfg(any(feature = "std", test))]
 mod sides;
 pub mod steer;
+mod two_legs;
+
+pub use two_legs::{TwoLegGoal, TwoLegTerms, TwoLegs, best_two_legs, two_leg_terms};
 
 #[cfg(any(feature = "std", test))]
 pub use sides::best_sides;

@@ -74,7 +74,7 @@ pub struct Options {
     pub origin: Option<f64>,
     /// How many of the most promising starts are followed.
     pub starts: usize,
-    /// Most rounds of the last improvement.
+    /// Most rounds of the improvement of a start.
     pub rounds: u32,
 }
 
@@ -274,12 +274,12 @@ fn search(
     starts.truncate(options.starts.max(1));
     let mut ends: Vec<Point> = starts
         .iter()
-        .map(|start| fitter.refine(start, 12))
+        .map(|start| fitter.refine(start, options.rounds.min(12)))
         .collect();
     ends.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     ends.iter()
         .take(3)
-        .map(|end| fitter.refine(end, options.rounds))
+        .map(|end| fitter.refine(end, options.rounds.saturating_sub(12)))
         .min_by(|a, b| a.cost.total_cmp(&b.cost))
         .ok_or(Error::NoField)
 }
