@@ -95,7 +95,7 @@ def two_legs(
     y = turn (1 - turn) and unit speed, D = y^3 (20 y^3 - 15 y + 4) / 6480. It is largest
     for 10 y^3 - 5 y + 1 = 0: a turn at 0.3322 or, equally, 0.6678 of the time, and 0.904
     times as large for a turn in the middle. The range alone is best for a turn at
-    0.705 with the second leg at 43 degrees; at right angles 0.742 comes within 0.3 %.
+    0.707 with the second leg at 44 degrees; at right angles 0.742 comes within 0.3 %.
     True to the order of track over range and of 1 / N.
 
     Examples

@@ -116,7 +116,7 @@ pub struct TwoLegs<T> {
 /// For the determinant both legs are at right angles to the line of sight, lead then lag or
 /// lag then lead. Against a target without cross speed it is largest for a turn at
 /// y = turn (1 - turn) with 10 y^3 - 5 y + 1 = 0: 0.3322 or 0.6678, equally. For the range
-/// the second leg is at a smaller angle: cross speed 0.68 and a turn at 0.705.
+/// the second leg is at a smaller angle: cross speed 0.69 and a turn at 0.707.
 ///
 /// # Errors
 /// [`NumberError`] for a cross speed outside (-1, 1): there the observer cannot lead.
