@@ -7,7 +7,8 @@ shape (K, n). A model makes rows; `analyze` says what they determine.
   for each piece of knowledge that would help; it ranks each `Candidate` for a further
   measurement, and names each `Critical` one.
 - `estimate` finds the most likely state and says whether it may be believed, in an
-  `Estimate`; `other_solutions` the states that fit as well.
+  `Estimate`; `estimate_trials` whether such answers hold; `other_solutions` the states that
+  fit as well.
 - `Problem` is rows with names and units; `from_function` makes a `Model` of your own
   h(x), with rows of known `Accuracy`.
 - `crlb`, `crlb_std` and `gram` are the bounds and the information of plain rows;
@@ -35,7 +36,7 @@ from gramian._registry import REGISTRY as _REGISTRY
 from gramian._registry import load as _load
 from gramian.analysis import Candidate, Critical, Observability, Suggestion, analyze
 from gramian.bounds import crlb, crlb_std, gram
-from gramian.estimate import Estimate, estimate, other_solutions
+from gramian.estimate import Estimate, estimate, estimate_trials, other_solutions
 from gramian.exceptions import (
     ConvergenceError,
     GramianError,
@@ -86,6 +87,7 @@ __all__ = [
     "crlb_std",
     "dynamics",
     "estimate",
+    "estimate_trials",
     "from_function",
     "gram",
     "io",

@@ -206,7 +206,30 @@ class Model:
     ) -> _Record: ...
     def contours(
         self, x: ArrayLike, others: ArrayLike, functions: tuple[object, object], rise: float
-    ) -> list[tuple[_Array, bool]]: ...
+    ) -> list[tuple[_Array, bool, bool]]: ...
+    def trials(
+        self,
+        truth: ArrayLike,
+        starts: ArrayLike,
+        spread: tuple[str, Sequence[float], Sequence[float]] | None,
+        search: tuple[int, int] | None,
+        function: object | None,
+        rises: tuple[float, float],
+        alternatives: Sequence[ArrayLike],
+        shift: ArrayLike | None,
+        seed: int,
+        first: int,
+        trials: int,
+    ) -> _Array: ...
+    def recall(
+        self,
+        x: ArrayLike,
+        spread: tuple[str, Sequence[float], Sequence[float]],
+        starts: int,
+        seed: int,
+        many: int,
+        reach: float,
+    ) -> tuple[int, int]: ...
     def fit(self, x: ArrayLike) -> _Record: ...
     def weiss_weinstein(
         self, mean: ArrayLike, sigma: ArrayLike, vectors: ArrayLike, samples: int
@@ -433,6 +456,18 @@ def dipole_localize_trials(
     first: int,
     trials: int,
 ) -> _Array: ...
+
+@final
+class RegistrationRecord:
+    def __new__(
+        cls,
+        reports: ArrayLike,
+        sensors: ArrayLike,
+        sigma: ArrayLike,
+        extras: tuple[bool, bool, bool],
+    ) -> RegistrationRecord: ...
+    def model(self) -> Model: ...
+    def alternatives(self, biases: Sequence[float]) -> list[tuple[str, int, _Array]]: ...
 
 # maneuver
 class _Path(TypedDict):

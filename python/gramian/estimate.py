@@ -36,7 +36,9 @@ __all__ = [
     "Interval",
     "Region",
     "Solution",
+    "Trials",
     "estimate",
+    "estimate_trials",
     "other_solutions",
 ]
 
@@ -185,6 +187,9 @@ class Interval(Answer):
         Ascending; None for an end that does not exist.
     local : float
         Half the length of the interval of the local Gaussian approximation.
+    certain : bool
+        Whether each end is one: not where a constrained solve beyond it did not converge,
+        so that the interval may go on.
     """
 
     name: str
@@ -193,6 +198,7 @@ class Interval(Answer):
     value: float
     pieces: tuple[tuple[float | None, float | None], ...]
     local: float
+    certain: bool = True
 
     @property
     def length(self) -> float:
@@ -227,7 +233,8 @@ class Interval(Answer):
                 words.append(f"at most {readable(high)}{unit}, no lower limit")
             else:
                 words.append(f"{readable(low)} to {readable(high)}{unit}")
-        return f"{self.name} {' or '.join(words)}"
+        doubt = "" if self.certain else " (perhaps farther: a constrained solve did not converge)"
+        return f"{self.name} {' or '.join(words)}{doubt}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -242,18 +249,64 @@ class Region(Answer):
         A curve for each piece.
     closed : tuple of bool
         Whether each closes; one that does not has an open end.
+    complete : tuple of bool
+        Whether each was followed to its end: not where a constrained solve did not
+        converge on the way.
     """
 
     names: tuple[str, str]
     level: float
     contours: tuple[Array, ...]
     closed: tuple[bool, ...]
+    complete: tuple[bool, ...]
 
     def _as_table(self) -> Columns:
         points = np.vstack([*self.contours, np.zeros((0, 2))])
         pieces = np.repeat(np.arange(len(self.contours)), [len(c) for c in self.contours])
         values = {self.names[0]: points[:, 0], self.names[1]: points[:, 1], "piece": pieces}
         return Columns("point", range(len(points)), values, {})
+
+
+class _Extended:
+    """A model with the parameters of an alternative as further states, linear in them."""
+
+    judged = ()
+
+    def __init__(self, model: Any, name: str, columns: Array) -> None:
+        self._model, self._columns = model, columns
+        self.count = columns.shape[1]
+        self._states = len(model.names)
+        more = [name] if self.count == 1 else [f"{name} {k + 1}" for k in range(self.count)]
+        self.names = (*model.names, *more)
+        self.units = (*model.units, *[""] * self.count)
+
+    def handle(self, z: Array) -> _core.Model:
+        inner, n = handle_of(self._model, z), self._states
+        # Priors of the model's own stand below the measurements.
+        own = inner.measurements - len(self._columns)
+        columns = np.vstack([self._columns, np.zeros((own, self.count))])
+
+        def linearize(x: Array, _: bool) -> tuple[Array, Array]:
+            left, rows = inner.linearize(x[:n])
+            return left - columns @ x[n:], np.hstack([rows, columns])
+
+        def difference(start: Array, to: Array) -> Array:
+            return linearize(start, False)[0] - linearize(to, False)[0]
+
+        return _core.Model.from_functions(
+            len(self.names), len(columns), linearize, difference, None
+        )
+
+    def h(self, x: Any) -> Array:
+        # Alternatives are of whitened data: h is that of the model.
+        exact: Array = self._model.h(np.asarray(x)[: self._states])
+        return exact
+
+    def residuals(self, x: Any, z: Any) -> Array:
+        return self.handle(z).linearize(x)[0]
+
+    def rows(self, x: Any) -> Array:
+        return np.hstack([self._model.rows(np.asarray(x)[: self._states]), self._columns])
 
 
 class _Distance:
@@ -398,6 +451,50 @@ class Estimate(Answer):
             return self.state
         return np.array([self[name] for name in self.model.names])
 
+    def refit(self, name: str | None = None) -> Estimate:
+        """Return the estimate with an alternative in the model.
+
+        Parameters
+        ----------
+        name : str, optional
+            Which; by default the one whose score test says most.
+
+        Returns
+        -------
+        Estimate
+            Its last states are the parameters of the alternative, in the units of its
+            columns; linear in these.
+
+        Raises
+        ------
+        InputError
+            No such alternative; none that leaves a trace.
+        """
+        made = getattr(self.model, "alternatives", None)
+        columns = {} if made is None else made(self._whole, self.measurements)
+        if name is None:
+            best = next((a for a in self.fit.alternatives if a.dof > 0), None)
+            if best is None:
+                raise InputError("no alternative leaves a trace: there is nothing to refit")
+            name = best.name
+        if name not in columns:
+            raise InputError(f"no alternative {name!r}: there are {', '.join(columns) or 'none'}")
+        column = np.asarray(columns[name], dtype=float)
+        more = _Extended(self.model, name, column[:, None] if column.ndim == 1 else column)
+        start = np.concatenate([self._whole, np.zeros(more.count)])
+        return estimate(
+            more,
+            self.measurements,
+            start=start,
+            # A model that holds its knowledge keeps it.
+            prior={} if hasattr(self.model, "prior") else self.prior,
+            known={} if hasattr(self.model, "known") else self.known,
+            starts=0,
+            alpha=self.alpha,
+            chance=self.chance,
+            weak_ratio=self.weak_ratio,
+        )
+
     @cached_property
     def covariance(self) -> Array:
         """The local Gaussian approximation (n, n); `inf` where none exists."""
@@ -491,10 +588,14 @@ class Estimate(Answer):
         distance of the estimate.
         """
         name, unit, function, value = self._function(what)
-        found = self._handle.interval(
-            self.state, self._other_states(), function, _critical(level, 1)
-        )
-        return Interval(name, unit, level, value, tuple(found["pieces"]), float(found["local"]))
+        rise = _critical(level, 1)
+        found = self._handle.interval(self.state, self._other_states(), function, rise)
+        if found["better"] is not None:
+            # A lower minimum was met on the way: what is allowed counts from there.
+            states = np.vstack([self._other_states(), self.state])
+            found = self._handle.interval(found["better"]["x"], states, function, rise)
+        pieces, local = tuple(found["pieces"]), float(found["local"])
+        return Interval(name, unit, level, value, pieces, local, bool(found["certain"]))
 
     def region(self, pair: Sequence[Any], level: float = 0.95) -> Region:
         """Return the values of a pair of states or functions that the measurements allow.
@@ -518,8 +619,9 @@ class Estimate(Answer):
         return Region(
             (first[0], second[0]),
             level,
-            tuple(points for points, _ in found),
-            tuple(closed for _, closed in found),
+            tuple(points for points, _, _ in found),
+            tuple(closed for _, closed, _ in found),
+            tuple(complete for _, _, complete in found),
         )
 
     def contains(self, state: ArrayLike, level: float = 0.95) -> bool:
@@ -668,6 +770,14 @@ class Estimate(Answer):
         """Draw the estimate of its first states, each and in pairs; needs matplotlib."""
         return self.corner()
 
+    def plot_region(self, pair: Sequence[Any] | None = None, level: float = 0.95) -> Figure:
+        """Draw residuals and the likelihood region of a pair of states; needs matplotlib.
+
+        By default of the first two; with the ellipse of the local approximation where the
+        two differ by more than 5 %.
+        """
+        return draw(self, "estimate", pair, level)
+
     def corner(self, names: Sequence[str] | None = None, level: float = 0.95) -> Figure:
         """Draw the estimate of chosen states, each and in pairs; needs matplotlib.
 
@@ -798,6 +908,226 @@ def estimate(
         chance=chance,
         weak_ratio=weak_ratio,
         _loss=weighting,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Trials:
+    """What `estimate_trials` found; arrays have one entry a trial.
+
+    Attributes
+    ----------
+    names : tuple of str, length n
+    truth : ndarray, shape (n,)
+    states : ndarray, shape (trials, n)
+    status : ndarray of str, shape (trials,)
+        As of an `Estimate`.
+    chi2, p_values, lag_p_values : ndarray, shape (trials,)
+    chances : ndarray, shape (trials,)
+        The largest chance that noise prefers another solution.
+    inside : ndarray of bool, shape (trials,)
+        Whether the truth is in the likelihood region of all states.
+    covered : ndarray of bool, shape (trials,)
+        Whether it is in the interval of `function`; all True without one.
+    intervals : ndarray, shape (trials, 2)
+        Lowest and highest end; infinite where open, NaN without a function.
+    certain : ndarray of bool, shape (trials,)
+    solves : ndarray, shape (trials,)
+        Constrained solves an interval took.
+    alternatives : mapping of str to ndarray, shape (trials,)
+        p of the score test of each.
+    """
+
+    names: tuple[str, ...]
+    truth: Array
+    states: Array
+    status: NDArray[np.str_]
+    chi2: Array
+    p_values: Array
+    lag_p_values: Array
+    chances: Array
+    inside: NDArray[np.bool_]
+    covered: NDArray[np.bool_]
+    intervals: Array
+    certain: NDArray[np.bool_]
+    solves: Array
+    alternatives: Mapping[str, Array]
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Share of the trials with each status."""
+        return {name: float((self.status == name).mean()) for name in STATUSES}
+
+    @property
+    def wrong(self) -> float:
+        """Share of all trials that say "determined" with the truth outside the region."""
+        return float(((self.status == "determined") & ~self.inside).mean())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the shares as plain numbers, fit for JSON."""
+        return {
+            "trials": len(self.status),
+            "shares": self.shares,
+            "inside": float(self.inside.mean()),
+            "covered": float(self.covered.mean()),
+            "wrong": self.wrong,
+            "uncertain": float((~self.certain).mean()),
+        }
+
+    def __str__(self) -> str:
+        said = ", ".join(f"{100 * v:.3g} % {name}" for name, v in self.shares.items() if v > 0)
+        return (
+            f"{len(self.status)} trials: {said}; truth in the region {100 * self.inside.mean():.3g}"
+            f" %, in the interval {100 * self.covered.mean():.3g} %"
+        )
+
+
+def estimate_trials(
+    model: EstimationModel,
+    truth: ArrayLike,
+    *,
+    seed: int,
+    trials: int,
+    first: int = 0,
+    level: float = 0.95,
+    function: str | None = None,
+    alternatives: Mapping[str, ArrayLike] | None = None,
+    shift: ArrayLike | None = None,
+    start: ArrayLike | None = None,
+    prior: Mapping[str, tuple[float, float]] | None = None,
+    box: Mapping[str, tuple[float, float]] | None = None,
+    starts: int = 0,
+    alpha: float = 0.001,
+    chance: float = 0.01,
+    weak_ratio: float = 0.25,
+) -> Trials:
+    """Simulate a state many times, estimate it each time, and ask whether the answers hold.
+
+    Parameters
+    ----------
+    model : EstimationModel
+    truth : array_like, shape (n,)
+    seed : int
+        >= 0. Trial i depends on (seed, i) alone.
+    trials : int
+        How many, >= 1.
+    first : int
+        Number of the first trial.
+    level : float
+        Confidence of regions and intervals.
+    function : str, optional
+        A function of the model: its interval is found in each trial, and makes an answer
+        "weak" as in `estimate`. By default the first one the model judges by, if any.
+    alternatives : mapping of str to array_like, shape (m,) or (m, parameters), optional
+        Whitened columns of the score tests; by default the model's own, at the truth.
+    shift : array_like, shape (m,), optional
+        What the data have that the model has not, whitened: a bias, for one.
+    start, prior, box, alpha, chance, weak_ratio
+        As for `estimate`; a prior's mean is drawn about the truth.
+    starts : int
+        Points of prior and box that are followed in search of other solutions.
+
+    Returns
+    -------
+    Trials
+
+    Raises
+    ------
+    InputError
+        As `estimate`.
+
+    Notes
+    -----
+    Whitened noise is added to the residuals of exact data, on all threads, in the crate.
+
+    Examples
+    --------
+    >>> import numpy as np, gramian as gm
+    >>> t = np.arange(0.0, 600.0, 20.0)
+    >>> path = np.stack([np.maximum(0, 5 * (t - 300)), np.minimum(5 * t, 1500)], axis=1)
+    >>> model = gm.bearings.BearingsModel(t, path, np.array([1e-3]))
+    >>> found = estimate_trials(model, [2000.0, 6000.0, 3.0, -1.0], seed=1, trials=100)
+    >>> bool(found.inside.mean() > 0.85)
+    True
+    """
+    x = finite(truth, "truth")
+    names = tuple(model.names)
+    if x.shape != (len(names),):
+        raise InputError(f"truth has shape {x.shape}: must be ({len(names)},)")
+    seed, first = whole(seed, "seed", 0, SEED_MOST), whole(first, "first")
+    trials, starts = whole(trials, "trials", 1), whole(starts, "starts", 0, 2**31)
+    levels(alpha, chance, weak_ratio)
+    given = dict(prior or {})
+    z = finite(model.h(x), "exact data")
+    centred = {name: (float(x[names.index(name)]), sigma) for name, (_, sigma) in given.items()}
+    handle = _informed(model, z, centred, {})
+    spread = _spread(names, centred, dict(box or {}))
+    places = _starts(model, z, start, list(range(len(names))), spread, centred, names)
+    functions = getattr(model, "functions", {})
+    judged = tuple(getattr(model, "judged", functions))
+    name = function if function is not None else (judged[0] if judged else None)
+    what = None
+    if name is not None:
+        if name not in functions:
+            there = ", ".join(functions) or "none"
+            raise InputError(f"function = {name!r}: the model has {there}")
+        what = functions[name][0]
+        if not callable(what):
+            what = (list(what[0]), [float(value) for value in what[1]])
+    if alternatives is None:
+        made = getattr(model, "alternatives", None)
+        alternatives = {} if made is None else made(x, z)
+    columns = {}
+    for key, value in alternatives.items():
+        column = finite(value, f"alternatives[{key!r}]")
+        columns[key] = column[:, None] if column.ndim == 1 else column
+    out = handle.trials(
+        x,
+        places,
+        spread,
+        (starts, seed) if starts or spread is not None else (0, seed),
+        what,
+        (_critical(level, 1), _critical(level, len(names))),
+        list(columns.values()),
+        None if shift is None else finite(shift, "shift"),
+        seed,
+        first,
+        trials,
+    )
+    head, n = 14, len(names)
+    p = out[:, head + n :]
+    with np.errstate(invalid="ignore"):
+        tested = p.shape[1]
+        dof = z.size + len(centred) - n
+        misfit = (out[:, 2] < alpha) & (dof > 0)
+        if tested:
+            misfit |= tested * p.min(axis=1) < alpha
+        long = out[:, 8] - out[:, 7] > 2 * 1.96 * weak_ratio * np.abs(out[:, 12])
+        status = np.select(
+            [
+                misfit,
+                out[:, 0] != 1,
+                out[:, 4] > chance,
+                long & (what is not None and name in judged),
+            ],
+            ["misfit", "not_converged", "ambiguous", "weak"],
+            "determined",
+        )
+    return Trials(
+        names=names,
+        truth=x,
+        states=out[:, head : head + n],
+        status=status,
+        chi2=out[:, 1],
+        p_values=out[:, 2],
+        lag_p_values=out[:, 3],
+        chances=out[:, 4],
+        inside=out[:, 5] == 1,
+        covered=(out[:, 6] == 1) | (what is None),
+        intervals=out[:, 7:9],
+        certain=(out[:, 10] == 1) | (what is None),
+        solves=out[:, 13],
+        alternatives=dict(zip(columns, p.T, strict=True)),
     )
 
 

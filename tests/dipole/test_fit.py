@@ -44,6 +44,7 @@ def covered(answer):
     [
         ("acceleration 0.01", None, 0),
         ("acceleration 0.03", None, TRIALS),
+        ("second dipole", None, 8),
         ("10 nT left in", None, TRIALS),
         ("dead x", "fit", TRIALS),
         ("dead y", "fit", TRIALS),
@@ -111,6 +112,9 @@ def test_a_known_speed_is_told_by_angles_and_the_mirror_image_is_another_solutio
     assert len(answer.interval("vx").pieces) == 2
     image = answer.model.expand(answer.others[0].state)[0]
     assert image[:3] == pytest.approx(-answer.r0, rel=1e-6)
+    found = gm.other_solutions(answer.model, answer.state)
+    # Angles a whole turn apart are one state.
+    assert answer.model.expand(found[0].state)[0][:3] == pytest.approx(-answer.r0, rel=1e-6)
 
 
 def test_the_model_serves_the_general_estimate():

@@ -9,6 +9,7 @@ pyplot's state, and so works in a notebook, a script and a server alike.
 """
 
 from gramian.plot._corner import corner
+from gramian.plot._estimate import estimate, threshold
 from gramian.plot._observability import null_space, observability, singular_values
 from gramian.plot._style import COLORS, Figure, ellipse, ellipsoid, equal_space, figure
 
@@ -19,10 +20,12 @@ __all__ = [
     "ellipse",
     "ellipsoid",
     "equal_space",
+    "estimate",
     "figure",
     "null_space",
     "observability",
     "singular_values",
+    "threshold",
 ]
 
 

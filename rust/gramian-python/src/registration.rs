@@ -3,7 +3,9 @@
 use gramian::batch::simd::Path;
 use gramian::registration::batch::{self, Degree, Scene};
 use gramian::registration::estimate::{Method, Question};
+use gramian::registration::measured::Measured;
 use gramian::registration::{Dimension, Layout};
+use gramian::solve::Model;
 use numpy::{PyArray1, PyArrayDyn};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -11,6 +13,7 @@ use pyo3::types::PyDict;
 use crate::convert::Input;
 use crate::errors::InputError;
 use crate::output::Batch;
+use crate::solve::PyModel;
 
 /// Sensors, noise, biases and targets as they come from Python.
 struct Given<'py> {
@@ -454,7 +457,67 @@ fn registration_estimate_trials<'py>(
     named_answer(&batch, &records, &layout, 0)
 }
 
+/// Reports of one set of looks: see `registration::measured::Measured`.
+#[pyclass(frozen, name = "RegistrationRecord", module = "gramian._core")]
+struct PyRecord(Measured);
+
+#[pymethods]
+impl PyRecord {
+    #[new]
+    fn new(
+        reports: &Bound<'_, PyAny>,
+        sensors: &Bound<'_, PyAny>,
+        sigma: &Bound<'_, PyAny>,
+        extras: Extras,
+    ) -> PyResult<Self> {
+        let sensors = Input::new(sensors, "sensors", 2)?;
+        let layout = layout_of(&sensors, extras)?;
+        let shape = [Some(layout.sensors), Some(layout.size())];
+        let sigma = Input::new(sigma, "sigma", 2)?;
+        sigma.expect(&shape, "one line for each sensor")?;
+        let reports = Input::new(reports, "reports", 3)?;
+        let wanted = [None, shape[0], shape[1]];
+        reports.expect(&wanted, "for each look one line from each sensor")?;
+        Ok(Self(Measured {
+            layout,
+            sensors: sensors.slice()?.to_vec(),
+            sigma: sigma.slice()?.to_vec(),
+            reports: reports.slice()?.to_vec(),
+        }))
+    }
+
+    /// The reports as a model of the biases.
+    fn model(&self) -> PyModel {
+        PyModel::native(self.0.clone())
+    }
+
+    /// What else may be true: (kind, which bias or sensor, whitened column).
+    #[allow(clippy::type_complexity, clippy::needless_pass_by_value)]
+    fn alternatives<'py>(
+        &self,
+        py: Python<'py>,
+        biases: Vec<f64>,
+    ) -> PyResult<Vec<(&'static str, usize, Bound<'py, PyArray1<f64>>)>> {
+        if biases.len() != self.0.states() {
+            return Err(InputError::new_err(format!(
+                "biases has {} entries: must have {}",
+                biases.len(),
+                self.0.states()
+            )));
+        }
+        let found = self
+            .0
+            .alternatives(&biases)
+            .map_err(|error| InputError::new_err(error.to_string()))?;
+        Ok(found
+            .into_iter()
+            .map(|(kind, index, column)| (kind, index, PyArray1::from_vec(py, column)))
+            .collect())
+    }
+}
+
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<PyRecord>()?;
     module.add_function(wrap_pyfunction!(registration_rows, module)?)?;
     module.add_function(wrap_pyfunction!(registration_fisher, module)?)?;
     module.add_function(wrap_pyfunction!(registration_eta, module)?)?;

@@ -12,16 +12,18 @@ use gramian::bounds::threshold;
 use gramian::solve::fit::{self, Channel, Fit};
 use gramian::solve::other_solutions::{Found, Search, other_solutions};
 use gramian::solve::starts::{Spread, multi_start};
+use gramian::solve::trials::{Trials, recall};
 use gramian::solve::{
     Combination, Distance, Function, Held, Loss, Model, Options, Solution, WithPrior, region,
 };
-use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
 use pyo3::exceptions::{PyArithmeticError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
 use crate::convert::Input;
 use crate::errors::InputError;
+use crate::output::Batch;
 
 type Shared = Arc<dyn Model<Error = String> + Send + Sync>;
 
@@ -59,6 +61,10 @@ where
 
     fn difference(&self, a: &[f64], b: &[f64], out: &mut [f64]) -> Result<(), String> {
         self.0.difference(a, b, out).map_err(|e| e.to_string())
+    }
+
+    fn change(&self, a: &[f64], b: &[f64], out: &mut [f64]) {
+        self.0.change(a, b, out);
     }
 
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
@@ -230,6 +236,10 @@ impl Model for Watched {
         self.model.difference(a, b, out)
     }
 
+    fn change(&self, a: &[f64], b: &[f64], out: &mut [f64]) {
+        self.model.change(a, b, out);
+    }
+
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
         self.model.symmetries(x, found);
     }
@@ -334,6 +344,38 @@ impl PyModel {
             held: true,
             determined: true,
             slopes: Vec::new(),
+        })
+    }
+
+    fn search(
+        &self,
+        spread: Option<(&str, Vec<f64>, Vec<f64>)>,
+        starts: usize,
+        seed: u64,
+    ) -> PyResult<Search> {
+        let spread = spread.map(|(kind, first, second)| match kind {
+            "box" => Spread::Box {
+                low: first,
+                high: second,
+            },
+            _ => Spread::Normal {
+                mean: first,
+                sigma: second,
+            },
+        });
+        if spread
+            .as_ref()
+            .is_some_and(|s| s.states() != self.model.states())
+        {
+            return Err(InputError::new_err(
+                "spread: must have a pair for each state",
+            ));
+        }
+        Ok(Search {
+            spread,
+            starts,
+            seed,
+            options: Options::default(),
         })
     }
 
@@ -534,27 +576,7 @@ impl PyModel {
         seed: u64,
     ) -> PyResult<Bound<'py, PyDict>> {
         let x = self.state(x, "x")?;
-        let spread = spread.map(|(kind, first, second)| match kind {
-            "box" => Spread::Box {
-                low: first,
-                high: second,
-            },
-            _ => Spread::Normal {
-                mean: first,
-                sigma: second,
-            },
-        });
-        if spread.as_ref().is_some_and(|s| s.states() != x.len()) {
-            return Err(InputError::new_err(
-                "spread: must have a pair for each state",
-            ));
-        }
-        let search = Search {
-            spread,
-            starts,
-            seed,
-            options: Options::default(),
-        };
+        let search = self.search(spread, starts, seed)?;
         let found: Found = self
             .run(py, |model| {
                 Self::solution(model, x).map(|from| other_solutions(model, &from, &search))
@@ -606,6 +628,8 @@ impl PyModel {
         let out = PyDict::new(py);
         let pieces: Vec<_> = found.pieces.iter().map(|p| (p.low, p.high)).collect();
         out.set_item("pieces", pieces)?;
+        let certain = found.pieces.iter().all(|p| p.certain == [true; 2]);
+        out.set_item("certain", certain)?;
         out.set_item("local", found.local)?;
         out.set_item("solves", found.solves)?;
         let better = found.better.as_ref().map(|s| record(py, s)).transpose()?;
@@ -621,7 +645,7 @@ impl PyModel {
         others: &Bound<'py, PyAny>,
         functions: (Bound<'py, PyAny>, Bound<'py, PyAny>),
         rise: f64,
-    ) -> PyResult<Vec<(Bound<'py, PyArray2<f64>>, bool)>> {
+    ) -> PyResult<Vec<(Bound<'py, PyArray2<f64>>, bool, bool)>> {
         let (x, others) = (self.state(x, "x")?, self.states_of(others, "others")?);
         let pair = (self.function(&functions.0)?, self.function(&functions.1)?);
         let found = self
@@ -643,9 +667,98 @@ impl PyModel {
             .map(|c| {
                 let flat: Vec<f64> = c.points.iter().flatten().copied().collect();
                 let points = PyArray1::from_vec(py, flat).reshape([c.points.len(), 2])?;
-                Ok((points, c.closed))
+                Ok((points, c.closed, c.complete))
             })
             .collect()
+    }
+
+    /// Simulates records of the state `truth`, whose exact data the model has, and answers
+    /// them: (trials, size), see `gramian::solve::trials::Trials::run`.
+    #[pyo3(signature = (truth, starts, spread, search, function, rises, alternatives, shift, seed, first, trials))]
+    #[allow(clippy::too_many_arguments)]
+    fn trials<'py>(
+        &self,
+        py: Python<'py>,
+        truth: &Bound<'py, PyAny>,
+        starts: &Bound<'py, PyAny>,
+        spread: Option<(&str, Vec<f64>, Vec<f64>)>,
+        search: Option<(usize, u64)>,
+        function: Option<Bound<'py, PyAny>>,
+        rises: [f64; 2],
+        alternatives: Vec<Bound<'py, PyAny>>,
+        shift: Option<Bound<'py, PyAny>>,
+        seed: u64,
+        first: u64,
+        trials: usize,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let (truth, starts) = (
+            self.state(truth, "truth")?,
+            self.states_of(starts, "starts")?,
+        );
+        let data = self.model.measurements() - self.model.priors();
+        let mut columns = Vec::new();
+        for given in &alternatives {
+            let given = Input::new(given, "columns", 2)?;
+            given.expect(&[Some(data), None], "a line for each measurement")?;
+            columns.push((given.slice()?.to_vec(), given.core_shape()[1]));
+        }
+        let shift = match shift {
+            None => Vec::new(),
+            Some(given) => {
+                let given = Input::new(&given, "shift", 1)?;
+                given.expect(&[Some(data)], "one for each measurement")?;
+                given.slice()?.to_vec()
+            }
+        };
+        let function = function.map(|f| self.function(&f)).transpose()?;
+        let search = search
+            .map(|(starts, seed)| self.search(spread, starts, seed))
+            .transpose()?;
+        let (m, n) = (self.model.measurements() as f64, truth.len() as f64);
+        // Of a solve, times how many there are.
+        let cost = 200.0 * m * n * (10.0 + 5.0 * starts.len() as f64);
+        let head = Trials::<dyn Model<Error = String> + Send + Sync>::HEAD;
+        let size = head + truth.len() + columns.len();
+        let out = Batch::trials(first, trials).fill(py, &[size], cost, |range, threads, out| {
+            let trials = Trials {
+                model: &*self.model,
+                truth: &truth,
+                starts: &starts,
+                search: search.as_ref(),
+                function: function.as_ref().map(|f| f as &(dyn Function + Sync)),
+                rises,
+                alternatives: &columns,
+                shift: &shift,
+                seed,
+                first: first + range.start as u64,
+            };
+            trials.run(threads, cost, out);
+        })?;
+        let raised = self
+            .raised
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take();
+        raised.map_or(Ok(out), Err)
+    }
+
+    /// How many other places there are, by `many` starts, and how many of them a search of
+    /// `starts` finds.
+    #[pyo3(signature = (x, spread, starts, seed, many, reach))]
+    #[allow(clippy::too_many_arguments)]
+    fn recall<'py>(
+        &self,
+        py: Python<'py>,
+        x: &Bound<'py, PyAny>,
+        spread: (&str, Vec<f64>, Vec<f64>),
+        starts: usize,
+        seed: u64,
+        many: usize,
+        reach: f64,
+    ) -> PyResult<(usize, usize)> {
+        let x = self.state(x, "x")?;
+        let search = self.search(Some(spread), starts, seed)?;
+        self.run(py, |model| recall(model, &x, &search, many, reach))
     }
 
     /// What the residuals at a state say.
@@ -712,13 +825,15 @@ impl PyModel {
         let fit = self
             .run(py, |model| Fit::new(model, &x))?
             .map_err(InputError::new_err)?;
-        let (trace, priors) = (fit::noncentrality(alpha, power), fit.priors);
+        let priors = fit.priors;
+        // All of them are tested together at alpha.
+        let share = alpha / alternatives.len().max(1) as f64;
         let mut found = Vec::new();
         for columns in &alternatives {
             let columns = Input::new(columns, "columns", 2)?;
             let data = fit.residuals.len() - priors;
             columns.expect(&[Some(data), None], "a line for each measurement")?;
-            let score = fit.score(columns.slice()?, columns.core_shape()[1], trace);
+            let score = fit.score(columns.slice()?, columns.core_shape()[1], share, power);
             found.push(score);
         }
         let alike = found

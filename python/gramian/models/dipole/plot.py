@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gramian.plot import COLORS, Figure, corner, ellipsoid, equal_space, figure
+from gramian.plot import COLORS, Figure, corner, ellipsoid, equal_space, estimate, figure
 
 if TYPE_CHECKING:
     from gramian.models.dipole._result import Localization
 
-__all__ = ["convergence", "corner", "fields", "fit", "path", "space"]
+__all__ = ["convergence", "corner", "estimate", "fields", "fit", "path", "space"]
 
 _AXES = ("x", "y", "z")
 

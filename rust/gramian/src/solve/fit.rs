@@ -52,10 +52,11 @@ pub struct Score {
     pub restored: f64,
     /// The parameters of the alternative that fit best.
     pub size: Vec<f64>,
-    /// The smallest size that is seen with the power asked for, for an alternative of
-    /// one parameter; infinite where it leaves no trace.
+    /// The smallest size that is seen with the power asked for, of several parameters the
+    /// length in the direction seen worst; infinite where one leaves no trace.
     pub detectable: f64,
-    /// What that size does to each state: the external reliability.
+    /// The most that an alternative just seen does to each state, with its sign where it
+    /// has one parameter: the external reliability.
     pub effect: Vec<f64>,
     /// The statistic's direction, for [`correlation`].
     direction: Vec<f64>,
@@ -75,6 +76,43 @@ pub fn noncentrality(alpha: f64, power: f64) -> f64 {
         -quantile(2.0 * power)
     };
     (quantile(alpha) + beta).max(0.0).powi(2)
+}
+
+/// As [`noncentrality`], with more degrees of freedom: to three digits.
+///
+/// # Source
+/// Sankaran 1963, Approximations to the non-central chi-square distribution.
+pub fn noncentrality_of(alpha: f64, power: f64, dof: usize) -> f64 {
+    if dof <= 1 {
+        return noncentrality(alpha, power);
+    }
+    let k = dof as f64;
+    let Ok(critical) = chi_square::critical(alpha.clamp(1e-300, 1.0), k) else {
+        return f64::INFINITY;
+    };
+    let quantile = chi_square::critical((2.0 * (1.0 - power)).clamp(1e-300, 1.0), 1.0);
+    let wanted = -quantile.map_or(0.0, f64::sqrt);
+    let excess = |lambda: f64| {
+        let (one, two) = (k + lambda, k + 2.0 * lambda);
+        let h = 1.0 - 2.0 * one * (k + 3.0 * lambda) / (3.0 * two * two);
+        let p = two / (one * one);
+        let m = (h - 1.0) * (1.0 - 3.0 * h);
+        let mean = 1.0 + h * p * (h - 1.0 - 0.5 * (2.0 - h) * m * p);
+        ((critical / one).powf(h) - mean) / (h * (2.0 * p).sqrt() * (1.0 + 0.5 * m * p)) - wanted
+    };
+    let (mut low, mut high) = (0.0, 1.0);
+    while excess(high) > 0.0 && high < 1e6 {
+        (low, high) = (high, 2.0 * high);
+    }
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if excess(middle) > 0.0 {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    high
 }
 
 impl Fit {
@@ -193,12 +231,12 @@ impl Fit {
     }
 
     /// Tests an alternative: further parameters whose whitened columns at zero, row-major
-    /// (m, parameters), are given. `trace` is the noncentrality of what counts as
-    /// detectable, see [`noncentrality`].
+    /// (m, parameters), are given. What a test of level `alpha` sees with this `power`
+    /// counts as detectable.
     ///
     /// # Source
     /// The score test (Rao 1948); internal and external reliability: Baarda 1968.
-    pub fn score(&self, columns: &[f64], parameters: usize, trace: f64) -> Score {
+    pub fn score(&self, columns: &[f64], parameters: usize, alpha: f64, power: f64) -> Score {
         let m = self.residuals.len();
         let n = self.basis.len();
         let mut left: Vec<Vec<f64>> = Vec::new();
@@ -241,13 +279,35 @@ impl Fit {
             direction.clone_from(&left[0]);
         }
         let (mut detectable, mut effect) = (f64::INFINITY, vec![f64::INFINITY; n]);
-        if parameters == 1 && dof == 1 {
-            detectable = trace.sqrt() / lower[0][0];
+        if parameters > 0 && dof == parameters {
+            let root = noncentrality_of(alpha, power, dof).sqrt();
             // The fit takes what lies in its columns for a change of the states.
-            effect = back(&self.triangle, &along_model[0]);
-            for e in &mut effect {
-                *e *= detectable;
+            let changes: Vec<Vec<f64>> = along_model
+                .iter()
+                .map(|along| back(&self.triangle, along))
+                .collect();
+            // Sizes just seen are root times unit vectors, over the triangle.
+            let seen: Vec<Vec<f64>> = (0..parameters)
+                .map(|p| {
+                    let mut unit = vec![0.0; parameters];
+                    unit[p] = 1.0;
+                    back(&lower, &unit)
+                })
+                .collect();
+            for (k, e) in effect.iter_mut().enumerate() {
+                let along = |size: &Vec<f64>| -> f64 {
+                    size.iter()
+                        .zip(&changes)
+                        .map(|(s, change)| s * change[k])
+                        .sum()
+                };
+                *e = if parameters == 1 {
+                    root * along(&seen[0])
+                } else {
+                    root * seen.iter().map(along).fold(0.0, f64::hypot)
+                };
             }
+            detectable = root * largest(&seen);
         }
         let rest = self.dof().saturating_sub(dof);
         let p = |value: f64, dof: usize| match dof {
@@ -340,6 +400,30 @@ pub fn channels(values: &[f64], count: usize) -> Vec<Channel> {
             copy.map_or(Channel::Sound, |of| Channel::Copy { of })
         })
         .collect()
+}
+
+/// The largest singular value of a matrix given by its columns: powers of its square.
+fn largest(columns: &[Vec<f64>]) -> f64 {
+    if let [column] = columns {
+        return norm(column);
+    }
+    let n = columns.len();
+    // From the longest column: never across the direction looked for by accident alone.
+    let mut v: Vec<f64> = columns.iter().map(|c| norm(c)).collect();
+    let mut size = 0.0;
+    for _ in 0..200 {
+        let image: Vec<f64> = (0..n)
+            .map(|i| columns.iter().zip(&v).map(|(c, v)| c[i] * v).sum())
+            .collect();
+        let back: Vec<f64> = columns.iter().map(|c| dot(c, &image)).collect();
+        let length = norm(&back);
+        if !(length > 0.0) {
+            break;
+        }
+        size = (length / norm(&v)).sqrt();
+        v = back.into_iter().map(|x| x / length).collect();
+    }
+    size
 }
 
 /// Takes off a vector what lies along orthonormal ones, twice; returns how much it was.

@@ -75,6 +75,10 @@ impl<M: Model> Model for WithPrior<M> {
         self.model.difference(a, b, data)
     }
 
+    fn change(&self, a: &[f64], b: &[f64], out: &mut [f64]) {
+        self.model.change(a, b, out);
+    }
+
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
         self.model.symmetries(x, found);
     }
@@ -157,6 +161,14 @@ impl<M: Model> Model for Held<M> {
         self.model.difference(&self.whole(a), &self.whole(b), out)
     }
 
+    fn change(&self, a: &[f64], b: &[f64], out: &mut [f64]) {
+        let mut all = vec![0.0; self.template.len()];
+        self.model.change(&self.whole(a), &self.whole(b), &mut all);
+        for (out, &k) in out.iter_mut().zip(&self.free) {
+            *out = all[k];
+        }
+    }
+
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
         self.model.symmetries(&self.whole(x), &mut |other| {
             // An image that changes what is known is none.
@@ -205,6 +217,10 @@ macro_rules! pointer {
 
             fn difference(&self, a: &[f64], b: &[f64], out: &mut [f64]) -> Result<(), M::Error> {
                 (**self).difference(a, b, out)
+            }
+
+            fn change(&self, a: &[f64], b: &[f64], out: &mut [f64]) {
+                (**self).change(a, b, out);
             }
 
             fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {

@@ -11,6 +11,7 @@
 //! | [`fit`] | does the model fit, what would explain that it does not |
 //! | [`other_solutions`] | which other states fit as well |
 //! | [`region`] | intervals and contours of the likelihood |
+//! | [`trials`] | all of it for many simulated records |
 
 #[cfg(feature = "std")]
 pub mod fit;
@@ -26,6 +27,8 @@ pub mod region;
 pub mod side_by_side;
 #[cfg(feature = "std")]
 pub mod starts;
+#[cfg(feature = "std")]
+pub mod trials;
 
 #[cfg(feature = "std")]
 pub use gauss_newton::{Loss, Options, Solution, minimize};
@@ -80,6 +83,14 @@ pub trait Model: Sync {
     /// # Errors
     /// As [`linearize`](Model::linearize).
     fn difference(&self, a: &[f64], b: &[f64], out: &mut [f64]) -> Result<(), Self::Error>;
+
+    /// Writes how far state `b` is from `a`, where a state may be written in several ways
+    /// (an angle and the same with a whole turn) by the shortest way.
+    fn change(&self, a: &[f64], b: &[f64], out: &mut [f64]) {
+        for ((out, a), b) in out.iter_mut().zip(a).zip(b) {
+            *out = b - a;
+        }
+    }
 
     /// Calls `found` with each other state that gives exactly the same data as `x`: a
     /// mirror image, for one.

@@ -31,6 +31,16 @@ pub struct Piece {
     pub low: Option<f64>,
     /// Its upper end.
     pub high: Option<f64>,
+    /// Whether each end is one: not where the constrained solve beyond it ended neither
+    /// at a least chi2 nor for want of a state with that value.
+    pub certain: [bool; 2],
+}
+
+/// An end of a piece, and whether it is certain.
+#[derive(Clone, Copy, Debug)]
+struct End {
+    value: Option<f64>,
+    certain: bool,
 }
 
 /// The values of a function that the measurements allow.
@@ -53,6 +63,9 @@ pub struct Contour {
     pub points: Vec<[f64; 2]>,
     /// Whether it comes back to where it began.
     pub closed: bool,
+    /// Whether it was followed as far as it goes: not where a constrained solve did not
+    /// converge on the way.
+    pub complete: bool,
 }
 
 /// The profile of some functions of the states.
@@ -64,6 +77,9 @@ struct Profile<'a, M: ?Sized> {
     best: f64,
     limit: f64,
     better: Option<Solution>,
+    /// Whether the last value without an answer has states, none of which was shown to be
+    /// the least: it may be allowed.
+    doubt: bool,
 }
 
 impl<M: Model + ?Sized> Profile<'_, M> {
@@ -76,11 +92,13 @@ impl<M: Model + ?Sized> Profile<'_, M> {
             .map(|(f, &v)| (*f, v))
             .collect();
         let mut found: Option<Solution> = None;
+        self.doubt = false;
         for start in starts {
             let solution = minimize(self.model, start, &hold, self.options);
             self.solves += 1;
             // Not at the least chi2, but low enough already: allowed all the same.
             if !(solution.converged || solution.held && solution.chi2 <= self.limit) {
+                self.doubt |= solution.held;
                 continue;
             }
             if solution.converged
@@ -122,6 +140,7 @@ pub fn interval<M: Model + ?Sized>(
         best: best.chi2,
         limit: best.chi2 + rise,
         better: None,
+        doubt: false,
     };
     let mut pieces = Vec::new();
     let local = deviation(model, &best.x, function) * rise.sqrt();
@@ -131,22 +150,13 @@ pub fn interval<M: Model + ?Sized>(
             let step = deviation(model, &seed.x, function) * (limit - seed.chi2).sqrt();
             let mut low = side(&mut profile, seed, -1.0, step, limit);
             let mut high = side(&mut profile, seed, 1.0, step, limit);
-            pieces.push(Piece {
-                low: low.remove(0),
-                high: high.remove(0),
-            });
+            pieces.push(piece(low.remove(0), high.remove(0)));
             // Further pieces: pairs of a near and a far end.
             for pair in low.chunks_exact(2) {
-                pieces.push(Piece {
-                    low: pair[1],
-                    high: pair[0],
-                });
+                pieces.push(piece(pair[1], pair[0]));
             }
             for pair in high.chunks_exact(2) {
-                pieces.push(Piece {
-                    low: pair[0],
-                    high: pair[1],
-                });
+                pieces.push(piece(pair[0], pair[1]));
             }
         }
     }
@@ -155,6 +165,14 @@ pub fn interval<M: Model + ?Sized>(
         local,
         better: profile.better,
         solves: profile.solves,
+    }
+}
+
+fn piece(low: End, high: End) -> Piece {
+    Piece {
+        low: low.value,
+        high: high.value,
+        certain: [low.certain, high.certain],
     }
 }
 
@@ -188,7 +206,11 @@ fn side<M: Model + ?Sized>(
     sign: f64,
     step: f64,
     limit: f64,
-) -> Vec<Option<f64>> {
+) -> Vec<End> {
+    const OPEN: End = End {
+        value: None,
+        certain: true,
+    };
     let function = profile.functions[0];
     let n = seed.x.len();
     let start = function.value(&seed.x, &mut vec![0.0; n]);
@@ -240,8 +262,16 @@ fn side<M: Model + ?Sized>(
     let mut ends = Vec::new();
     let mut next = outward(start, step);
     // Out to the first value that is not allowed.
+    let mut halvings = 0;
     let outside = loop {
         let found = visit(profile, &inside, next);
+        if found.is_none() && profile.doubt && halvings < 8 {
+            // Not as far at once: a shorter step keeps to its branch.
+            halvings += 1;
+            let last = inside[inside.len() - 1].value;
+            next = last + 0.25 * (next - last);
+            continue;
+        }
         let rises = found.as_ref().is_none_or(|f| f.chi2 > limit);
         if rises {
             break (next, found);
@@ -253,7 +283,7 @@ fn side<M: Model + ?Sized>(
             });
         }
         if ended(next) || inside.len() > 60 {
-            return vec![None];
+            return vec![OPEN];
         }
         let reach = (next - start).abs();
         next = outward(
@@ -261,8 +291,11 @@ fn side<M: Model + ?Sized>(
             guess(&inside, limit, seed.chi2).clamp(0.2 * reach, reach),
         );
     };
-    let (edge, beyond) = cross(profile, &inside, outside, limit, seed.chi2);
-    ends.push(Some(edge));
+    let (edge, beyond, certain) = cross(profile, &inside, outside, limit, seed.chi2);
+    ends.push(End {
+        value: Some(edge),
+        certain,
+    });
     // Farther out it may come down again, for ever: a target that may be anywhere.
     let Some(beyond) = beyond else { return ends };
     let mut trail = vec![beyond];
@@ -286,14 +319,17 @@ fn side<M: Model + ?Sized>(
             let Some(last) = trail.last().cloned() else {
                 break;
             };
-            let (near, _) = cross(
+            let (near, _, certain) = cross(
                 profile,
                 core::slice::from_ref(&point),
                 (last.value, Some(last.solution)),
                 limit,
                 seed.chi2,
             );
-            ends.push(Some(near));
+            ends.push(End {
+                value: Some(near),
+                certain,
+            });
             ends.push(outermost(profile, point, sign, bound, far, limit));
             break;
         }
@@ -310,7 +346,11 @@ fn outermost<M: Model + ?Sized>(
     bound: f64,
     far: f64,
     limit: f64,
-) -> Option<f64> {
+) -> End {
+    let open = End {
+        value: None,
+        certain: true,
+    };
     let base = from.solution.chi2;
     let mut inside = vec![from];
     for _ in 0..20 {
@@ -321,7 +361,7 @@ fn outermost<M: Model + ?Sized>(
             value + sign * value.abs().max(0.01 * far)
         };
         if (next - inside[0].value).abs() > far {
-            return None;
+            return open;
         }
         let found = visit(profile, &inside, next);
         match found {
@@ -329,10 +369,16 @@ fn outermost<M: Model + ?Sized>(
                 value: next,
                 solution,
             }),
-            found => return Some(cross(profile, &inside, (next, found), limit, base).0),
+            found => {
+                let (edge, _, certain) = cross(profile, &inside, (next, found), limit, base);
+                return End {
+                    value: Some(edge),
+                    certain,
+                };
+            }
         }
     }
-    None
+    open
 }
 
 /// How far the root of the rise, nearly linear, needs to its limit.
@@ -377,14 +423,16 @@ fn visit<M: Model + ?Sized>(
 }
 
 /// Where the profile passes the limit between an allowed value and one that is not; the
-/// point just beyond it.
+/// point just beyond it; whether that is sure.
 fn cross<M: Model + ?Sized>(
     profile: &mut Profile<'_, M>,
     inside: &[Point],
     outside: (f64, Option<Solution>),
     limit: f64,
     base: f64,
-) -> (f64, Option<Point>) {
+) -> (f64, Option<Point>, bool) {
+    // Where nothing was found beyond: whether there are states with that value.
+    let mut doubt = outside.1.is_none() && profile.doubt;
     let mut low = inside[inside.len() - 1].clone();
     let (mut high, mut beyond) = (outside.0, outside.1);
     let wanted = (limit - base).max(0.0).sqrt();
@@ -423,9 +471,11 @@ fn cross<M: Model + ?Sized>(
             None => low.solution.x.clone(),
         };
         let mut found = profile.at(&[next], &[start]);
-        if found.as_ref().is_none_or(|s| s.chi2 > limit) && round == 0 {
+        let mut lost = found.is_none() && profile.doubt;
+        if found.as_ref().is_none_or(|s| s.chi2 > limit) && (round == 0 || lost) {
             // A path that jumped to a worse branch would end the interval too early.
             let again = profile.at(&[next], &[low.solution.x.clone()]);
+            lost = lost && again.is_none();
             if let Some(again) = again
                 && found.as_ref().is_none_or(|s| again.chi2 < s.chi2)
             {
@@ -450,6 +500,7 @@ fn cross<M: Model + ?Sized>(
                     .is_some_and(|s| root(s.chi2).abs() < 1e-9 * wanted);
                 high = next;
                 from_high = true;
+                doubt = other.is_none() && lost;
                 beyond = other;
                 if done {
                     break;
@@ -466,7 +517,7 @@ fn cross<M: Model + ?Sized>(
         value: high,
         solution,
     });
-    (edge, point)
+    (edge, point, !doubt)
 }
 
 /// Pieces that touch made one, ascending.
@@ -480,6 +531,7 @@ fn union(mut pieces: Vec<Piece>) -> Vec<Piece> {
             Some(last) if low(&piece) <= high(last) => {
                 if high(&piece) > high(last) {
                     last.high = piece.high;
+                    last.certain[1] = piece.certain[1];
                 }
             }
             _ => out.push(piece),
@@ -522,6 +574,7 @@ pub fn contours<M: Model + ?Sized>(
         best: best.chi2,
         limit: best.chi2 + rise,
         better: None,
+        doubt: false,
     };
     let limit = best.chi2 + rise;
     let mut found: Vec<Contour> = Vec::new();
@@ -655,9 +708,10 @@ impl Plane {
             let u = [radius * angle.cos(), radius * angle.sin()];
             self.correct(profile, u, &x, limit)
         })?;
-        let (mut points, closed) = self.trace(profile, first, &solution, limit, 1.0);
+        let (mut points, closed, mut complete) = self.trace(profile, first, &solution, limit, 1.0);
         if !closed {
-            let (mut back, _) = self.trace(profile, first, &solution, limit, -1.0);
+            let (mut back, _, other) = self.trace(profile, first, &solution, limit, -1.0);
+            complete &= other;
             back.reverse();
             back.pop();
             back.append(&mut points);
@@ -666,10 +720,12 @@ impl Plane {
         Some(Contour {
             points: points.into_iter().map(|u| self.values(u)).collect(),
             closed,
+            complete,
         })
     }
 
-    /// Along the contour until it closes or leaves what is looked at.
+    /// Along the contour until it closes or leaves what is looked at: whether it closes,
+    /// and whether it was followed to its end.
     fn trace<M: Model + ?Sized>(
         &self,
         profile: &mut Profile<'_, M>,
@@ -677,7 +733,7 @@ impl Plane {
         solution: &Solution,
         limit: f64,
         turn: f64,
-    ) -> (Vec<[f64; 2]>, bool) {
+    ) -> (Vec<[f64; 2]>, bool, bool) {
         let mut points = vec![first];
         let (mut u, mut at) = (first, solution.clone());
         let mut share = 1.0;
@@ -692,7 +748,8 @@ impl Plane {
             let Some((to, found)) = corrected else {
                 share *= 0.5;
                 if share < 1e-3 {
-                    break;
+                    let left = !self.allowed(ahead) || u[0].hypot(u[1]) > 0.9 * FAR;
+                    return (points, false, left);
                 }
                 continue;
             };
@@ -700,12 +757,12 @@ impl Plane {
             let near = (to[0] - first[0]).hypot(to[1] - first[1]) < 0.9 * step.abs();
             if points.len() > 6 && near {
                 points.push(first);
-                return (points, true);
+                return (points, true, true);
             }
             points.push(to);
             (u, at) = (to, found);
         }
-        (points, false)
+        (points, false, false)
     }
 }
 

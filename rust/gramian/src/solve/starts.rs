@@ -100,7 +100,8 @@ pub fn same_place<M: Model + ?Sized>(model: &M, a: &[f64], b: &[f64]) -> bool {
     let (m, n) = (model.measurements(), model.states());
     let mut residuals = vec![0.0; m];
     let mut rows = vec![0.0; m * n];
-    let change: Vec<f64> = a.iter().zip(b).map(|(a, b)| b - a).collect();
+    let mut change = vec![0.0; n];
+    model.change(a, b, &mut change);
     if change.iter().all(|&c| c == 0.0) {
         return true;
     }

@@ -220,7 +220,16 @@ fn a_score_is_the_gain_of_the_fit_with_the_alternative() {
     let parabola: Vec<f64> = (0..20).map(|i| f64::from(i * i)).collect();
     let trace = fit::noncentrality(0.001, 0.8);
     assert!((trace - 17.07).abs() < 0.01);
-    let score = fit.score(&parabola, 1, trace);
+    let score = fit.score(&parabola, 1, 0.001, 0.8);
+    // Of several parameters: the noncentral chi-square distribution of scipy 1.
+    assert!((fit::noncentrality_of(0.001, 0.8, 2) - 19.6624).abs() < 0.02);
+    assert!((fit::noncentrality_of(0.001, 0.8, 3) - 21.5450).abs() < 0.02);
+    // The worst of a pair that holds the parabola twice as large is no less.
+    let pair: Vec<f64> = (0..20)
+        .flat_map(|i| [f64::from(i * i), f64::from(i * i * i)])
+        .collect();
+    let both = fit.score(&pair, 2, 0.001, 0.8);
+    assert!(both.effect[1] >= score.effect[1].abs());
     // With the parabola's share taken out of the data the rest fits better by the score.
     let size = score.size[0];
     let without = Line((0..20).map(|i| line.0[i] - size * parabola[i]).collect());
@@ -238,7 +247,7 @@ fn a_score_is_the_gain_of_the_fit_with_the_alternative() {
     }
     // The columns of the model leave no trace.
     let slope: Vec<f64> = (0..20).map(f64::from).collect();
-    assert_eq!(fit.score(&slope, 1, trace).detectable, f64::INFINITY);
+    assert_eq!(fit.score(&slope, 1, 0.001, 0.8).detectable, f64::INFINITY);
 }
 
 #[test]

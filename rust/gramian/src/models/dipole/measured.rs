@@ -12,6 +12,7 @@ use alloc::vec::Vec;
 use super::localize::{Knowledge, MOMENT, SPEED};
 use super::{Error, Pass, field, jacobian};
 use crate::numbers::algebra::dot;
+use crate::numbers::angle::wrapped;
 use crate::solve::Model;
 
 /// Names of the states.
@@ -304,6 +305,19 @@ impl Measured {
                 });
                 found.push((name.to_string(), column, 1));
             }
+            // In any direction.
+            let mut columns = vec![0.0; 3 * m];
+            self.places(&pass, |first, t, place| {
+                if let Ok(j) = jacobian(&place, &pass.moment) {
+                    for i in 0..3 {
+                        for k in 0..3 {
+                            columns[3 * (first + i) + k] =
+                                self.weights[first + i] * 0.5 * t * t * j.position[i][k];
+                        }
+                    }
+                }
+            });
+            found.push(("acceleration".to_string(), columns, 3));
             for (name, side) in [
                 ("a second dipole behind", -1.0),
                 ("a second dipole ahead", 1.0),
@@ -456,6 +470,46 @@ impl Model for Measured {
             *out -= other;
         }
         Ok(())
+    }
+
+    fn change(&self, a: &[f64], b: &[f64], out: &mut [f64]) {
+        // Angles as the pass itself would give them.
+        let (from, to) = (
+            self.coordinates(&self.expand(a).0),
+            self.coordinates(&self.expand(b).0),
+        );
+        let levels = a.len() - if self.offsets { self.channels() } else { 0 };
+        let mut next = 0;
+        let angles = |from: usize, count: usize, out: &mut [f64]| {
+            for o in &mut out[from..from + count] {
+                *o = wrapped(*o);
+            }
+        };
+        for k in 0..a.len() {
+            out[k] = if k < levels {
+                to[k] - from[k]
+            } else {
+                b[k] - a[k]
+            };
+        }
+        for (k, part) in self.parts.iter().enumerate() {
+            match part {
+                Part::Components => {
+                    next += (3 * k..3 * k + 3)
+                        .filter(|&i| self.knowledge.exact[i].is_none())
+                        .count();
+                }
+                Part::Circle { .. } => {
+                    angles(next, 1, out);
+                    next += 1;
+                }
+                Part::Sphere { .. } => {
+                    angles(next, 2, out);
+                    next += 2;
+                }
+                Part::Side { .. } => {}
+            }
+        }
     }
 
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {

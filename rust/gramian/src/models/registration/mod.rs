@@ -25,6 +25,8 @@ pub mod degree;
 #[cfg(feature = "alloc")]
 pub mod estimate;
 pub mod look;
+#[cfg(feature = "std")]
+pub mod measured;
 pub mod pair;
 pub(crate) mod report;
 

@@ -1,0 +1,321 @@
+"""May it be believed? Coverage, power, false alarms, recall of other solutions, cost.
+
+    python benches/bench_trust.py [--proofs] [--only NAME]
+
+Without `--proofs` sizes that take a minute; with it those of the claims in docs/trust.md.
+Each line says what was asked, what was measured, and whether it is met.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+import gramian as gm
+from gramian.models.dipole import DipoleModel
+
+TIMES = np.arange(0.0, 600.0, 15.0)
+TURN = np.stack([np.maximum(0, 5 * (TIMES - 300)), np.minimum(5 * TIMES, 1500)], axis=1)
+
+
+def zigzag(legs: int = 4) -> np.ndarray:
+    """Return a path that turns by 90 degrees to and fro."""
+    speed, each = 5.0, TIMES[-1] / legs
+    leg = np.minimum((TIMES / each).astype(int), legs - 1)
+    velocity = speed * np.stack([np.where(leg % 2, 1, -1), np.ones(len(leg))], axis=1) / np.sqrt(2)
+    step = np.diff(TIMES, prepend=0.0)
+    return np.cumsum(velocity * step[:, None], axis=0)
+
+
+def bearings(
+    path: np.ndarray, degrees: float, times: np.ndarray = TIMES
+) -> gm.bearings.BearingsModel:
+    """Return bearings of this deviation as a model."""
+    return gm.bearings.BearingsModel(times, path, np.array([np.deg2rad(degrees)]))
+
+
+def scenes() -> dict[str, tuple[gm.bearings.BearingsModel, np.ndarray]]:
+    """Return the seven scenes of the issue: model and true state."""
+
+    def target(distance: float) -> np.ndarray:
+        direction = np.array([1500.0, 2500.0])
+        return np.concatenate([distance * direction / np.linalg.norm(direction), [3.0, -1.0]])
+
+    few = [0, 13, 26, 39]
+    return {
+        "3 km / 0.1 deg": (bearings(TURN, 0.1), target(3e3)),
+        "8 km / 1 deg": (bearings(TURN, 1.0), target(8e3)),
+        "11 km / 1.5 deg": (bearings(TURN, 1.5), target(11e3)),
+        "15 km / 2 deg": (bearings(TURN, 2.0), np.array([4e3, 15e3, 3.0, -1.0])),
+        "zigzag 10 km / 1 deg": (bearings(zigzag(), 1.0), target(10e3)),
+        "4 bearings": (bearings(TURN[few], 0.5, TIMES[few]), target(3e3)),
+        "1 km / 5 deg": (bearings(TURN, 5.0), target(1e3)),
+    }
+
+
+@dataclass
+class Line:
+    """One thing asked, and what was measured."""
+
+    name: str
+    asked: str
+    found: str
+    met: bool | None
+
+    def __str__(self) -> str:
+        word = {True: "yes", False: "NO", None: "-"}[self.met]
+        return f"{self.name:<46} {self.asked:<34} {self.found:<34} {word}"
+
+
+def coverage(proofs: bool) -> Iterator[Line]:
+    """Regions and intervals hold the truth; 'determined' is right."""
+    trials = 2000 if proofs else 100
+    for name, (model, truth) in scenes().items():
+        found = gm.estimate_trials(model, truth, seed=11, trials=trials)
+        slack = 3 * np.sqrt(0.05 * 0.95 / trials) if not proofs else 0.0
+        inside, covered = found.inside.mean(), found.covered.mean()
+        near = name.startswith("3 km")
+        top = 0.97 + slack if near else 1.0
+        yield Line(
+            f"coverage, {name}",
+            "93..97 % all four, range" if near else ">= 93 % all four, range",
+            f"{100 * inside:.1f} %, {100 * covered:.1f} %",
+            bool(min(inside, covered) >= 0.93 - slack and max(inside, covered) <= top),
+        )
+        said = found.status == "determined"
+        right = found.inside[said].mean() if said.any() else 1.0
+        enough = said.mean() >= 0.95 - slack if near else True
+        shares = ", ".join(f"{100 * v:.1f} % {k}" for k, v in found.shares.items() if v)
+        yield Line(
+            f"  determined and outside, {name}",
+            "<= 5.5 % of all; >= 90 % right",
+            f"{100 * found.wrong:.1f} %; {100 * right:.1f} % of {100 * said.mean():.1f} %",
+            bool(found.wrong <= 0.055 + slack and (said.mean() < 0.5 or right >= 0.9) and enough),
+        )
+        yield Line(
+            f"  {name}", "", shares + f"; {100 * (~found.certain).mean():.1f} % uncertain", None
+        )
+
+
+def power(proofs: bool) -> Iterator[Line]:
+    """Alternatives at a noncentrality of 25 are named; honest trials are no misfits."""
+    trials = 500 if proofs else 60
+    cases: dict[str, tuple[object, np.ndarray]] = {
+        "bearings": (bearings(TURN, 0.1), np.array([1500.0, 2500, 3, -1])),
+        "dipole": (dipole(), DIPOLE[[0, 1, 3, 4, 6, 7, 8]]),
+    }
+    for name, (model, truth) in cases.items():
+        z = model.h(truth)
+        columns = model.alternatives(truth, z)
+        rows = model.rows(truth)
+        basis = np.linalg.qr(rows / np.linalg.norm(rows, axis=0))[0]
+        left = {}
+        for key, column in columns.items():
+            wide = column[:, None] if column.ndim == 1 else column
+            # Of several parameters the direction that leaves the largest trace.
+            off = wide - basis @ (basis.T @ wide)
+            along = np.linalg.svd(off, full_matrices=False)[2][0]
+            one, trace = wide @ along, off @ along
+            if np.linalg.norm(trace) > 1e-6 * np.linalg.norm(one):
+                left[key] = (one / np.linalg.norm(trace), trace / np.linalg.norm(trace))
+        for key, (column, trace) in left.items():
+            size = 5.0
+            # Small enough that the model stays linear: the shift itself is whitened.
+            found = gm.estimate_trials(model, truth, seed=5, trials=trials, shift=size * column)
+            alike = {
+                k
+                for k in left
+                if k == key or abs(trace @ left[k][1]) > 0.9 or spans(columns[k], basis, trace)
+            }
+            p = np.array([found.alternatives[k] for k in columns])
+            best = np.array(list(columns))[np.argmin(p, axis=0)]
+            hit = np.isin(best, list(alike)) & (p.min(axis=0) < 0.001)
+            slack = 3 * np.sqrt(0.16 / trials) if not proofs else 0.0
+            yield Line(
+                f"power, {name}, {key}",
+                "named in >= 80 %",
+                f"{100 * hit.mean():.1f} % (misfit {100 * found.shares['misfit']:.1f} %)",
+                bool(hit.mean() >= 0.8 - slack),
+            )
+        honest = 20_000 if proofs else 1000
+        found = gm.estimate_trials(model, truth, seed=77, trials=honest, function=None)
+        share = found.shares["misfit"]
+        slack = 3 * np.sqrt(0.002 / honest) if not proofs else 0.0
+        yield Line(
+            f"false misfit, {name}, {honest} trials",
+            "<= 0.2 %",
+            f"{100 * share:.3f} %",
+            bool(share <= 0.002 + slack),
+        )
+
+
+def spans(column: np.ndarray, basis: np.ndarray, trace: np.ndarray) -> bool:
+    """Whether an alternative of several parameters contains a trace to 0.9."""
+    wide = column[:, None] if column.ndim == 1 else column
+    off = wide - basis @ (basis.T @ wide)
+    q, r = np.linalg.qr(off)
+    kept = np.abs(np.diag(r)) > 1e-9 * np.abs(r).max()
+    return bool(np.linalg.norm(q[:, kept].T @ trace) > 0.9)
+
+
+DIPOLE = np.array([-10.0, -10, 5, 1, 1, 0, 10, 20, 10])
+
+
+def dipole(state: np.ndarray = DIPOLE, sigma: float = 3e-10) -> DipoleModel:
+    """Return a pass of known height as a model."""
+    times = np.arange(0.0, 20.0, 0.5)
+    weights = np.full((times.size, 1, 3), 1 / sigma)
+    known = {"z0": float(state[2]), "vz": float(state[5])}
+    return DipoleModel(times, np.zeros((1, 3)), weights, state, known, {})
+
+
+@dataclass
+class Plane:
+    """Measurements of a place in the plane: ranges, time differences or cone angles."""
+
+    kind: str
+    places: np.ndarray
+    sigma: float
+    names: tuple[str, ...] = ("east", "north")
+    units: tuple[str, ...] = ("m", "m")
+
+    def h(self, x: np.ndarray) -> np.ndarray:
+        """Return the exact measurements."""
+        offset = np.asarray(x) - self.places
+        distance = np.linalg.norm(offset, axis=1)
+        if self.kind == "ranges":
+            return distance
+        if self.kind == "time differences":
+            return distance[1:] - distance[0]
+        return offset[:, 0] / np.maximum(distance, 1e-9)
+
+    def residuals(self, x: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """Return what is left, whitened."""
+        return (z - self.h(x)) / self.sigma
+
+    def rows(self, x: np.ndarray) -> np.ndarray:
+        """Return the derivatives, whitened."""
+        offset = np.asarray(x) - self.places
+        distance = np.maximum(np.linalg.norm(offset, axis=1), 1e-9)[:, None]
+        unit = offset / distance
+        if self.kind == "ranges":
+            return unit / self.sigma
+        if self.kind == "time differences":
+            return (unit[1:] - unit[0]) / self.sigma
+        axis = np.array([1.0, 0.0])
+        return (axis - unit[:, :1] * unit) / distance / self.sigma
+
+
+def recall(proofs: bool) -> Iterator[Line]:
+    """Searches find what an exhaustive one finds."""
+    each = 250 if proofs else 12
+    many = 600 if proofs else 300
+    total_places, total_seen = 0, 0
+    for kind in ("ranges", "time differences", "cone angles", "dipole"):
+        rng = np.random.default_rng(3)
+        places_of, seen_of = 0, 0
+        for trial in range(each):
+            if kind == "dipole":
+                state = np.concatenate(
+                    [rng.normal(size=3) * 10, rng.normal(size=3), rng.normal(size=3) * 30]
+                )
+                times = np.arange(21.0)
+                weights = np.full((times.size, 1, 3), 1e9)
+                speed = {"speed": float(np.linalg.norm(state[3:6]))}
+                model = DipoleModel(times, np.zeros((1, 3)), weights, state, speed, {})
+                x = model.coordinates(state)
+                names = model.names
+                width = {"v": np.pi, "m": 60.0}
+                ends = [
+                    (-30.0, 30.0) if name.endswith("0") else (-width[name[0]], width[name[0]])
+                    for name in names
+                ]
+            else:
+                count = {"ranges": 3, "time differences": 4, "cone angles": 4}[kind]
+                model = Plane(kind, rng.uniform(-100, 100, (count, 2)), 1.0)
+                if kind == "cone angles":
+                    model.sigma = 0.02
+                x = rng.uniform(-150, 150, 2)
+                ends = [(-200.0, 200.0)] * 2
+            handle = gm.estimate.__globals__["handle_of"](model, model.h(x))
+            low, high = (list(e) for e in zip(*ends, strict=True))
+            found, seen = handle.recall(x, ("box", low, high), 64, trial, many, 50.0)
+            places_of, seen_of = places_of + found, seen_of + seen
+        share = seen_of / max(places_of, 1)
+        total_places, total_seen = total_places + places_of, total_seen + seen_of
+        yield Line(
+            f"others, {kind}, {each} scenes",
+            ">= 99 % of the other minima",
+            f"{100 * share:.2f} % of {places_of}",
+            None,
+        )
+    share = total_seen / max(total_places, 1)
+    yield Line(
+        f"others, all {4 * each} scenes",
+        ">= 99 % of the other minima",
+        f"{100 * share:.2f} % of {total_places}",
+        bool(share >= 0.99),
+    )
+
+
+def cost(proofs: bool) -> Iterator[Line]:
+    """Compare an interval, and a search, with one solve of the same model."""
+    rounds = 40 if proofs else 10
+    prior = {"x": (4e3, 4e3), "y": (6e3, 4e3), "vx": (0.0, 5.0), "vy": (0.0, 5.0)}
+    for name, (model, truth) in scenes().items():
+        ratios = []
+        names = tuple(model.names)
+        spread = ("normal", [prior[n][0] for n in names], [prior[n][1] for n in names])
+        for seed in range(rounds):
+            z = model.h(truth) + model.sigma * np.random.default_rng(seed).normal(
+                size=len(model.times)
+            )
+            handle = model.handle(z)
+            best = handle.minimize(model.starts(z), ("squares", 0.0), 200)[0]["x"]
+            near = truth[None]
+            solve = timed(lambda h=handle, n=near: h.minimize(n, ("squares", 0.0), 200))
+            none = np.zeros((0, len(names)))
+            ends = ([0, 1], [float(v) for v in model.observer[0]])
+            one = timed(lambda h=handle, b=best, e=ends, o=none: h.interval(b, o, e, 3.841459))
+            many = timed(lambda h=handle, b=best, s=spread: h.others(b, s, 64, 0))
+            ratios.append((one / solve, many / solve))
+        interval, others = np.median(np.array(ratios), axis=0)
+        yield Line(
+            f"cost, {name}",
+            "interval <= 60, others(64) <= 100",
+            f"{interval:.0f}, {others:.0f} solves",
+            bool(interval <= 60 and others <= 100),
+        )
+
+
+def timed(call: Callable[[], object]) -> float:
+    """Return the least of three times, seconds."""
+    best = np.inf
+    for _ in range(3):
+        start = time.perf_counter()
+        call()
+        best = min(best, time.perf_counter() - start)
+    return best
+
+
+PARTS = {"coverage": coverage, "power": power, "recall": recall, "cost": cost}
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--proofs", action="store_true", help="the sizes of the claims")
+    parser.add_argument("--only", choices=tuple(PARTS))
+    given = parser.parse_args()
+    for name, part in PARTS.items():
+        if given.only in (None, name):
+            for line in part(given.proofs):
+                print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main()
