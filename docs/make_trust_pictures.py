@@ -21,7 +21,7 @@ def main() -> None:
         exec(block, scope)
     misfit(scope["answer"], scope["better"]).savefig(IMAGES / "trust_misfit.png")
     others(scope["beacons"], scope["others"]).savefig(IMAGES / "trust_others.png")
-    estimate(scope["far"], ("x", "y")).savefig(IMAGES / "trust_region.png")
+    estimate(scope["far"], ("x0", "y0")).savefig(IMAGES / "trust_region.png")
     noise = scope["noise"][::5]
     rmse = [error(scope["Ring"](sigma)) for sigma in noise]
     fig = threshold(scope["found"])

@@ -44,7 +44,6 @@ def covered(answer):
     [
         ("acceleration 0.01", None, 0),
         ("acceleration 0.03", None, TRIALS),
-        ("second dipole", None, 8),
         ("10 nT left in", None, TRIALS),
         ("dead x", "fit", TRIALS),
         ("dead y", "fit", TRIALS),
@@ -78,8 +77,13 @@ def test_a_dead_channel_is_named():
     assert told.fit.faults == ("channel z is a copy of channel x",)
 
 
+def test_a_second_dipole_is_mostly_a_misfit():
+    found = [localize(TIMES, record("second dipole", k), KNOWN, sigma=SIGMA) for k in range(10)]
+    assert sum(answer.status == "misfit" for answer in found) >= 6
+
+
 def test_honest_passes_are_determined():
-    found = [localize(TIMES, record("honest", seed), KNOWN, sigma=SIGMA) for seed in range(40)]
+    found = [localize(TIMES, record("honest", seed), KNOWN, sigma=SIGMA) for seed in range(20)]
     assert all(answer.status == "determined" for answer in found)
     # The lag test, of neighbours of one channel, has its level.
     late = np.array([answer.fit.lag1[3] for answer in found])

@@ -165,13 +165,17 @@ def test_the_threshold_is_where_the_bounds_part():
     assert (ratio[noise > 1.1 * found.factor[0]] > 2).all()
 
 
-def test_a_target_that_turns_is_a_misfit_and_the_turn_is_named():
+def turning():
+    """Return noisy bearings of a target that turns at 292.5 s."""
     truth = np.array([1500.0, 2500.0, 3.0, -1.0])
     place = truth[:2] + TIMES[:, None] * truth[2:]
     place += np.maximum(TIMES - 292.5, 0)[:, None] * [-4.0, 3.0]
     off = place - PATH
-    seen = np.arctan2(off[:, 0], off[:, 1]) + 0.0035 * np.random.default_rng(1).normal(size=40)
-    answer = gm.bearings.estimate(TIMES, seen, PATH, 0.0035)
+    return np.arctan2(off[:, 0], off[:, 1]) + 0.0035 * np.random.default_rng(1).normal(size=40)
+
+
+def test_a_target_that_turns_is_a_misfit_and_the_turn_is_named():
+    answer = gm.bearings.estimate(TIMES, turning(), PATH, 0.0035)
     assert answer.status == "misfit"
     assert answer.fit.p_value < 1e-6
     assert answer.fit.lag1[3] < 1e-3
@@ -295,17 +299,13 @@ def test_a_missed_minimum_is_found():
 
 
 def test_the_best_alternative_can_be_refitted():
-    truth = np.array([1500.0, 2500.0, 3.0, -1.0])
-    model = gm.bearings.BearingsModel(TIMES, PATH, np.array([0.0035]))
-    noise = 0.0035 * np.random.default_rng(3).normal(size=40)
-    answer = gm.estimate(model, model.h(truth) + 0.03 + noise)
-    assert answer.status == "misfit"
-    better = answer.refit("bias")
-    assert better.names[-1] == "bias"
-    # In the units of its column, the whitened derivative: radians.
-    assert better["bias"] == pytest.approx(0.03, abs=4 * better.std[-1])
-    assert better.fit.chi2 < answer.fit.chi2 - 20
-    assert better.fit.dof == answer.fit.dof - 1
+    answer = gm.bearings.estimate(TIMES, turning(), PATH, 0.0035)
+    better = answer.refit()
+    name = answer.fit.alternatives[0].name
+    assert better.names[-2:] == (f"{name} 1", f"{name} 2")
+    # The columns at the wrong state are not those at the right one: most of it, not all.
+    assert better.fit.chi2 < 0.5 * answer.fit.chi2
+    assert better.fit.dof == answer.fit.dof - 2
     with pytest.raises(gm.InputError, match="no alternative 'ghost': there are bias"):
         answer.refit("ghost")
 
@@ -354,19 +354,19 @@ def test_a_shift_at_a_noncentrality_of_25_is_named():
     rows = model.rows(truth)
     basis = np.linalg.qr(rows / np.linalg.norm(rows, axis=0))[0]
     trace = np.linalg.norm(column - basis @ (basis.T @ column))
-    found = gm.estimate_trials(model, truth, seed=5, trials=100, shift=5 / trace * column)
+    found = gm.estimate_trials(model, truth, seed=5, trials=60, shift=5 / trace * column)
     assert (found.alternatives["bias"] < 0.001).mean() > 0.8
 
 
 def test_a_search_recalls_what_an_exhaustive_one_finds():
     rng = np.random.default_rng(3)
     count = seen = 0
-    for trial in range(20):
+    for trial in range(8):
         model = Beacons(rng.uniform(-100, 100, (3, 2)), 1.0)
         handle = handle_of(model, model.h(x := rng.uniform(-150, 150, 2)))
         found = handle.recall(x, ("box", [-200.0] * 2, [200.0] * 2), 64, trial, 150, 50.0)
         count, seen = count + found[0], seen + found[1]
-    assert count > 3
+    assert count > 1
     assert seen == count
 
 
@@ -376,5 +376,5 @@ def test_pictures_are_drawn():
     labels = [text.get_text() for text in fig.axes[1].get_legend().get_texts()]
     assert "95 % region" in labels
     assert "local ellipse" in labels
-    easy = recorded("easy").plot(("x", "y"))
+    easy = recorded("easy").plot(("x0", "y0"))
     assert "local ellipse" not in [t.get_text() for t in easy.axes[1].get_legend().get_texts()]
