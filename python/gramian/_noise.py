@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gramian._arrays import as_float_array
+from gramian import _options as options
+from gramian._arrays import as_float_array, finite
 from gramian._text import brief
 from gramian._units import bare
 from gramian._values import Value
 from gramian.exceptions import InputError
 
-__all__ = ["Noise", "as_noise", "prior_sigma"]
+__all__ = ["Knowledge", "Noise", "as_knowledge", "as_mean_and_sigma", "as_noise"]
 
 Array = NDArray[np.float64]
 
@@ -63,6 +64,18 @@ class Noise(Value):
             return normals * self.spread
         noise: Array = normals @ self.spread.T
         return noise
+
+    def keep(self, kept: NDArray[np.bool_]) -> Noise:
+        """Return the noise of some of the measurements, a mask (m,)."""
+        if kept.all():
+            return self
+        if self.root.ndim == 1:
+            exact = np.eye(len(kept))[self.sigma == 0][:, kept]
+            return Noise(
+                self.root[kept], exact[exact.any(axis=1)], self.spread[kept], self.sigma[kept]
+            )
+        spread = self.spread[kept]
+        return _covariance(spread @ spread.T)
 
     @property
     def draws(self) -> int:
@@ -162,35 +175,162 @@ def _covariance(covariance: Array) -> Noise:
     return Noise(root, exact, spread, sizes)
 
 
-def prior_sigma(value: object, name: str) -> float:
-    """Return the deviation of a prior given as sigma or (mean, sigma): 0 exact, inf none."""
-    pair = as_float_array(value, f"prior of {name}")  # type: ignore[arg-type]
-    if pair.shape not in {(), (2,)}:
-        raise InputError(f"prior of {name} = {value}: must be a sigma, or (mean, sigma)")
-    sigma = float(pair if pair.ndim == 0 else pair[1])
-    if not sigma >= 0:
-        raise InputError(f"prior of {name} = {sigma}: must be >= 0 (0: exact, inf: none)")
-    return sigma
+@dataclass(frozen=True, eq=False)
+class Knowledge(Value):
+    """What is known of the states beforehand: combinations of them, each independent.
+
+    Attributes
+    ----------
+    names : tuple of str or None, length q
+        The state or named combination that each is; None for one of a covariance.
+    rows : ndarray, shape (q, n)
+        Coefficients.
+    mean : ndarray, shape (q,)
+        NaN where none was given.
+    sigma : ndarray, shape (q,)
+        Standard deviations; 0 for what is known exactly.
+    state_mean, state_sigma : ndarray, shape (n,)
+        Of each state by itself, combinations left out; `inf` where nothing is known.
+    """
+
+    names: tuple[str | None, ...]
+    rows: Array
+    mean: Array
+    sigma: Array
+    state_mean: Array
+    state_sigma: Array
+
+    @property
+    def whitened(self) -> Array:
+        """Rows (..., n) of what is known, but not exactly."""
+        some = self.sigma > 0
+        rows: Array = self.rows[some] / self.sigma[some, None]
+        return rows
+
+    @property
+    def exact(self) -> Array:
+        """Combinations (..., n) that are known exactly."""
+        rows: Array = self.rows[self.sigma == 0]
+        return rows
 
 
-def prior_rows(prior: Mapping[str, object] | ArrayLike, n: int) -> tuple[Array, Array]:
-    """Return what a prior of unnamed states adds: whitened rows and exact rows (q, n).
+def as_knowledge(
+    prior: object,
+    names: Sequence[str],
+    combinations: Mapping[str, Array] | None = None,
+    *,
+    label: str = "prior",
+) -> Knowledge:
+    """Return prior knowledge of any form.
 
     Parameters
     ----------
-    prior : array_like, shape (n,) or (n, n)
-        Deviations (0: exact, `inf`: none), or a covariance.
-    n : int
+    prior : None, mapping of str to float or (mean, sigma), array_like or (mean, covariance)
+        By name: a standard deviation, or a mean and one. For all states: deviations (n,),
+        a covariance (n, n), or a tuple of means (n,) and a covariance (n, n). A deviation
+        of 0 is exact knowledge, `inf` is none; a covariance may be singular.
+    names : sequence of str, length n
+    combinations : mapping of str to ndarray, shape (n,), optional
+        What else has a name.
+    label : str
+        What the argument is called.
+
+    Raises
+    ------
+    InputError
+        A form, shape, name or number that does not fit.
     """
+    n = len(names)
+    if prior is None:
+        prior = {}
     if isinstance(prior, Mapping):
-        raise InputError("prior of plain rows: must be one deviation for each state, as an array")
-    sigma = as_float_array(prior, "prior")
+        return _named(prior, names, combinations or {}, label)
+    mean = np.full(n, np.nan)
+    if isinstance(prior, tuple) and len(prior) == 2 and np.ndim(prior[1]) == 2:
+        mean, prior = finite(prior[0], f"{label} mean"), prior[1]
+        if mean.shape != (n,):
+            raise InputError(f"{label} mean has shape {mean.shape}: must be ({n},)")
+    sigma = as_float_array(prior, label)  # type: ignore[arg-type]
     if sigma.shape not in {(n,), (n, n)}:
-        raise InputError(f"prior has shape {sigma.shape}: must be ({n},) or ({n}, {n})")
-    if sigma.ndim == 1 and (bad := np.flatnonzero(~(sigma >= 0))).size:
-        raise InputError(f"prior[{bad[0]}] = {sigma[bad[0]]}: must be >= 0, or inf for none")
+        raise InputError(f"{label} has shape {sigma.shape}: must be ({n},) or ({n}, {n})")
+    if sigma.ndim == 1:
+        if (bad := np.flatnonzero(~(sigma >= 0))).size:
+            raise InputError(
+                f"{label}[{bad[0]}] = {sigma[bad[0]]}: must be >= 0 (0: exact, inf: none)"
+            )
+        known = np.flatnonzero(np.isfinite(sigma)).tolist()
+        some = tuple(names[i] for i in known)
+        return Knowledge(some, np.eye(n)[known], mean[known], sigma[known], mean, sigma)
     try:
         noise = as_noise(sigma, n)
     except InputError as error:
-        raise InputError(str(error).replace("sigma", "prior", 1)) from error
-    return noise.whiten(np.eye(n)), noise.exact
+        raise InputError(str(error).replace("sigma", label, 1)) from error
+    rows = np.vstack([noise.whiten(np.eye(n)), noise.exact])
+    deviations = np.repeat([1.0, 0.0], [len(rows) - len(noise.exact), len(noise.exact)])
+    return Knowledge((None,) * len(rows), rows, rows @ mean, deviations, mean, noise.sigma)
+
+
+def _named(
+    prior: Mapping[str, object],
+    names: Sequence[str],
+    combinations: Mapping[str, Array],
+    label: str,
+) -> Knowledge:
+    given, means, sigmas, rows = [], [], [], []
+    state_mean, state_sigma = np.full(len(names), np.nan), np.full(len(names), np.inf)
+    position = {name: i for i, name in enumerate(names)}
+    for name, value in options.mapping(prior, label, "name to sigma or (mean, sigma)").items():
+        if name in combinations:
+            row = combinations[name]
+        elif name in position:
+            row = np.zeros(len(names))
+            row[position[name]] = 1.0
+        else:
+            what = "state or combination" if combinations else "state"
+            raise InputError(
+                f"{label} of {name!r}: no {what} has that name; there are "
+                f"{', '.join((*names, *combinations))}"
+            )
+        mean, sigma = as_mean_and_sigma(value, f"{label} of {name}")
+        if sigma < np.inf:
+            given.append(name)
+            rows.append(row)
+            means.append(mean)
+            sigmas.append(sigma)
+            if name in position:
+                state_mean[position[name]], state_sigma[position[name]] = mean, sigma
+    stacked = np.array(rows) if rows else np.zeros((0, len(names)))
+    return Knowledge(
+        tuple(given),
+        stacked,
+        np.array(means, float),
+        np.array(sigmas, float),
+        state_mean,
+        state_sigma,
+    )
+
+
+def as_mean_and_sigma(value: object, label: str) -> tuple[float, float]:
+    """Return the mean, NaN where none is given, and deviation: 0 exact, inf none."""
+    pair = as_float_array(value, label)  # type: ignore[arg-type]
+    if pair.shape not in {(), (2,)}:
+        raise InputError(f"{label} = {options.given(value)}: must be a sigma, or (mean, sigma)")
+    mean, sigma = (np.nan, float(pair)) if pair.ndim == 0 else (float(pair[0]), float(pair[1]))
+    if not sigma >= 0:
+        raise InputError(f"{label} = {sigma}: must be >= 0 (0: exact, inf: none)")
+    if pair.ndim and not np.isfinite(mean):
+        raise InputError(f"{label}: its mean is {mean}: must be finite")
+    return mean, sigma
+
+
+def negligible(rows: Array, combinations: Array) -> Array:
+    """Return deviations of combinations (q, n) far below what rows (K, n) tell of them.
+
+    For a kernel that takes exact knowledge as a measurement: no digit of the result is
+    lost, and the combination is off by less than a millionth of its bound.
+    """
+    lengths = np.linalg.norm(rows, axis=0)
+    with np.errstate(divide="ignore"):
+        relative = np.where(combinations != 0, lengths / np.abs(combinations), 0.0)
+    most = relative.max(axis=1, initial=0.0)
+    return 1e-6 / np.where(most > 0, most, 1.0)

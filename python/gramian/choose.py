@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from gramian import _core
 from gramian._answers import Answer, Columns
 from gramian._arrays import finite, whole
+from gramian._noise import negligible
 from gramian._text import brief, count
 from gramian.exceptions import InputError
 from gramian.problem import Problem, is_sparse
@@ -259,7 +260,12 @@ def _dense(
             )
     if problem is None or not is_sparse(problem.rows):
         names = problem.names if problem is not None else [f"x{j}" for j in range(n)]
-        base = problem.all_rows if problem is not None else np.zeros((0, n))
+        base = np.zeros((0, n)) if problem is None else problem.all_rows
+        if problem is not None and len(exact := problem.constraints):
+            # The choice squares its rows: as exact as leaves that its digits.
+            dense = [a.toarray() if is_sparse(a) else a for a in arrays.values()]
+            sigma = 30 * negligible(np.vstack([base, *dense]), exact)
+            base = np.vstack([base, exact / sigma[:, None]])
         scale = problem.scale if problem is not None else np.full(n, np.nan)
         groups = [a.toarray() if is_sparse(a) else a for a in arrays.values()]
         return names, base, groups, scale

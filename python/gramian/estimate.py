@@ -19,6 +19,7 @@ from gramian import _core
 from gramian._answers import Answer, Columns, columns_of_states
 from gramian._arrays import SEED_MOST, finite, whole
 from gramian._handle import EstimationModel, handle_of
+from gramian._noise import Knowledge, as_knowledge, negligible
 from gramian._registry import draw
 from gramian._text import brief, describe_combination, describe_direction
 from gramian._text import number as readable
@@ -356,7 +357,8 @@ class Estimate(Answer):
         "unobservable".
     converged : bool
     iterations : int
-    prior : mapping of str to (mean, sigma)
+    prior : mapping, array_like or tuple, or None
+        As given to `estimate`.
     known : mapping of str to float
     others : tuple of Solution
         Other states that fit, the likeliest first.
@@ -374,7 +376,7 @@ class Estimate(Answer):
     state: Array
     converged: bool
     iterations: int
-    prior: Mapping[str, tuple[float, float]]
+    prior: Any
     known: Mapping[str, float]
     others: tuple[Solution, ...]
     unseen: float
@@ -382,6 +384,7 @@ class Estimate(Answer):
     chance: float
     weak_ratio: float
     _loss: tuple[str, float] = ("squares", 0.0)
+    _prior: Knowledge | None = None
 
     _more_in_dict: ClassVar[tuple[str, ...]] = ("status", "reason", "std", "covariance", "fit")
     _not_in_dict = frozenset({"model"})
@@ -390,7 +393,10 @@ class Estimate(Answer):
 
     @cached_property
     def _handle(self) -> _core.Model:
-        return _informed(self.model, self.measurements, self.prior, self.known)
+        before = self._prior
+        if before is None:
+            before, _ = _knowledge(self.model, self.prior or None, {})
+        return informed(self.model, self.measurements, before, self.known)
 
     @cached_property
     def _analysis(self) -> _core.Analysis:
@@ -803,7 +809,7 @@ def estimate(
     measurements: ArrayLike,
     *,
     start: ArrayLike | None = None,
-    prior: Mapping[str, tuple[float, float]] | None = None,
+    prior: Mapping[str, Any] | ArrayLike | tuple[ArrayLike, ArrayLike] | None = None,
     known: Mapping[str, float] | None = None,
     box: Mapping[str, tuple[float, float]] | None = None,
     starts: int = 32,
@@ -824,8 +830,10 @@ def estimate(
     measurements : array_like, shape (m,)
     start : array_like, shape (n,) or (k, n), optional
         Where to start; by default where the model says, or points of prior and box.
-    prior : mapping of str to (mean, sigma), optional
-        What is known of states beforehand.
+    prior : mapping of str to (mean, sigma), array_like or (mean, covariance), optional
+        What is known beforehand of states, and of named combinations of a model that has
+        them. A deviation alone, by name or one for each state (n,), and a covariance
+        (n, n) alone are about the model's `x`. 0 is exact knowledge, `inf` none.
     known : mapping of str to float, optional
         States that are known exactly.
     box : mapping of str to (low, high), optional
@@ -861,12 +869,13 @@ def estimate(
     Damped Gauss-Newton steps on orthogonally reduced rows. Where a search finds a state
     that fits better than where the starts ended, that is the answer.
     """
-    z = finite(measurements, "measurements")
-    prior, known, box = dict(prior or {}), dict(known or {}), dict(box or {})
-    for given, what in ((prior, "prior"), (known, "known"), (box, "box")):
+    z = _measured(model, measurements)
+    known, box = dict(known or {}), dict(box or {})
+    for given, what in ((known, "known"), (box, "box")):
         for name in given:
             if name not in model.names:
                 raise InputError(f"{what} of {name!r}: the states are {', '.join(model.names)}")
+    before, known = _knowledge(model, prior, known)
     free = [k for k, name in enumerate(model.names) if name not in known]
     names = tuple(model.names[k] for k in free)
     if not names:
@@ -877,12 +886,14 @@ def estimate(
     starts = whole(starts, "starts", 0, 2**31)
     seed = whole(seed, "seed", 0, SEED_MOST)
     max_iterations = whole(max_iterations, "max_iterations", 1, 2**31)
-    handle = _informed(model, z, prior, known)
-    spread = _spread(names, prior, box)
-    first = _starts(model, z, start, free, spread, prior, names)
+    handle = informed(model, z, before, known)
+    spread = _spread(names, before, box, tuple(model.names))
+    first = _starts(model, z, start, free, spread, before, names)
     weighting = (loss, _LOSSES[loss])
     found = handle.minimize(first, weighting, max_iterations)
     if not found:
+        # With the reason, where there is one.
+        handle.linearize(first[0])
         raise InputError("the model has no value at any of the starts")
     best = found[0]
     others: tuple[Solution, ...] = ()
@@ -908,6 +919,7 @@ def estimate(
         chance=chance,
         weak_ratio=weak_ratio,
         _loss=weighting,
+        _prior=before,
     )
 
 
@@ -1145,7 +1157,7 @@ def other_solutions(
     model: EstimationModel,
     x: ArrayLike,
     *,
-    prior: Mapping[str, tuple[float, float]] | None = None,
+    prior: Mapping[str, Any] | ArrayLike | tuple[ArrayLike, ArrayLike] | None = None,
     box: Mapping[str, tuple[float, float]] | None = None,
     starts: int = 64,
     seed: int = 0,
@@ -1173,8 +1185,9 @@ def other_solutions(
     names = tuple(model.names)
     if state.shape != (len(names),):
         raise InputError(f"x has shape {state.shape}: must be ({len(names)},)")
-    spread = _spread(names, dict(prior or {}), dict(box or {}))
-    handle = _informed(model, model.h(state), {}, {})
+    before, _ = _knowledge(model, prior, {})
+    spread = _spread(names, before, dict(box or {}), names)
+    handle = informed(model, model.h(state), None, {})
     starts, seed = whole(starts, "starts", 0, 2**31), whole(seed, "seed", 0, SEED_MOST)
     found = handle.others(state, spread, starts, seed)
     return tuple(_solution(other) for other in found["others"])
@@ -1186,29 +1199,64 @@ def _solution(record: Mapping[str, Any]) -> Solution:
     )
 
 
-def _informed(
-    model: Any,
-    z: Array,
-    prior: Mapping[str, tuple[float, float]],
-    known: Mapping[str, float],
+def _measured(model: Any, measurements: ArrayLike) -> Array:
+    """Return measurements as the model takes them: of some, NaN is one that is missing."""
+    checked = getattr(model, "measured", None)
+    if checked is not None:
+        own: Array = checked(measurements)
+        return own
+    return finite(measurements, "measurements")
+
+
+def _knowledge(
+    model: Any, prior: Any, known: Mapping[str, float]
+) -> tuple[Knowledge, dict[str, float]]:
+    """Return the priors with their means, and what is known exactly, by name.
+
+    The mean of a deviation without one is where the model is asked, its `x`.
+    """
+    names = tuple(model.names)
+    combinations = getattr(model, "combinations", {})
+    found = as_knowledge(prior, names, combinations)
+    mean, at = found.mean.copy(), getattr(model, "x", None)
+    if (lacking := np.isnan(mean)).any():
+        if at is None:
+            name = found.names[int(np.argmax(lacking))]
+            what = f"prior of {name}" if name is not None else "prior"
+            raise InputError(f"{what} has no mean, and the model no x: must be (mean, sigma)")
+        mean[lacking] = found.rows[lacking] @ np.asarray(at, dtype=float)
+    values = dict(known)
+    open_ones = []
+    for k, name in enumerate(found.names):
+        if found.sigma[k] == 0 and name in names:
+            values[str(name)] = float(mean[k])
+        else:
+            open_ones.append(k)
+    centre = found.state_mean
+    if at is not None:
+        centre = np.where(np.isnan(centre), np.asarray(at, dtype=float), centre)
+    left = Knowledge(
+        tuple(found.names[k] for k in open_ones),
+        found.rows[open_ones],
+        mean[open_ones],
+        found.sigma[open_ones],
+        centre,
+        found.state_sigma,
+    )
+    return left, values
+
+
+def informed(
+    model: Any, z: Array, prior: Knowledge | None, known: Mapping[str, float]
 ) -> _core.Model:
-    """Return the extension's model of these measurements, with what is known beside them."""
+    """Return the extension's model of measurements, with what is known beside them."""
     handle = handle_of(model, z)
-    if prior:
-        mean, sigma = np.zeros(len(model.names)), np.full(len(model.names), np.inf)
-        for name, given in prior.items():
-            try:
-                value, deviation = (float(number) for number in given)
-            except (TypeError, ValueError):
-                raise InputError(f"prior of {name} = {given!r}: must be (mean, sigma)") from None
-            if not (np.isfinite(value) and 0 < deviation < np.inf):
-                raise InputError(
-                    f"prior of {name} = ({value}, {deviation}): the mean must be finite, "
-                    "sigma > 0 and finite"
-                )
-            index = tuple(model.names).index(name)
-            mean[index], sigma[index] = value, deviation
-        handle = handle.with_prior(mean, sigma)
+    if prior is not None and len(prior.rows):
+        sigma = prior.sigma
+        if (exact := sigma == 0).any():
+            # As exact as rows of the measurements and arithmetic let it be.
+            sigma = np.where(exact, _negligible(model, prior.rows), sigma)
+        handle = handle.with_prior(prior.rows, prior.mean, sigma)
     if known:
         for name, value in known.items():
             if not np.isfinite(value):
@@ -1217,27 +1265,45 @@ def _informed(
     return handle
 
 
+def _negligible(model: Any, rows: Array) -> Array:
+    """Return deviations of combinations (q, n) far below what the measurements tell."""
+    at = getattr(model, "x", None)
+    if at is None:
+        raise InputError("prior of sigma 0 of a combination: the model needs an x for its size")
+    return negligible(np.asarray(model.rows(at)), rows)
+
+
 def _spread(
     names: tuple[str, ...],
-    prior: Mapping[str, tuple[float, float]],
+    prior: Knowledge,
     box: Mapping[str, tuple[float, float]],
+    states: tuple[str, ...],
 ) -> tuple[str, list[float], list[float]] | None:
     """Return where the states may be; None where one of them may be anywhere."""
     for name, (low, high) in box.items():
         if not (np.isfinite(low) and np.isfinite(high) and low < high):
             raise InputError(f"box of {name} = ({low}, {high}): must be two finite ends, ascending")
-    if any(name not in prior and name not in box for name in names):
+    known = _prior_of_states(prior, names, states)
+    if any(name not in known and name not in box for name in names):
         return None
     if not any(name in box for name in names):
-        pairs = [prior[name] for name in names]
+        pairs = [known[name] for name in names]
         return "normal", [float(p[0]) for p in pairs], [float(p[1]) for p in pairs]
     ends = [
         box[name]
         if name in box
-        else (prior[name][0] - 4 * prior[name][1], prior[name][0] + 4 * prior[name][1])
+        else (known[name][0] - 4 * known[name][1], known[name][0] + 4 * known[name][1])
         for name in names
     ]
     return "box", [float(end[0]) for end in ends], [float(end[1]) for end in ends]
+
+
+def _prior_of_states(
+    prior: Knowledge, names: tuple[str, ...], states: tuple[str, ...]
+) -> dict[str, tuple[float, float]]:
+    """Return mean and deviation of each state of which a prior says something."""
+    pairs = zip(states, prior.state_mean.tolist(), prior.state_sigma.tolist(), strict=True)
+    return {name: (m, s) for name, m, s in pairs if name in names and 0 < s < np.inf}
 
 
 def _starts(
@@ -1246,7 +1312,7 @@ def _starts(
     start: ArrayLike | None,
     free: list[int],
     spread: tuple[str, list[float], list[float]] | None,
-    prior: Mapping[str, tuple[float, float]],
+    prior: Knowledge,
     names: tuple[str, ...],
 ) -> Array:
     n = len(model.names)
@@ -1268,7 +1334,8 @@ def _starts(
         # And a step off it along each state: the middle itself may be a singular place.
         steps = np.diag(second if normal else 0.25 * (second - first))
         return np.vstack([middle, middle + steps, middle - steps])
-    missing = [name for name in names if name not in prior]
+    known = _prior_of_states(prior, names, tuple(model.names))
+    missing = [name for name in names if name not in known]
     raise InputError(
         f"nowhere to start: give start, or a prior or box for {', '.join(missing) or 'the states'}"
     )

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import as_float_array, finite, number, whole
-from gramian._noise import Noise, as_noise
+from gramian._arrays import SEED_MOST, as_float_array, finite, number, whole
+from gramian._noise import Noise, as_noise, negligible
 from gramian._values import Value
 from gramian.exceptions import InputError
 from gramian.problem import Accuracy, Array, Problem, ProblemSource, checked_names
@@ -64,6 +64,12 @@ class Model(ProblemSource, Value):
         """Number of states."""
         return len(self.names)
 
+    @property
+    def combinations(self) -> Mapping[str, Array]:
+        """Named combinations (n,) of the states."""
+        combinations: Mapping[str, Array] = self._options["combinations"]
+        return combinations
+
     def at(self, x: ArrayLike) -> Model:
         """Return the same model, asked at another state (n,)."""
         state = self._state(x)
@@ -88,11 +94,10 @@ class Model(ProblemSource, Value):
             Where h has no value or no derivative, or jumps.
         """
         state = self._state(x)
-        key = ("problem", state.tobytes())
-        if key not in self._kept:
-            self._kept.clear()
-            self._kept[key] = self._problem(state)
-        kept: Problem = self._kept[key]
+        key = state.tobytes()
+        if self._kept.get("key") != key:
+            self._kept.update({"key": key, "problem": self._problem(state)})
+        kept: Problem = self._kept["problem"]
         return kept
 
     def rows(self, x: ArrayLike | None = None) -> Array:
@@ -103,21 +108,57 @@ class Model(ProblemSource, Value):
         """Return the derivatives (m, n) of h at one state, without noise."""
         return self._derivatives(self._state(x))[0]
 
+    def measured(self, z: ArrayLike) -> Array:
+        """Return measurements (m,) as real numbers, both parts of complex ones stacked.
+
+        NaN marks a missing one.
+        """
+        given = np.asarray(z)
+        if self._options["memory"].get("complex") or np.iscomplexobj(given):
+            if np.iscomplexobj(given):
+                given = np.concatenate([given.real.ravel(), given.imag.ravel()])
+            self._prepare(given.size, is_complex=True)
+        measured = as_float_array(given, "measurements").ravel()
+        self._prepare(measured.size, is_complex=False)
+        if measured.shape != self._options["memory"]["shape"]:
+            raise InputError(
+                f"measurements has {measured.size} entries: must have "
+                f"{self._options['memory']['shape'][0]}, one for each of h(x)"
+            )
+        if (bad := np.flatnonzero(np.isinf(measured))).size:
+            raise InputError(
+                f"measurements[{bad[0]}] = {measured[bad[0]]}: must be finite, or NaN where missing"
+            )
+        return measured
+
     def residuals(self, x: ArrayLike, z: ArrayLike) -> Array:
         """Return the whitened residuals (K,) of measurements z (m,) at a state.
 
         Angles are unwrapped to the nearest turn; missing measurements (NaN, or of
-        infinite sigma) are left out or zero.
+        infinite sigma) are left out.
         """
-        exact = self._value(self._state(x))
-        given = np.asarray(z)
-        if np.iscomplexobj(given):
-            given = np.concatenate([given.real.ravel(), given.imag.ravel()])
-        measured = as_float_array(given, "z").ravel()
-        if measured.shape != exact.shape:
-            raise InputError(f"z has shape {np.shape(z)}: must be ({exact.size},)")
-        off = self.difference(measured, exact)
-        return self.noise.whiten(np.where(np.isnan(off), 0.0, off))
+        measured = self.measured(z)
+        kept = ~np.isnan(measured)
+        off = self.difference(measured, self._value(self._state(x)))
+        return self.noise.keep(kept).whiten(off[kept])
+
+    def handle(self, z: ArrayLike) -> _core.Model:
+        """Return the model with its measurements (m,) as the extension's estimators take it.
+
+        Exact measurements and the surface of `tangent` are kept to a millionth of what the
+        others tell of them.
+        """
+        measured = self.measured(z)
+        ties = _Ties(self, measured)
+        return _core.Model.from_functions(
+            self.n,
+            ties.noise.whiten(np.zeros(int(ties.kept.sum()))).size + ties.count,
+            ties.linearize,
+            ties.difference,
+            None,
+            ties.count,
+            ties.lengths,
+        )
 
     def difference(self, to: Array, start: Array) -> Array:
         """Return the difference of measurements (..., m), angles to the nearest turn."""
@@ -128,7 +169,11 @@ class Model(ProblemSource, Value):
         return off
 
     def simulate(
-        self, x: ArrayLike | None = None, seed: int = 0, trials: int | None = None
+        self,
+        x: ArrayLike | None = None,
+        seed: int = 0,
+        trials: int | None = None,
+        first: int = 0,
     ) -> Array:
         """Return measurements (m,), or (trials, m), with noise.
 
@@ -138,10 +183,13 @@ class Model(ProblemSource, Value):
             The truth; the model's own by default.
         seed : int
         trials : int, optional
+        first : int
+            The number of the first trial: trial i depends on (seed, i) alone.
         """
         exact, noise = self.h(x), self.noise
         count = 1 if trials is None else whole(trials, "trials", 1)
-        normals = _core.normals(whole(seed, "seed"), 0, count, noise.draws)
+        start = whole(first, "first")
+        normals = _core.normals(whole(seed, "seed", 0, SEED_MOST), start, count, noise.draws)
         drawn = exact + noise.sample(normals)
         return drawn if trials is not None else drawn[0]
 
@@ -189,23 +237,44 @@ class Model(ProblemSource, Value):
 
     def _value(self, state: Array) -> Array:
         """Return h(x), checked; what depends on its shape is read the first time."""
-        raw = np.asarray(self._h(state.copy()))
+        key = state.tobytes()
+        last = self._kept.get("value")
+        if last is not None and last[0] == key:
+            known: Array = last[1]
+            return known
+        if self._options["vectorized"]:
+            raw = np.asarray(self._h(state[None].copy()))
+            if raw.shape[:1] != (1,):
+                raise InputError(
+                    f"h has the shape {raw.shape} at points (1, {self.n}): "
+                    "a vectorized h must return one row for each point"
+                )
+            raw = raw[0]
+        else:
+            raw = np.asarray(self._h(state.copy()))
         memory = self._options["memory"]
         is_complex = np.iscomplexobj(raw) or bool(memory.get("complex"))
         flat = _stacked(raw, is_complex=is_complex)
-        if "shape" not in memory:
-            if flat.size == 0:
-                raise InputError("h(x) is empty: must return at least one measurement")
-            memory["noise"] = as_noise(self._sigma, flat.size, is_complex=is_complex)
-            memory["periods"] = self._read_periods(flat.size)
-            memory["complex"] = is_complex
-            memory["shape"] = flat.shape
+        if flat.size == 0:
+            raise InputError("h(x) is empty: must return at least one measurement")
+        self._prepare(flat.size, is_complex=is_complex)
         if flat.shape != memory["shape"]:
             raise InputError(
                 f"h(x) has {flat.size} measurements at x = {state}, "
                 f"and {memory['shape'][0]} elsewhere: must be as many at each state"
             )
-        return finite(flat, "h(x)")
+        value = finite(flat, "h(x)").copy()
+        self._kept["value"] = (key, value)
+        return value
+
+    def _prepare(self, count: int, *, is_complex: bool) -> None:
+        """Read, the first time, what depends on the number of measurements."""
+        memory = self._options["memory"]
+        if "shape" not in memory:
+            memory["noise"] = as_noise(self._sigma, count, is_complex=is_complex)
+            memory["periods"] = self._read_periods(count)
+            memory["complex"] = is_complex
+            memory["shape"] = (count,)
 
     def _read_periods(self, count: int) -> Array | None:
         angles, periods = self._options["angles"], self._options["periods"]
@@ -268,7 +337,7 @@ class Model(ProblemSource, Value):
                 self._batch,
                 state,
                 at,
-                self.scale,
+                self._reach(state),
                 weight,
                 np.zeros(at.size) if self.periods is None else self.periods,
                 self._spread(options["noise"], at.size, "noise"),
@@ -276,6 +345,8 @@ class Model(ProblemSource, Value):
                 self._pattern(at.size, state),
                 self.names,
             )
+            if self.x is not None and np.array_equal(state, self.x):
+                self._kept["step"] = found.step()
             how = {
                 "noise": found.noise(),
                 "step": found.step(),
@@ -291,23 +362,48 @@ class Model(ProblemSource, Value):
                 raw = np.asarray(given(x.copy()))
                 if np.iscomplexobj(raw) or self._kept_shape["complex"]:
                     raw = np.concatenate([raw.real, raw.imag])
-                return finite(raw, "jacobian(x)")
+                finite(raw, "jacobian(x)")
+                return raw if raw.dtype.kind == "f" else raw.astype(float)
 
             return self._measured(state, derivative, at)
         return self._measured(state, functools.partial(_automatic, self._h, method), at)
+
+    def _reach(self, state: Array) -> Array:
+        """Return where the search for steps starts: the scale, or what was right at `x`.
+
+        The size of a state that happens to be near zero says nothing.
+        """
+        if self.x is None or not np.isnan(self.scale).any():
+            return self.scale
+        at_home = np.array_equal(state, self.x)
+        if not at_home and "step" not in self._kept:
+            try:
+                self._derivatives(self.x)
+            except InputError:
+                self._kept["step"] = np.full(self.n, np.nan)
+        if at_home:
+            return self.scale
+        # The first step is a 64th of it.
+        reach: Array = np.where(np.isnan(self.scale), 64 * self._kept["step"], self.scale)
+        return reach
 
     def _measured(
         self, state: Array, derivative: Callable[[Array], Array], at: Array
     ) -> tuple[Array, Array | None, dict[str, Any]]:
         """Return derivatives, their error by rounding, after a check against differences."""
-        values = derivative(state)
+        raw = derivative(state)
+        # Of a Jacobian in single precision fewer digits are right.
+        precision = np.finfo(raw.dtype if raw.dtype.kind == "f" else float).eps
+        values = finite(raw, "the Jacobian")
         if values.shape != (at.size, self.n):
             hint = ": is it transposed?" if values.shape == (self.n, at.size) else ""
             raise InputError(
                 f"the Jacobian has shape {values.shape}: must be ({at.size}, {self.n}){hint}"
             )
         # What rounding inside leaves: second differences over a few units in the last place.
-        error = np.finfo(float).eps * np.abs(values)
+        error = precision * np.abs(values)
+        if precision > np.finfo(float).eps:
+            error = precision * np.maximum(np.abs(values), np.abs(values).max(axis=0))
         size = np.where(state == 0, np.where(np.isnan(self.scale), 1.0, self.scale), state)
         for signs in (1.0, np.where(np.arange(self.n) % 2, 1.0, -1.0)):
             step = 8 * np.spacing(np.abs(size)) * signs
@@ -452,12 +548,7 @@ class Model(ProblemSource, Value):
             groups=how["groups"],
         )
         problem = problem._replaced(accuracy=accuracy)
-        exact = noise.exact @ values
-        if error is not None and len(exact):
-            # Combinations of redundant measurements that no state moves say nothing.
-            size = np.abs(noise.exact) @ (np.abs(values) + 0.0)
-            allowed = np.abs(noise.exact) @ error + 1e-12 * size
-            exact = exact[(np.abs(exact) > 3 * allowed).any(axis=1)]
+        exact = noise.exact[_moved(noise.exact, values, error)] @ values
         if len(exact):
             problem = problem.constrain(exact)
         if options["tangent"] is not None:
@@ -469,10 +560,7 @@ class Model(ProblemSource, Value):
         tangent = self._options["tangent"]
         if callable(tangent):
             tangent = tangent(state.copy())
-        if isinstance(tangent, (list, tuple)) and any(
-            isinstance(part, (list, tuple)) and part and isinstance(part[0], str)
-            for part in tangent
-        ):
+        if _is_groups(tangent):
             # The states of each group keep the length of their vector.
             normals = np.zeros((len(tangent), self.n))
             for line, group in zip(normals, tangent, strict=True):
@@ -650,6 +738,112 @@ def from_function(
     return model
 
 
+def _moved(combinations: Array, values: Array, error: Array | None) -> NDArray[np.bool_]:
+    """Return which exact combinations (q, m) of measurements any state moves.
+
+    Of redundant measurements some are moved by none, and say nothing.
+    """
+    allowed = 1e-12 * (np.abs(combinations) @ np.abs(values))
+    if error is not None:
+        allowed = allowed + np.abs(combinations) @ error
+    above = np.abs(combinations @ values) > 3 * allowed
+    moved: NDArray[np.bool_] = np.any(above, axis=1)
+    return moved
+
+
+class _Ties:
+    """A model with its measurements: whitened residuals, and exact ones as heavy rows."""
+
+    def __init__(self, model: Model, measured: Array) -> None:
+        self.model, self.measured = model, measured
+        self.kept = ~np.isnan(measured)
+        self.noise = model.noise.keep(self.kept)
+        self.exact = self.noise.exact
+        self.groups: list[list[int]] = []
+        self.lengths: list[tuple[list[int], float]] = []
+        self.surface = np.zeros((0, model.n))
+        tangent = model._options["tangent"]
+        at = model.x
+        if not len(self.exact) and tangent is None:
+            self.count, self.sigma = 0, np.zeros(0)
+            return
+        if at is None:
+            raise InputError("exact measurements or tangent: the model needs an x")
+        self.at = at
+        values, error, _ = model._derivatives(at)
+        values, error = values[self.kept], None if error is None else error[self.kept]
+        moved = _moved(self.exact, values, error)
+        self._check_redundant(self.exact[~moved])
+        self.exact = self.exact[moved]
+        normals = np.zeros((0, model.n))
+        if tangent is not None:
+            if callable(tangent):
+                raise InputError(
+                    "tangent is a function: an estimate needs the surface itself; "
+                    "name the groups of states whose vector keeps its length"
+                )
+            normals = model._normals(at)
+            if _is_groups(tangent):
+                self.groups = [[model.names.index(name) for name in group] for group in tangent]
+                self.lengths = [(group, float(np.linalg.norm(at[group]))) for group in self.groups]
+            else:
+                self.surface = normals
+        self.count = len(self.exact) + len(normals)
+        self.sigma = negligible(
+            self.noise.whiten(values), np.vstack([self.exact @ values, normals])
+        )
+
+    def _check_redundant(self, combinations: Array) -> None:
+        sizes = np.abs(combinations) @ np.abs(self.measured[self.kept])
+        off = np.abs(combinations @ self.measured[self.kept])
+        if (bad := np.flatnonzero(off > 1e-9 * sizes)).size:
+            raise InputError(
+                f"measurements contradict sigma: a combination of them that has no noise and "
+                f"that no state moves is {off[bad[0]]:.3g}, and must be 0"
+            )
+
+    def difference(self, start: Array, to: Array) -> Array:
+        """Return h(to) - h(start), whitened."""
+        model = self.model
+        off = model.difference(model._value(to), model._value(start))[self.kept]
+        return np.concatenate(
+            [self.noise.whiten(off), (self._ties(off, to) - self._ties(0 * off, start))]
+        )
+
+    def _ties(self, off: Array, x: Array) -> Array:
+        lengths = [float(np.linalg.norm(x[group])) for group in self.groups]
+        return np.concatenate([self.exact @ off, lengths, self.surface @ x]) / self.sigma
+
+    def linearize(self, x: Array, with_rows: bool) -> tuple[Array, Array | None]:
+        """Return residuals and rows."""
+        model = self.model
+        off = model.difference(self.measured, model._value(x))[self.kept]
+        residuals = self.noise.whiten(off)
+        if self.count:
+            ties = self._ties(0 * off, self.at) - self._ties(-off, x)
+            residuals = np.concatenate([residuals, ties])
+        if not with_rows:
+            return residuals, None
+        values = model._derivatives(x)[0][self.kept]
+        rows = self.noise.whiten(values)
+        if self.count:
+            normals = self.surface
+            if self.groups:
+                normals = np.zeros((len(self.groups), model.n))
+                for line, group in zip(normals, self.groups, strict=True):
+                    line[group] = x[group] / np.linalg.norm(x[group])
+            heavy = np.vstack([self.exact @ values, normals]) / self.sigma[:, None]
+            rows = np.vstack([rows, heavy])
+        return residuals, rows
+
+
+def _is_groups(tangent: Any) -> bool:
+    """Say whether a tangent is given as groups of states whose vector keeps its length."""
+    return isinstance(tangent, (list, tuple)) and any(
+        isinstance(part, (list, tuple)) and part and isinstance(part[0], str) for part in tangent
+    )
+
+
 def _stacked(values: NDArray[Any], *, is_complex: bool) -> Array:
     """Return measurements as one vector of real numbers."""
     if is_complex:
@@ -686,14 +880,14 @@ def _automatic(h: Callable[[Any], Any], method: str, x: Array) -> Array:
             import jax
         except ImportError as error:
             raise InputError('method = "jax" needs jax: pip install jax') from error
-        return np.asarray(jax.jacfwd(h)(x), dtype=float).reshape(-1, x.size)
+        return np.asarray(jax.jacfwd(h)(x)).reshape(-1, x.size)
     if method == "torch":
         try:
             import torch
         except ImportError as error:
             raise InputError('method = "torch" needs PyTorch: pip install torch') from error
         found = torch.autograd.functional.jacobian(h, torch.tensor(x, dtype=torch.float64))
-        return np.asarray(found.detach().numpy(), dtype=float).reshape(-1, x.size)
+        return np.asarray(found.detach().numpy()).reshape(-1, x.size)
     function: Any = h
     return np.asarray(function.jacobian_of(x), dtype=float).reshape(-1, x.size)
 

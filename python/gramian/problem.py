@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from gramian import _core
 from gramian import _options as options
 from gramian._arrays import as_float_array, finite
-from gramian._noise import as_noise, prior_sigma
+from gramian._noise import as_knowledge
 from gramian._registry import load
 from gramian._text import brief
 from gramian._values import Value
@@ -347,15 +347,21 @@ class Problem(Value):
     def factor(self, *, prior: bool = True, rtol: float | None = None) -> _core.Analysis:
         """Return the rows reduced, with or without prior knowledge, exact one included."""
         doubt = self.doubt()
-        rows = self.data_rows
+        rows, errors = self.data_rows, self.row_error
         if cut := doubt.vague + doubt.nothing:
             rows = rows.copy()
             rows[:, cut] = 0.0
+        if self.rtol is not None or rtol is not None or len(rows) != len(self.rows):
+            errors = None
         if prior and self.has_prior:
-            rows = np.vstack([rows, self.all_rows[len(self.rows) :]])
+            known = self.all_rows[len(self.rows) :]
+            rows = np.vstack([rows, known])
+            errors = None if errors is None else np.vstack([errors, np.zeros_like(known)])
         exact = self.constraints if len(self.constraints) else None
         tolerance = doubt.rtol if rtol is None else rtol
-        return _core.Analysis(at_least_one_row(rows), tolerance, exact)
+        return _core.Analysis(
+            at_least_one_row(rows), tolerance, exact, errors if len(rows) else None
+        )
 
     def with_rows(self, rows: ArrayLike) -> Problem:
         """Return the same problem with other measurement rows (K, n)."""
@@ -421,39 +427,19 @@ class Problem(Value):
             combination, independent of the measurements and of each other: 0 for what is
             known exactly, `inf` for nothing. A mean makes no difference here. A second
             prior of the same state is combined with the first. As an array, one for each
-            state, or their covariance.
+            state, or their covariance, also as a tuple (mean, covariance).
         """
-        if not isinstance(sigmas, Mapping):
-            return self._prior_array(as_float_array(sigmas, "prior"))
-        priors, exact = dict(self.priors), []
-        for name, sigma in options.mapping(sigmas, "prior").items():
-            direction = self.direction(name)
-            value = prior_sigma(sigma, name)
-            if value == np.inf:
+        known = as_knowledge(sigmas, self.names, self.combinations)
+        priors, rows = dict(self.priors), [self.prior_rows]
+        for name, row, sigma in zip(known.names, known.rows, known.sigma.tolist(), strict=True):
+            if sigma == 0:
                 continue
-            if value == 0:
-                exact.append(direction)
+            if name is None:
+                rows.append(row[None] / sigma)
                 continue
-            if name in priors:
-                value = 1 / np.hypot(1 / value, 1 / priors[name])
-            priors[name] = float(value)
-        problem = self._replaced(priors=MappingProxyType(priors))
-        return problem.constrain(np.array(exact)) if exact else problem
-
-    def _prior_array(self, sigma: Array) -> Problem:
-        if sigma.ndim == 1:
-            if sigma.shape != (self.n,):
-                raise InputError(
-                    f"prior has shape {sigma.shape}: must be ({self.n},) or ({self.n}, {self.n})"
-                )
-            return self.prior(dict(zip(self.names, sigma.tolist(), strict=True)))
-        try:
-            noise = as_noise(sigma, self.n)
-        except InputError as error:
-            raise InputError(str(error).replace("sigma", "prior", 1)) from error
-        rows = noise.whiten(np.eye(self.n))
-        problem = self._replaced(prior_rows=np.vstack([self.prior_rows, rows]))
-        return problem.constrain(noise.exact) if len(noise.exact) else problem
+            priors[name] = 1 / np.hypot(1 / sigma, 1 / priors[name]) if name in priors else sigma
+        problem = self._replaced(priors=MappingProxyType(priors), prior_rows=np.vstack(rows))
+        return problem.constrain(known.exact) if len(known.exact) else problem
 
     def marginalize(self, names: Iterable[str]) -> Problem:
         """Return the problem of the other states, with these not known at all.

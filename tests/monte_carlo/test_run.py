@@ -427,18 +427,22 @@ def test_an_estimator_of_ones_own_experiment_that_is_wrong_is_named(found, messa
 
 def test_a_function_of_ones_own_is_an_experiment():
     beacons = np.array([[0.0, 0.0], [100.0, 0.0], [0.0, 100.0]])
-    experiment = gm.monte_carlo.Measurements(
+    model = gm.from_function(
         lambda p: np.hypot(*(beacons - p).T), [30.0, 40.0], 0.01, ["east", "north"]
     )
+    experiment = gm.monte_carlo.Measurements(model)
     rows = experiment.problem().rows * 0.01
     exact = np.hypot(*(beacons - [30.0, 40.0]).T)
     gain = np.linalg.pinv(rows)
     result = gm.monte_carlo.run(experiment, 3000, 2, lambda z: [30, 40] + gain @ (z - exact))
     assert (abs(result.efficiency - 1) < 0.05).all()
-    with pytest.raises(gm.InputError, match="must be > 0"):
-        gm.monte_carlo.Measurements(lambda p: p, [1.0], -1.0, ["x"])
-    with pytest.raises(gm.InputError, match="h is a int: must be a function"):
-        gm.monte_carlo.Measurements(5, [1.0], 1.0, ["x"])
+    own = gm.monte_carlo.run(model, 300, 2)
+    assert (abs(own.efficiency - 1) < 0.15).all()
+    assert own.nees.consistent
+    with pytest.raises(gm.InputError, match=r"of is a int: must be a model"):
+        gm.monte_carlo.Measurements(5)
+    with pytest.raises(gm.InputError, match="no x to be the truth"):
+        gm.monte_carlo.run(gm.from_function(lambda p: p, None, 1.0, ["x"]), 10, 1)
 
 
 def test_sweeps_set_the_bound_beside():

@@ -300,8 +300,8 @@ GOOD = {
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"prior": [1.0, 0.0]}, r"prior\[1\] = 0.0: must be > 0"),
-        ({"prior": [1.0, np.nan]}, r"prior\[1\] = nan: must be > 0"),
+        ({"prior": [1.0, -0.5]}, r"prior\[1\] = -0.5: must be >= 0"),
+        ({"prior": [1.0, np.nan]}, r"prior\[1\] = nan: must be >= 0"),
         ({"prior": [[1.0, 0.0], [0.0, -1.0]]}, "prior: not positive semidefinite: state 1"),
         ({"prior": [[1.0, 0.5], [0.0, 1.0]]}, r"prior: entries \[0, 1\] and \[1, 0\] differ"),
         ({"prior": [1.0, INF], "form": "covariance"}, "needs a finite prior"),
@@ -335,3 +335,26 @@ def test_singular_transition_needs_the_covariance_form():
     bound = bounds.posterior(rows, move, noise, [1e3, 2.0])
     # The average of 50 measurements, each with variance 1 + 4.
     assert bound.std[-1, 0] == pytest.approx((1e-6 + 50 / 5) ** -0.5, rel=1e-12)
+
+
+def test_exact_knowledge_before_and_on_the_way():
+    """As the covariance recursion in long arithmetic; exact knowledge is a row without noise."""
+    move, noise = nearly_constant_velocity(0.05)
+    rows = [PLANE / 5**0.5] * 6
+    known = np.diag([0.0, 10, 5, 10])
+    wanted = exact(rows, move, noise, known)
+    found = bounds.posterior(rows, move, noise, np.sqrt(np.diag(known)))
+    np.testing.assert_allclose(found.std, wanted, rtol=1e-12, atol=1e-12)
+    # At the third step the two velocities are the same.
+    problem = gm.Problem(PLANE / 5**0.5, ["x", "vx", "y", "vy"])
+    tied = problem.constrain([[0.0, 1, 0, -1]])
+    mixed = [problem, problem, tied, problem]
+    found = bounds.posterior(mixed, move, noise, dict.fromkeys(problem.names, 3.0))
+    heavy = np.vstack([PLANE / 5**0.5, [0.0, 1e12, 0, -1e12]])
+    wanted = exact([rows[0], rows[0], heavy, rows[0]], move, noise, 9 * np.eye(4))
+    np.testing.assert_allclose(found.std, wanted, rtol=1e-9)
+    assert found.std[2, 1] == pytest.approx(found.std[2, 3], rel=1e-12)
+    with pytest.raises(gm.InputError, match="exact knowledge beside states of which"):
+        bounds.posterior([problem, tied], move, noise, {"x": 0.0})
+    with pytest.raises(gm.InputError, match="prior is singular"):
+        bounds.posterior([problem, tied], move, noise, {"x": 0.0}, form="information")

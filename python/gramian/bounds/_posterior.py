@@ -5,7 +5,7 @@ Reached as `gramian.bounds.posterior` and its neighbours.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -16,8 +16,10 @@ from gramian import _core
 from gramian import _options as options
 from gramian._answers import Answer, Columns
 from gramian._arrays import as_float_array, finite
+from gramian._noise import Knowledge, as_knowledge, as_noise
 from gramian._values import Value
 from gramian.exceptions import InputError, UnobservableError
+from gramian.problem import Problem, ProblemSource, as_problem, at_least_one_row
 
 __all__ = [
     "Form",
@@ -64,48 +66,66 @@ class Posterior(Value):
     form: Form
 
     @classmethod
-    def of_prior(cls, prior: ArrayLike, form: Form | None = None) -> Posterior:
+    def of_prior(
+        cls,
+        prior: Mapping[str, Any] | ArrayLike | tuple[ArrayLike, ArrayLike],
+        form: Form | None = None,
+        *,
+        names: Sequence[str] | None = None,
+        combinations: Mapping[str, Array] | None = None,
+    ) -> Posterior:
         """Start from a prior.
 
         Parameters
         ----------
-        prior : array_like, shape (n,) or (..., n, n)
-            Standard deviations, > 0, `inf` for a state of which nothing is known; or
-            a covariance, which may be singular.
+        prior : mapping, array_like or tuple
+            Standard deviations (n,), `inf` for a state of which nothing is known, 0 for
+            one that is known exactly; a covariance (..., n, n), which may be singular; or
+            by name, as for `gramian.crlb_std`.
         form : {"covariance", "information"}, optional
             By default the covariance form where the prior is finite.
+        names : sequence of str, length n, optional
+            Of the states, for a prior by name.
+        combinations : mapping of str to ndarray, shape (n,), optional
+            What else has a name.
 
         Raises
         ------
         InputError
-            A deviation that is not positive, a matrix that is not a covariance, a
-            form that cannot hold the prior.
+            A deviation that is negative, a matrix that is not a covariance, a form that
+            cannot hold the prior.
         """
-        if form is not None:
-            options.choice(form, "form", ("covariance", "information"))
-        given = as_float_array(prior, "prior")
-        if given.ndim == 1:
-            if (bad := np.flatnonzero(~(given > 0))).size:
-                raise InputError(
-                    f"prior[{bad[0]}] = {given[bad[0]]}: must be > 0, or inf for nothing known"
-                )
-            finite = bool(np.isfinite(given).all())
-            form = form or ("covariance" if finite else "information")
-            if form == "information":
-                return cls(np.diag(1 / given), form)
-            if not finite:
-                raise InputError(
-                    f"prior[{np.flatnonzero(~np.isfinite(given))[0]}] = inf: "
-                    'form = "covariance" needs a finite prior'
-                )
-            return cls(np.diag(given), form)
-        root = _roots(given, "prior")
-        if form != "information":
-            return cls(root, "covariance")
-        if (np.diagonal(root, axis1=-2, axis2=-1) == 0).any():
-            raise InputError('prior is singular: form = "information" needs one that is not')
-        inverse = np.linalg.inv(root)
-        return cls(_triangle(np.swapaxes(inverse, -1, -2)), form)
+        start, exact = _start(prior, form, names, combinations)
+        return start.know(exact) if len(exact) else start
+
+    def know(self, combinations: ArrayLike) -> Posterior:
+        """Take in combinations (q, n) of the states that are known exactly.
+
+        Returns
+        -------
+        Posterior
+            In covariance form, whose covariance is singular then.
+
+        Raises
+        ------
+        InputError
+            Where the other combinations are not all determined yet, and the covariance
+            form cannot hold them.
+        """
+        exact = finite(combinations, "combinations")
+        if exact.ndim != 2 or exact.shape[1] != self.n or self.root.ndim != 2:
+            raise InputError(f"combinations has shape {exact.shape}: must be (q, {self.n})")
+        rows = self.root
+        if self.form == "covariance":
+            noise = as_noise(self.root.T @ self.root, self.n)
+            rows, exact = noise.whiten(np.eye(self.n)), np.vstack([noise.exact, exact])
+        covariance = _core.Analysis(at_least_one_row(rows), None, exact).crlb()
+        if covariance is None:
+            raise InputError(
+                "exact knowledge beside states of which nothing is known: no form holds both; "
+                "give the others a finite prior, or measure them at the same step"
+            )
+        return Posterior(_roots(covariance, "covariance"), "covariance")
 
     @property
     def n(self) -> int:
@@ -266,10 +286,10 @@ class PosteriorBound(Answer):
 
 
 def posterior(
-    rows: ArrayLike | Sequence[ArrayLike | None],
+    rows: ArrayLike | Sequence[ArrayLike | Problem | ProblemSource | None],
     transition: ArrayLike,
     process_noise: ArrayLike,
-    prior: ArrayLike | Posterior,
+    prior: ArrayLike | Mapping[str, Any] | tuple[ArrayLike, ArrayLike] | Posterior,
     *,
     detection: ArrayLike = 1.0,
     spread: ArrayLike | None = None,
@@ -283,15 +303,17 @@ def posterior(
     rows : array_like, shape (..., steps, k, n), or sequence of array_like (k_i, n) or None
         Whitened measurement rows (d h / d x) / sigma at every step, the first
         included. Sensors may move, differ and be absent: a sequence may hold any
-        number of rows at each step, or None.
+        number of rows at each step, a Problem or Model, whose exact knowledge counts too,
+        or None.
     transition : array_like, shape (n, n) or (..., steps - 1, n, n)
         F, or the Jacobian of the motion, from each step to the next; a leading
         axis of 1 instead of steps - 1 serves all steps.
     process_noise : array_like, shape (n, n) or (..., steps - 1, n, n)
         Covariance of the process noise; it may be singular or zero.
-    prior : array_like, shape (n,) or (..., n, n), or Posterior
-        Before the first measurement: standard deviations (`inf` for nothing
-        known), a covariance, or where an earlier bound ended.
+    prior : array_like, shape (n,) or (..., n, n), mapping, or Posterior
+        Before the first measurement: standard deviations (`inf` for nothing known, 0 for
+        exactly), a covariance, both also by name as for `gramian.crlb_std`, or where an
+        earlier bound ended.
     detection : array_like, shape (), (steps,) or (steps, k)
         Probability in [0, 1] that a measurement is had.
     spread : array_like, shape (..., steps - 1, m, n), optional
@@ -347,11 +369,18 @@ def posterior(
     if isinstance(prior, Posterior):
         if form not in (None, prior.form):
             raise InputError(f'form = "{form}": the prior given is in form "{prior.form}"')
-        start = prior
+        start, exact = prior, np.zeros((0, prior.n))
     else:
-        start = Posterior.of_prior(prior, form)
+        source = _first_problem(rows)
+        names = None if source is None else source.names
+        start, exact = _start(prior, form, names, None if source is None else source.combinations)
     n = start.n
-    stacked = _stacked(rows, n)
+    plain, constraints = _plain_rows(rows, exact)
+    if constraints:
+        if spread is not None:
+            raise InputError("spread: not beside exact knowledge")
+        return _step_by_step(start, plain, transition, process_noise, detection, constraints, keep)
+    stacked = _stacked(plain, n)
     steps = stacked.shape[-3]
     weighted = _detected(stacked, detection)
     moved = _transition(transition, start.form, n)
@@ -374,6 +403,114 @@ def posterior(
         last=Posterior(np.ascontiguousarray(roots[..., -1, :, :]), start.form),
         roots=roots if keep == "all" else None,
     )
+
+
+def _start(
+    prior: Any,
+    form: Form | None,
+    names: Sequence[str] | None,
+    combinations: Mapping[str, Array] | None,
+) -> tuple[Posterior, Array]:
+    """Return the start of a prior, and what it knows exactly and that start does not hold."""
+    if form is not None:
+        options.choice(form, "form", ("covariance", "information"))
+    covariance = prior[1] if isinstance(prior, tuple) and len(prior) == 2 else prior
+    if names is None:
+        if prior is None or isinstance(prior, Mapping):
+            raise InputError("prior by name: the rows must be problems or models, or names given")
+        given = as_float_array(covariance, "prior")
+        if given.ndim >= 2:
+            return _of_covariance(given, form), np.zeros((0, given.shape[-1]))
+        names = [f"x{i}" for i in range(given.size)]
+    n = len(names)
+    known = as_knowledge(prior, names, combinations)
+    rows, exact = known.whitened, known.exact
+    everything = np.linalg.matrix_rank(known.rows) == n if len(known.rows) >= n else False
+    if form == "covariance" and not everything:
+        raise InputError(
+            f'prior of {_open_state(known, names)} = inf: form = "covariance" needs a finite prior'
+        )
+    if everything and form != "information":
+        held = _core.Analysis(at_least_one_row(rows), None, exact).crlb()
+        if held is not None:
+            return Posterior(_roots(held, "prior"), "covariance"), exact[:0]
+    if form == "information" and len(exact):
+        raise InputError('prior is singular: form = "information" needs one that is not')
+    padded = np.vstack([rows, np.zeros((max(0, n - len(rows)), n))])
+    return Posterior(_triangle(padded), "information"), exact
+
+
+def _open_state(known: Knowledge, names: Sequence[str]) -> str:
+    untouched = ~known.rows.any(axis=0)
+    return names[int(np.argmax(untouched))]
+
+
+def _of_covariance(given: Array, form: Form | None) -> Posterior:
+    root = _roots(given, "prior")
+    if form != "information":
+        return Posterior(root, "covariance")
+    if (np.diagonal(root, axis1=-2, axis2=-1) == 0).any():
+        raise InputError('prior is singular: form = "information" needs one that is not')
+    inverse = np.linalg.inv(root)
+    return Posterior(_triangle(np.swapaxes(inverse, -1, -2)), form)
+
+
+def _first_problem(rows: Any) -> Problem | None:
+    if isinstance(rows, (list, tuple)):
+        for part in rows:
+            if isinstance(part, (Problem, ProblemSource)):
+                return as_problem(part, None)
+    return None
+
+
+def _plain_rows(rows: Any, exact: Array) -> tuple[Any, dict[int, Array]]:
+    """Return rows without problems, and the exact combinations of each step that has some."""
+    constraints = {0: exact} if len(exact) else {}
+    if not isinstance(rows, (list, tuple)):
+        return rows, constraints
+    plain: list[Any] = []
+    for step, part in enumerate(rows):
+        if not isinstance(part, (Problem, ProblemSource)):
+            plain.append(part)
+            continue
+        problem = as_problem(part, None)
+        plain.append(problem.all_rows)
+        if len(problem.constraints):
+            before = constraints.get(step, exact[:0])
+            constraints[step] = np.vstack([before, problem.constraints])
+    return plain, constraints
+
+
+def _step_by_step(
+    start: Posterior,
+    rows: Any,
+    transition: ArrayLike,
+    process_noise: ArrayLike,
+    detection: ArrayLike,
+    constraints: Mapping[int, Array],
+    keep: str,
+) -> PosteriorBound:
+    """Return the bound where some steps know combinations exactly."""
+    n = start.n
+    stacked = _stacked(rows, n)
+    if stacked.ndim != 3:
+        raise InputError(f"rows has shape {stacked.shape}: exact knowledge goes with one trial")
+    weighted = _detected(stacked, detection)
+    steps = len(weighted)
+    moved, noise = (
+        np.broadcast_to(as_float_array(given, name), (max(steps - 1, 1), n, n))
+        for given, name in ((transition, "transition"), (process_noise, "process_noise"))
+    )
+    at, std, roots = start, np.zeros((steps, n)), np.zeros((steps, n, n))
+    for k in range(steps):
+        if k:
+            at = at.predict(moved[k - 1], noise[k - 1])
+        at = at.update(weighted[k])
+        if k in constraints:
+            at = at.know(constraints[k])
+        std[k], roots[k] = at.std, at.root
+    same = start.form == at.form
+    return PosteriorBound(std, at, roots if keep == "all" and same else None)
 
 
 def expected_rows(rows: ArrayLike, weights: ArrayLike | None = None) -> Array:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian._arrays import as_float_array
-from gramian._noise import prior_rows
+from gramian._noise import as_knowledge
 from gramian._text import describe_null_space
 from gramian.exceptions import InputError, UnobservableError
 from gramian.problem import Problem, ProblemSource, as_problem, at_least_one_row
@@ -64,9 +64,9 @@ def crlb_std(
     rows_or_problem : array_like, shape (..., K, n), Problem or Model
         Whitened rows.
     prior : mapping of str to float or (mean, sigma), or array_like, optional
-        What is known beforehand: for a problem, deviations by name; for any, one
-        deviation for each state (n,), or their covariance (n, n). 0 is exact
-        knowledge, `inf` none.
+        What is known beforehand: deviations by name (x0, x1, ... for plain rows), one
+        for each state (n,), or their covariance (n, n). 0 is exact knowledge, `inf`
+        none.
 
     Returns
     -------
@@ -101,7 +101,8 @@ def crlb_std(
         rows = as_float_array(rows, "rows")
         if rows.ndim < 2:
             raise InputError(f"rows has shape {rows.shape}: must be (..., K, n)")
-        extra, exact = prior_rows(prior, rows.shape[-1])
+        before = as_knowledge(prior, [f"x{i}" for i in range(rows.shape[-1])])
+        extra, exact = before.whitened, before.exact
         if len(exact):
             flat = rows.reshape(-1, *rows.shape[-2:])
             std = [
@@ -143,10 +144,6 @@ def crlb(
     """
     problem = as_problem(rows_or_problem, None)
     if prior is not None:
-        if isinstance(prior, Mapping) and not isinstance(rows_or_problem, (Problem, ProblemSource)):
-            raise InputError(
-                "prior of plain rows: must be one deviation for each state, as an array"
-            )
         problem = problem.prior(prior)
     analysis = problem.factor()
     covariance = analysis.crlb()

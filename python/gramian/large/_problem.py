@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian._arrays import as_float_array, finite
-from gramian._noise import prior_sigma
+from gramian._noise import as_mean_and_sigma
 from gramian.exceptions import InputError
 from gramian.problem import Problem
 
@@ -236,7 +236,7 @@ class SparseProblem(Problem):
                 spread |= {self.names[j]: sigma for j in self.columns_of(name)}
         priors = dict(self.priors)
         for name, sigma in spread.items():
-            value = prior_sigma(sigma, name)
+            _, value = as_mean_and_sigma(sigma, f"prior of {name}")
             if value == np.inf:
                 continue
             if value == 0:

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import inspect
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from gramian import _core
 from gramian._arrays import SEED_MOST, whole
+from gramian._noise import as_knowledge
 from gramian.exceptions import InputError, UnobservableError
-from gramian.model import from_function
+from gramian.model import Model
 from gramian.problem import Problem
 
 __all__ = ["Estimates", "Experiment", "Linear", "Measurements", "fingerprint", "normals"]
@@ -224,67 +225,123 @@ class Linear(Experiment):
 
 @dataclass(frozen=True, eq=False)
 class Measurements(Experiment):
-    """The experiment of a measurement function of your own, with normal noise.
+    """The experiment of a measurement function of your own: a `Model` at its `x`.
 
     Parameters
     ----------
-    h : callable
-        Takes the state (n,), returns the measurements (K,).
-    truth : array_like, shape (n,)
-        The true state.
-    sigma : float or array_like, shape (K,)
-        Standard deviations of the measurements, > 0.
-    names : sequence of str, length n
-    units : sequence of str, length n, optional
+    of : Model
+        Of `from_function`; its `x` is the truth.
+    prior : mapping, array_like or tuple, optional
+        What the estimator knows beforehand, as for `gramian.estimate`; means are drawn
+        anew around the truth in each trial.
+
+    Notes
+    -----
+    Estimator "ml": `gramian.estimate` from the truth, without a search for other
+    solutions; its NEES is by the covariance at the estimate.
 
     Examples
     --------
     >>> import numpy as np, gramian as gm
     >>> beacons = np.array([[0.0, 0.0], [100.0, 0.0], [0.0, 100.0]])
     >>> ranges = lambda p: np.hypot(*(beacons - p).T)
-    >>> experiment = gm.monte_carlo.Measurements(ranges, [30.0, 40.0], 1.0, ["east", "north"])
-    >>> experiment.simulate(seed=1, first=0, trials=5).shape
-    (5, 3)
+    >>> model = gm.from_function(ranges, [30.0, 40.0], 1.0, ["east", "north"])
+    >>> result = gm.monte_carlo.run(model, 200, seed=1)
+    >>> bool((abs(result.efficiency - 1) < 0.2).all())
+    True
     """
 
-    h: Callable[[Array], ArrayLike]
-    truth: ArrayLike
-    sigma: ArrayLike
-    names: Sequence[str]
-    units: Sequence[str] = ()
+    of: Model
+    prior: Any = None
+    estimators: ClassVar[tuple[str, ...]] = ("ml",)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "units", tuple(self.units) or ("",) * len(self.names))
-        if not callable(self.h):
-            raise InputError(f"h is a {type(self.h).__name__}: must be a function of the state")
+        if not isinstance(self.of, Model):
+            raise InputError(
+                f"of is a {type(self.of).__name__}: must be a model of gramian.from_function"
+            )
         # Checks everything else.
         self.problem()
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The states of the model."""
+        return self.of.names
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Their units."""
+        return self.of.units
+
+    @property
+    def truth(self) -> Array:
+        """The model's own state."""
+        if self.of.x is None:
+            raise InputError("the model has no x to be the truth: give it with model.at(x)")
+        return self.of.x
+
+    @property
+    def cost(self) -> float:
+        """A trial takes some ten Jacobians of a function in Python."""
+        return 1e-3
+
     def problem(self) -> Problem:
-        """Return the problem at the truth, by differences."""
-        if np.ndim(self.sigma) > 1:
-            raise InputError("sigma has two axes: must be one number, or one for each measurement")
-        model = from_function(self.h, self.truth, self.sigma, self.names, units=self.units)
-        return model.problem()
+        """Return the problem at the truth."""
+        problem = self.of.problem(self.truth)
+        return problem if self.prior is None else problem.prior(self.prior)
 
     def simulate(self, seed: int, first: int, trials: int) -> Array:
-        """Return measurements (trials, K)."""
-        exact = np.asarray(self.h(np.asarray(self.truth, dtype=float)), dtype=float).ravel()
-        noise = normals(seed, first, trials, exact.size)
-        result: Array = exact + np.asarray(self.sigma, dtype=float) * noise
-        return result
+        """Return measurements (trials, m), NaN where one is missing."""
+        return self.of.simulate(self.truth, seed, trials, first)
+
+    def estimate(self, name: str, seed: int, first: int, trials: int) -> Estimates:
+        """Return the maximum-likelihood errors."""
+        if name != "ml":
+            return super().estimate(name, seed, first, trials)
+        return _maximum_likelihood(self, seed, first, trials)
 
 
-def as_experiment(problem: Experiment | Problem) -> Experiment:
-    """Return the experiment, checked; a `Problem` as its linear experiment."""
+def _maximum_likelihood(experiment: Measurements, seed: int, first: int, trials: int) -> Estimates:
+    from gramian.estimate import informed
+
+    model, truth = experiment.of, experiment.truth
+    n = len(truth)
+    errors = np.full((trials, n), np.nan)
+    nees = np.full(trials, np.nan)
+    status = np.zeros(trials, dtype=np.int16)
+    known = as_knowledge(experiment.prior, model.names, model.combinations)
+    # Streams of their own for the means: past all trials of the measurements.
+    drawn = normals(seed, first + 2**62, trials, len(known.rows)) * known.sigma
+    for k, z in enumerate(experiment.simulate(seed, first, trials)):
+        prior = replace(known, mean=known.rows @ truth + drawn[k])
+        handle = informed(model, z, prior, {})
+        found = handle.minimize(truth[None], ("squares", 0.0), 100)
+        if not found or not found[0]["converged"]:
+            status[k] = 2
+            continue
+        x = found[0]["x"]
+        analysis = _core.Analysis(handle.linearize(x)[1], None)
+        covariance = analysis.crlb()
+        if covariance is None:
+            status[k] = 1
+            continue
+        errors[k] = x - truth
+        nees[k] = squared_over(errors[k][None], covariance)[0]
+    return Estimates(errors, nees, status, {1: "unobservable", 2: "not_converged"})
+
+
+def as_experiment(problem: Experiment | Problem | Model) -> Experiment:
+    """Return the experiment, checked; a `Problem` as its linear one, a `Model` as its own."""
     if isinstance(problem, Problem):
         experiment: Experiment = Linear(problem)
+    elif isinstance(problem, Model):
+        experiment = Measurements(problem)
     elif isinstance(problem, Experiment):
         experiment = problem
     else:
         raise InputError(
-            f"problem is a {type(problem).__name__}: must be a gramian.Problem or a "
-            "gramian.monte_carlo.Experiment (Bearings, Dipole, Registration, Measurements, "
+            f"problem is a {type(problem).__name__}: must be a gramian.Problem, a gramian.Model "
+            "or a gramian.monte_carlo.Experiment (Bearings, Dipole, Registration, Measurements, "
             "or a class of yours derived from Experiment)"
         )
     names = tuple(experiment.names)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from gramian.exceptions import InputError
+from gramian.model import Model
 from gramian.monte_carlo.chunks import (
     ERROR,
     MOST,
@@ -39,7 +40,7 @@ Quantities = Iterable[str] | Mapping[str, Callable[[Any], Any]]
 
 
 def run(
-    problem: Experiment | Problem,
+    problem: Experiment | Problem | Model,
     trials: int,
     seed: int,
     estimator: str | Estimator | None = None,
@@ -56,10 +57,10 @@ def run(
 
     Parameters
     ----------
-    problem : Experiment or Problem
+    problem : Experiment, Problem or Model
         What is simulated: a built-in experiment (`Bearings`, `Dipole`,
-        `Registration`), your measurement function (`Measurements`), a class of
-        yours derived from `Experiment`, or a `gramian.Problem`, whose linear
+        `Registration`), a model of your own measurement function (`Measurements`), a
+        class of yours derived from `Experiment`, or a `gramian.Problem`, whose linear
         experiment is run.
     trials : int
         >= 1.

@@ -67,6 +67,10 @@ where
         self.0.change(a, b, out);
     }
 
+    fn retract(&self, x: &mut [f64]) {
+        self.0.retract(x);
+    }
+
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
         self.0.symmetries(x, found);
     }
@@ -76,6 +80,10 @@ where
 struct Given {
     states: usize,
     measurements: usize,
+    /// How many of the last measurements are prior knowledge.
+    priors: usize,
+    /// Groups of states that keep the length of their vector, and the length.
+    groups: Vec<(Vec<usize>, f64)>,
     /// x -> (residuals, rows).
     linearize: Py<PyAny>,
     /// a, b -> h(b) - h(a), whitened.
@@ -129,6 +137,21 @@ impl Model for Given {
 
     fn measurements(&self) -> usize {
         self.measurements
+    }
+
+    fn priors(&self) -> usize {
+        self.priors
+    }
+
+    fn retract(&self, x: &mut [f64]) {
+        for (group, length) in &self.groups {
+            let now = group.iter().fold(0.0_f64, |norm, &i| norm.hypot(x[i]));
+            if now > 0.0 && now.is_finite() {
+                for &i in group {
+                    x[i] *= length / now;
+                }
+            }
+        }
     }
 
     fn linearize(&self, x: &[f64], r: &mut [f64], rows: Option<&mut [f64]>) -> Result<(), String> {
@@ -238,6 +261,10 @@ impl Model for Watched {
 
     fn change(&self, a: &[f64], b: &[f64], out: &mut [f64]) {
         self.model.change(a, b, out);
+    }
+
+    fn retract(&self, x: &mut [f64]) {
+        self.model.retract(x);
     }
 
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
@@ -427,28 +454,36 @@ fn record<'py>(py: Python<'py>, s: &Solution) -> PyResult<Bound<'py, PyDict>> {
 
 #[pymethods]
 impl PyModel {
-    /// From functions in Python.
+    /// From functions in Python; the last `priors` measurements are prior knowledge, and the
+    /// states of each of `groups` keep the length of their vector.
     #[staticmethod]
-    #[pyo3(signature = (states, measurements, linearize, difference, symmetries))]
+    #[pyo3(signature = (states, measurements, linearize, difference, symmetries, priors=0, groups=Vec::new()))]
     fn from_functions(
         states: usize,
         measurements: usize,
         linearize: Py<PyAny>,
         difference: Py<PyAny>,
         symmetries: Option<Py<PyAny>>,
-    ) -> Self {
+        priors: usize,
+        groups: Vec<(Vec<usize>, f64)>,
+    ) -> PyResult<Self> {
+        if groups.iter().any(|(g, _)| g.iter().any(|&i| i >= states)) {
+            return Err(InputError::new_err("groups: must name states of the model"));
+        }
         let raised = Raised::default();
-        Self {
+        Ok(Self {
             model: Arc::new(Given {
                 states,
                 measurements,
+                priors: priors.min(measurements),
+                groups,
                 linearize,
                 difference,
                 symmetries,
                 raised: Arc::clone(&raised),
             }),
             raised,
-        }
+        })
     }
 
     /// Bearings of one target.
@@ -492,12 +527,31 @@ impl PyModel {
         self.model.measurements()
     }
 
-    /// The same with independent normal priors; an infinite sigma for none.
-    fn with_prior(&self, mean: &Bound<'_, PyAny>, sigma: &Bound<'_, PyAny>) -> PyResult<Self> {
-        let mean = self.state(mean, "prior mean")?;
+    /// The same with independent normal priors of combinations of the states (q, n): their
+    /// means (q,) and deviations (q,), infinite for none.
+    fn with_prior(
+        &self,
+        combinations: &Bound<'_, PyAny>,
+        mean: &Bound<'_, PyAny>,
+        sigma: &Bound<'_, PyAny>,
+    ) -> PyResult<Self> {
+        let combinations = Input::new(combinations, "prior", 2)?;
+        combinations.expect(
+            &[None, Some(self.model.states())],
+            "one coefficient for each state",
+        )?;
+        let count = combinations.core_shape()[0];
+        let mean = Input::new(mean, "prior mean", 1)?;
         let sigma = Input::unchecked(sigma, "prior sigma", 1)?;
-        sigma.expect(&[Some(mean.len())], "one deviation for each state")?;
-        let model = WithPrior::new(Arc::clone(&self.model), &mean, sigma.slice()?);
+        for each in [&mean, &sigma] {
+            each.expect(&[Some(count)], "one for each combination")?;
+        }
+        let model = WithPrior::new(
+            Arc::clone(&self.model),
+            combinations.slice()?,
+            mean.slice()?,
+            sigma.slice()?,
+        );
         Ok(Self {
             model: Arc::new(model),
             raised: Arc::clone(&self.raised),

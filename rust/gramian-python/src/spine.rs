@@ -206,12 +206,13 @@ struct Analysis(Observability<f64>);
 #[pymethods]
 impl Analysis {
     #[new]
-    #[pyo3(signature = (rows, rtol, exact=None))]
+    #[pyo3(signature = (rows, rtol, exact=None, errors=None))]
     fn new(
         py: Python<'_>,
         rows: &Bound<'_, PyAny>,
         rtol: Option<f64>,
         exact: Option<&Bound<'_, PyAny>>,
+        errors: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let rows = Input::new(rows, "rows", 2)?;
         rows.expect_entries()?;
@@ -222,19 +223,21 @@ impl Analysis {
             exact.expect(&[None, Some(n)], "one row for each constraint")?;
         }
         let known = exact.as_ref().map_or(Ok(&[][..]), Input::slice)?;
+        let errors = errors.map(|e| Input::new(e, "row_error", 2)).transpose()?;
+        let doubt = errors.as_ref().map_or(Ok(&[][..]), Input::slice)?;
         let data = rows.slice()?;
         let found = if n < 16 {
             // One factorisation uses one thread: it does not enter the pool.
-            py.detach(|| Observability::constrained(data, known, n, rtol))
+            py.detach(|| Observability::inexact(data, doubt, known, n, rtol))
                 .map_err(|error| input_at("", error))?
         } else if known.is_empty() && n >= dense::LEAST_STATES {
-            let data = data.to_vec();
-            interruptible(py, move || dense::observability(&data, n, rtol))?
+            let (data, doubt) = (data.to_vec(), doubt.to_vec());
+            interruptible(py, move || dense::observability(&data, &doubt, n, rtol))?
                 .map_err(|error| input_at("", error))?
         } else {
-            let (data, known) = (data.to_vec(), known.to_vec());
+            let (data, doubt, known) = (data.to_vec(), doubt.to_vec(), known.to_vec());
             interruptible(py, move || {
-                Observability::constrained(&data, &known, n, rtol)
+                Observability::inexact(&data, &doubt, &known, n, rtol)
             })?
             .map_err(|error| input_at("", error))?
         };

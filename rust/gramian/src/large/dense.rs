@@ -63,19 +63,20 @@ fn factor(rows: &[f64], n: usize) -> Result<(Vec<f64>, Vec<f64>), NumberError> {
     Ok((out, scale))
 }
 
-/// The whole answer for `rows` of length `n`, as [`Observability::new`] gives it.
+/// The whole answer for `rows` of length `n`, as [`Observability::inexact`] gives it.
 ///
 /// # Errors
 /// [`Error`].
 ///
 /// ```
 /// let rows: Vec<f64> = (0..6400).map(|i| f64::from(i * i % 101) - 50.0).collect();
-/// let found = gramian::large::dense::observability(&rows, 64, None)?;
+/// let found = gramian::large::dense::observability(&rows, &[], 64, None)?;
 /// assert_eq!(found.rank(), 64);
 /// # Ok::<(), gramian::large::dense::Error>(())
 /// ```
 pub fn observability(
     rows: &[f64],
+    errors: &[f64],
     n: usize,
     rtol: Option<f64>,
 ) -> Result<Observability<f64>, Error> {
@@ -89,7 +90,9 @@ pub fn observability(
     let s: Vec<f64> = (0..n).map(|k| svd.S()[k]).collect();
     let v = svd.V();
     let vectors: Vec<f64> = (0..n * n).map(|k| v[(k % n, k / n)]).collect();
-    Ok(Observability::of_spectrum(rows, rtol, scale, &s, &vectors)?)
+    Ok(Observability::of_spectrum(
+        rows, errors, rtol, scale, &s, &vectors,
+    )?)
 }
 
 /// Bounds on the standard deviation of each state, as the plain bound gives them.
@@ -117,7 +120,7 @@ pub fn crlb_std(rows: &[f64], n: usize, rtol: Option<f64>) -> Result<Vec<f64>, E
                 .collect());
         }
     }
-    Ok(observability(rows, n, rtol)?.crlb_std())
+    Ok(observability(rows, &[], n, rtol)?.crlb_std())
 }
 
 #[cfg(test)]

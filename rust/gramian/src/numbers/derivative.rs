@@ -133,6 +133,8 @@ struct Column<'a> {
     suspected: bool,
     /// The shortest step at which there may be detail, where noise hides it.
     reach: f64,
+    /// How many pairs it may take.
+    room: usize,
 }
 
 /// The derivatives at `x` of the function with the value `at` there.
@@ -198,8 +200,14 @@ pub fn jacobian<E>(
     let given: Vec<bool> = options.noise.iter().map(|&x| x >= 0.0).collect();
     let mut evaluations = 0;
     let mut measured = given.iter().all(|&g| g);
+    let mut kept: Option<(Vec<[f64; 2]>, Vec<f64>)> = None;
     let (mut points, mut values) = (Vec::new(), Vec::new());
     loop {
+        for column in &mut columns {
+            while column.wants(measured) && column.take_again() {
+                column.decide(options.weight, &noise, at)?;
+            }
+        }
         // One round: a pair for each group that has a state left to move.
         let active: Vec<&Vec<usize>> = groups
             .iter()
@@ -209,18 +217,38 @@ pub fn jacobian<E>(
             if measured {
                 break;
             }
-            evaluations +=
-                measure_noise(x, at, options, &given, &columns, &mut noise, &mut evaluate)
-                    .map_err(Error::Function)?;
-            measured = true;
-            let mut again = false;
-            for column in &mut columns {
-                again |= column.after_noise(options.weight, &noise);
+            let spacing = noise_spacing(&columns, options.weight, &noise);
+            if let Some((_, found)) = kept.as_ref().filter(|(at, _)| *at == spacing) {
+                // The same points as before.
+                noise.copy_from_slice(found);
+            } else {
+                let first = kept.is_none();
+                evaluations += measure_noise(
+                    x,
+                    at,
+                    options,
+                    &given,
+                    &spacing,
+                    first,
+                    &mut noise,
+                    &mut evaluate,
+                )
+                .map_err(Error::Function)?;
+                kept = Some((spacing, noise.clone()));
             }
-            if again {
+            measured = true;
+            let again: Vec<usize> = (0..n)
+                .filter(|&j| columns[j].after_noise(options.weight, &noise))
+                .collect();
+            if !again.is_empty() {
                 measured = given.iter().all(|&g| g);
                 for i in (0..m).filter(|&i| !given[i]) {
                     noise[i] = 2.0 * f64::EPSILON * at[i].abs();
+                }
+                // Noise measured again costs pairs, but for one state, whose first
+                // measurement took less.
+                for &j in again.iter().filter(|_| n > 1) {
+                    columns[j].room -= (NOISE_POINTS / 2).div_ceil(again.len());
                 }
             }
             continue;
@@ -329,6 +357,7 @@ impl<'a> Column<'a> {
             noisy: false,
             suspected: false,
             reach: 0.0,
+            room: MOST_PAIRS,
         }
     }
 
@@ -364,6 +393,24 @@ impl<'a> Column<'a> {
             even,
             finite,
         });
+    }
+
+    /// Takes the pair that is wanted next from those there are; false where it is new.
+    fn take_again(&mut self) -> bool {
+        let next = self.next;
+        let Some(pair) = self.pairs.iter_mut().find(|p| p.step == next) else {
+            return false;
+        };
+        pair.finite = false;
+        let (odd, even) = (pair.odd.clone(), pair.even.clone());
+        let finite = odd.iter().chain(&even).all(|x| x.is_finite());
+        self.pairs.push(Pair {
+            step: self.next,
+            odd,
+            even,
+            finite,
+        });
+        true
     }
 
     /// Lengths of the odd part, the even part and the noise of a pair, weighted.
@@ -403,7 +450,7 @@ impl<'a> Column<'a> {
         let last = self.pairs.len() - 1;
         let pair = &self.pairs[last];
         let next = (pair.step * 2.0_f64.powi(-bits)).max(self.least);
-        if self.pairs.len() < MOST_PAIRS - 2 && next < pair.step {
+        if self.pairs.len() + 2 < self.room && next < pair.step {
             self.next = power(next);
             self.shrunk += 1;
             return Ok(());
@@ -570,7 +617,7 @@ impl<'a> Column<'a> {
         }
         // One step that looks straight may be chance: the next must agree.
         let next = 0.5 * pair.step;
-        if even > BENT * odd || confirming || next < self.least || last + 2 > MOST_PAIRS {
+        if even > BENT * odd || confirming || next < self.least || last + 2 > self.room {
             return self.shorter(bits, at, weight);
         }
         self.next = next;
@@ -640,7 +687,7 @@ impl<'a> Column<'a> {
             }
         }
         let steps: Vec<f64> = self.used().map(|p| p.step).collect();
-        let room = self.pairs.len() < MOST_PAIRS;
+        let room = self.pairs.len() < self.room;
         if steps.len() < 3 {
             if !room || steps.is_empty() {
                 self.phase = Phase::Done;
@@ -677,7 +724,7 @@ impl<'a> Column<'a> {
             return;
         }
         let shortest = steps[steps.len() - 1];
-        if odd_one && self.detail.is_none() && self.pairs.len() + 3 <= MOST_PAIRS {
+        if odd_one && self.detail.is_none() && self.pairs.len() + 3 <= self.room {
             // Noise that the table of differences did not show, or detail far finer.
             let next = power((shortest / 1024.0).max(self.least));
             if next < 0.25 * shortest {
@@ -719,7 +766,7 @@ impl<'a> Column<'a> {
             .collect();
         if short.len() < 2 {
             self.next = 0.5 * self.pairs[last].step;
-            if self.next < self.least || self.pairs.len() >= MOST_PAIRS {
+            if self.next < self.least || self.pairs.len() >= self.room {
                 self.phase = Phase::Done;
             }
             return;
@@ -740,7 +787,7 @@ impl<'a> Column<'a> {
         if apart > 10.0 * allowed && apart_short < 0.05 * size {
             // Detail: a smooth function where steps are short.
             self.detail = Some(short[0]);
-            if self.pairs.len() + 2 <= MOST_PAIRS {
+            if self.pairs.len() + 2 <= self.room {
                 self.phase = Phase::Ladder;
                 self.next = 0.5 * b.step;
             }
@@ -848,36 +895,42 @@ fn extrapolate(pairs: &[&Pair], k: usize) -> (f64, [f64; 3]) {
     (value, weights)
 }
 
+/// How far apart the points are at which noise is measured, close and wide.
+fn noise_spacing(columns: &[Column<'_>], weight: &[f64], noise: &[f64]) -> Vec<[f64; 2]> {
+    columns
+        .iter()
+        .map(|column| [false, true].map(|wide| column.spacing(wide, weight, noise)))
+        .collect()
+}
+
 /// Noise along one direction in which all states move a little, from the differences of
 /// equally spaced values: close ones for rounding, wide ones for what changes now and
-/// then, such as printed digits or the steps of a solver. Returns how many evaluations
-/// it took.
+/// then, such as printed digits or the steps of a solver, and those the first time only.
+/// Returns how many evaluations it took.
+#[allow(clippy::too_many_arguments)] // What one measurement takes.
 fn measure_noise<E>(
     x: &[f64],
     at: &[f64],
     options: &Options<'_>,
     given: &[bool],
-    columns: &[Column<'_>],
+    spacing: &[[f64; 2]],
+    first: bool,
     noise: &mut [f64],
     evaluate: &mut impl FnMut(&[f64], &mut [f64]) -> Result<(), E>,
 ) -> Result<usize, E> {
     let (n, m) = (x.len(), at.len());
     // Of one state alone as few points as its derivative may take.
-    let wide = if n > 1 {
-        NOISE_POINTS
-    } else {
-        NOISE_POINTS / 2
+    let wide = match (first, n) {
+        (false, _) => 0,
+        (true, 1) => NOISE_POINTS / 2,
+        (true, _) => NOISE_POINTS,
     };
     let close: Vec<f64> = (1..=NOISE_POINTS).map(|k| k as f64).collect();
     let far: Vec<f64> = (1..=wide).flat_map(|k| [-(k as f64), k as f64]).collect();
     let mut points = Vec::with_capacity((close.len() + far.len()) * n);
-    for (multiples, is_wide) in [(&close, false), (&far, true)] {
-        let spacing: Vec<f64> = columns
-            .iter()
-            .map(|column| column.spacing(is_wide, options.weight, noise))
-            .collect();
+    for (place, multiples) in [&close, &far].into_iter().enumerate() {
         for k in multiples {
-            points.extend((0..n).map(|j| x[j] + spacing[j] * k));
+            points.extend((0..n).map(|j| x[j] + spacing[j][place] * k));
         }
     }
     let count = close.len() + far.len();

@@ -335,6 +335,7 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
         let wide = n + 1;
         let free = n.saturating_sub(k);
         let mut x = start.to_vec();
+        self.model.retract(&mut x);
         let mut chi2 = self.visit(&x);
         let mut found = Solution {
             x: x.clone(),
@@ -458,11 +459,18 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
                     found.converged = close && (gain <= 1e-6 || damping == 0.0);
                     break false;
                 }
+                self.model.retract(&mut next);
                 let trial = self.visit(&next);
                 if trial.is_finite() && merit(trial, &self.missing) <= old + 1e-13 * (1.0 + chi2) {
                     x.copy_from_slice(&next);
                     chi2 = trial;
                     break true;
+                }
+                if k == 0 && damping == 0.0 && relax == 1.0 && gain <= 1e-10 {
+                    // A step that chi2 has no digits to judge: of measured distances of
+                    // 20 000 km, for one.
+                    found.converged = true;
+                    break false;
                 }
                 if k == 0 || shrink < 1e-3 {
                     damping = (damping * 8.0).max(1e-4);

@@ -7,20 +7,44 @@ use alloc::vec::Vec;
 
 use super::Model;
 
-/// A model whose states have independent normal priors.
+/// A model with independent normal priors of states and combinations of them.
 #[derive(Clone, Debug)]
 pub struct WithPrior<M> {
     model: M,
-    /// State, mean and standard deviation of each.
-    known: Vec<(usize, f64, f64)>,
+    known: Vec<Known>,
+}
+
+/// One prior: a combination of states, its mean and standard deviation.
+#[derive(Clone, Debug)]
+struct Known {
+    /// State and coefficient.
+    terms: Vec<(usize, f64)>,
+    mean: f64,
+    sigma: f64,
+}
+
+impl Known {
+    fn of(&self, x: impl Fn(usize) -> f64) -> f64 {
+        self.terms.iter().fold(0.0, |sum, &(k, c)| sum + c * x(k))
+    }
 }
 
 impl<M: Model> WithPrior<M> {
-    /// `sigma` is infinite for a state of which nothing is known.
-    pub fn new(model: M, mean: &[f64], sigma: &[f64]) -> Self {
-        let known = (0..model.states().min(mean.len()).min(sigma.len()))
-            .filter(|&k| sigma[k].is_finite())
-            .map(|k| (k, mean[k], sigma[k]))
+    /// A prior for each of `combinations`, rows of as many coefficients as the model has
+    /// states; `sigma` is infinite for one of which nothing is known.
+    pub fn new(model: M, combinations: &[f64], mean: &[f64], sigma: &[f64]) -> Self {
+        let known = combinations
+            .chunks_exact(model.states().max(1))
+            .zip(mean.iter().zip(sigma))
+            .filter(|(_, (_, sigma))| sigma.is_finite())
+            .map(|(row, (&mean, &sigma))| Known {
+                terms: (0..)
+                    .zip(row.iter().copied())
+                    .filter(|t| t.1 != 0.0)
+                    .collect(),
+                mean,
+                sigma,
+            })
             .collect();
         Self { model, known }
     }
@@ -53,30 +77,36 @@ impl<M: Model> Model for WithPrior<M> {
     ) -> Result<(), M::Error> {
         let (m, n) = (self.model.measurements(), x.len());
         let (data, rest) = residuals.split_at_mut(m);
-        for (out, &(k, mean, sigma)) in rest.iter_mut().zip(&self.known) {
-            *out = (mean - x[k]) / sigma;
+        for (out, known) in rest.iter_mut().zip(&self.known) {
+            *out = (known.mean - known.of(|k| x[k])) / known.sigma;
         }
         let Some(rows) = rows else {
             return self.model.linearize(x, data, None);
         };
         let (above, below) = rows.split_at_mut(m * n);
         below.fill(0.0);
-        for (row, &(k, _, sigma)) in below.chunks_exact_mut(n).zip(&self.known) {
-            row[k] = 1.0 / sigma;
+        for (row, known) in below.chunks_exact_mut(n).zip(&self.known) {
+            for &(k, coefficient) in &known.terms {
+                row[k] = coefficient / known.sigma;
+            }
         }
         self.model.linearize(x, data, Some(above))
     }
 
     fn difference(&self, a: &[f64], b: &[f64], out: &mut [f64]) -> Result<(), M::Error> {
         let (data, rest) = out.split_at_mut(self.model.measurements());
-        for (out, &(k, _, sigma)) in rest.iter_mut().zip(&self.known) {
-            *out = (b[k] - a[k]) / sigma;
+        for (out, known) in rest.iter_mut().zip(&self.known) {
+            *out = known.of(|k| b[k] - a[k]) / known.sigma;
         }
         self.model.difference(a, b, data)
     }
 
     fn change(&self, a: &[f64], b: &[f64], out: &mut [f64]) {
         self.model.change(a, b, out);
+    }
+
+    fn retract(&self, x: &mut [f64]) {
+        self.model.retract(x);
     }
 
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
@@ -169,6 +199,14 @@ impl<M: Model> Model for Held<M> {
         }
     }
 
+    fn retract(&self, x: &mut [f64]) {
+        let mut whole = self.whole(x);
+        self.model.retract(&mut whole);
+        for (x, &k) in x.iter_mut().zip(&self.free) {
+            *x = whole[k];
+        }
+    }
+
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
         self.model.symmetries(&self.whole(x), &mut |other| {
             // An image that changes what is known is none.
@@ -221,6 +259,10 @@ macro_rules! pointer {
 
             fn change(&self, a: &[f64], b: &[f64], out: &mut [f64]) {
                 (**self).change(a, b, out);
+            }
+
+            fn retract(&self, x: &mut [f64]) {
+                (**self).retract(x);
             }
 
             fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {

@@ -92,6 +92,13 @@ pub trait Model: Sync {
         }
     }
 
+    /// Moves a state to the nearest one that is possible, where the states lie on a surface:
+    /// a quaternion to length one. The rows there are those along the surface, with one or
+    /// more that tie the state to it.
+    fn retract(&self, x: &mut [f64]) {
+        let _ = x;
+    }
+
     /// Calls `found` with each other state that gives exactly the same data as `x`: a
     /// mirror image, for one.
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {

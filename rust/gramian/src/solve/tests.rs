@@ -254,7 +254,7 @@ fn a_score_is_the_gain_of_the_fit_with_the_alternative() {
 fn a_prior_is_one_more_measurement() {
     let model = Beacons::exact(&[[0.0, 0.0]], [40.0, 30.0], 1.0);
     let mean = [41.0, 0.0];
-    let known = WithPrior::new(&model, &mean, &[0.1, f64::INFINITY]);
+    let known = WithPrior::new(&model, &[1.0, 0.0, 0.0, 1.0], &mean, &[0.1, f64::INFINITY]);
     let found = minimize(&known, &[41.0, 20.0], &[], Options::default());
     assert!(found.converged);
     assert!((found.x[0] - 41.0).abs() < 1e-7);

@@ -86,8 +86,33 @@ impl<T: Real> Observability<T> {
         n: usize,
         rtol: Option<T>,
     ) -> Result<Self, NumberError> {
+        Self::inexact(rows, &[], exact, n, rtol)
+    }
+
+    /// The same for rows of which no entry is off by more than its place in `errors`, empty
+    /// where they are exact: light rows count where they are above their errors.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new); [`NumberError::Length`] for another number of errors.
+    ///
+    /// ```
+    /// use gramian::observability::Observability;
+    /// // The second row, far lighter than the first, is an error alone.
+    /// let (rows, errors) = ([1e9, 1e9, 1e-3, 2e-3], [1.0, 1.0, 4e-3, 4e-3]);
+    /// assert_eq!(Observability::new(&rows, 2, None)?.rank(), 2);
+    /// assert_eq!(Observability::inexact(&rows, &errors, &[], 2, Some(1e-9))?.rank(), 1);
+    /// # Ok::<(), gramian::scalar::NumberError>(())
+    /// ```
+    pub fn inexact(
+        rows: &[T],
+        errors: &[T],
+        exact: &[T],
+        n: usize,
+        rtol: Option<T>,
+    ) -> Result<Self, NumberError> {
         check_rows(rows, n)?;
         check_rows(exact, n)?;
+        check_errors(errors, rows)?;
         if let Some(rtol) = rtol {
             spectrum::check_rtol(rtol)?;
         }
@@ -116,11 +141,11 @@ impl<T: Real> Observability<T> {
             }
             a
         };
-        let a = scaled(rows);
+        let (a, errors) = (scaled(rows), scaled(errors));
         let parts = if exact.is_empty() {
-            determined(&a, n, rtol, &scale)
+            determined(&a, &errors, n, rtol, &scale)
         } else {
-            with_exact(&a, &scaled(exact), n, rtol)
+            with_exact(&a, &errors, &scaled(exact), n, rtol)
         };
         Self::of_parts(n, rtol, scale, parts)
     }
@@ -130,24 +155,27 @@ impl<T: Real> Observability<T> {
     #[cfg(feature = "large")]
     pub(crate) fn of_spectrum(
         rows: &[T],
+        errors: &[T],
         rtol: T,
         scale: Vec<T>,
         s: &[T],
         v: &[T],
     ) -> Result<Self, NumberError> {
         let n = scale.len();
+        check_errors(errors, rows)?;
         let rank = spectrum::rank(s, rtol);
         let parts = if rank == n {
             plain(n, rtol, s, v, rank)
         } else {
-            let mut a = rows.to_vec();
-            for row in a.chunks_exact_mut(n) {
-                for (x, &d) in row.iter_mut().zip(&scale) {
-                    *x *= d;
-                }
-            }
+            let scaled = |rows: &[T]| -> Vec<T> {
+                let each = |(&x, &d): (&T, &T)| x * d;
+                rows.chunks_exact(n)
+                    .flat_map(|row| row.iter().zip(&scale).map(each))
+                    .collect()
+            };
+            let (a, errors) = (scaled(rows), scaled(errors));
             let ones = vec![T::one(); n];
-            levels(&a, n, rtol, &ones, s, v, rank, &scale)
+            levels(&a, &errors, n, rtol, &ones, s, v, rank, &scale)
         };
         Self::of_parts(n, rtol, scale, parts)
     }
@@ -679,8 +707,17 @@ fn sort_rows<T: Real>(a: &[T], n: usize) -> Vec<T> {
         .collect()
 }
 
+/// As many errors as rows have entries, or none, each finite and not negative.
+fn check_errors<T: Real>(errors: &[T], rows: &[T]) -> Result<(), NumberError> {
+    if !errors.is_empty() {
+        check_length("errors", errors.len(), rows.len())?;
+        check_finite("errors", errors)?;
+    }
+    Ok(())
+}
+
 /// What rows of length `n` determine; `units` is what their columns were multiplied by.
-fn determined<T: Real>(a: &[T], n: usize, rtol: T, units: &[T]) -> Parts<T> {
+fn determined<T: Real>(a: &[T], errors: &[T], n: usize, rtol: T, units: &[T]) -> Parts<T> {
     let count = a.len() / n;
     let (mut scale, mut s) = (vec![T::one(); n], vec![T::zero(); n]);
     let (mut v, mut work) = (vec![T::zero(); n * n], vec![T::zero(); n * n]);
@@ -706,7 +743,7 @@ fn determined<T: Real>(a: &[T], n: usize, rtol: T, units: &[T]) -> Parts<T> {
             parts
         }
     } else {
-        levels(a, n, rtol, &scale, &s, &v, rank, units)
+        levels(a, errors, n, rtol, &scale, &s, &v, rank, units)
     };
     parts.rank = n - parts.null.len() / n;
     parts
@@ -853,6 +890,7 @@ fn pivoted<T: Real>(a: &[T], n: usize, rtol: T, rank: usize, s: &[T]) -> Option<
 #[allow(clippy::too_many_arguments)]
 fn levels<T: Real>(
     a: &[T],
+    errors: &[T],
     n: usize,
     rtol: T,
     scale: &[T],
@@ -876,7 +914,9 @@ fn levels<T: Real>(
     let mut found = false;
     // Far above what inaccurate rows leave: a light row is seen by most of its size.
     let sure = (rtol * T::of(32.0)).max(T::EPSILON.sqrt() * T::of(64.0));
-    for (row, out) in a.chunks_exact(n).zip(rest.chunks_exact_mut(p)) {
+    // The least accurate of what light rows say.
+    let mut light_doubt = T::zero();
+    for (k, (row, out)) in a.chunks_exact(n).zip(rest.chunks_exact_mut(p)).enumerate() {
         // In the units given, entries far below the largest of their row are rounding: a
         // row that has no others here says nothing.
         let given = |i: usize| units.get(i).map_or(row[i], |&d| row[i] / d).abs();
@@ -897,9 +937,14 @@ fn levels<T: Real>(
                     part += (r * d).abs();
                 }
             }
-            if sum.abs() > sure * size + touch * part {
+            let doubt = errors.get(k * n..(k + 1) * n).map_or(T::zero(), |errors| {
+                let each = errors.iter().zip(vector).zip(scale);
+                each.fold(T::zero(), |doubt, ((&e, &c), &d)| doubt + e * d * c.abs())
+            });
+            if sum.abs() > sure * size + touch * part + doubt * T::of(3.0) {
                 *x = sum;
                 found = true;
+                light_doubt = light_doubt.max(doubt / sum.abs());
             }
         }
     }
@@ -946,7 +991,7 @@ fn levels<T: Real>(
         .chunks_exact(n)
         .flat_map(|row| row[rank..].iter().copied())
         .collect();
-    let below = determined(&light, p, rtol, &[]);
+    let below = determined(&light, &[], p, rtol.max(light_doubt), &[]);
     let parts = join(&b, n, rank, &seen, &open, &below, &s[..rank], touch, &to_a);
     // The same rank by a factor of the rows themselves, with more digits.
     pivoted(a, n, rtol, parts.rank, &parts.values).unwrap_or(parts)
@@ -1026,7 +1071,7 @@ fn join<T: Real>(
 
 /// What rows determine where the combinations `exact` are known exactly: the null-space
 /// method (Golub & Van Loan, section 6.2).
-fn with_exact<T: Real>(a: &[T], exact: &[T], n: usize, rtol: T) -> Parts<T> {
+fn with_exact<T: Real>(a: &[T], errors: &[T], exact: &[T], n: usize, rtol: T) -> Parts<T> {
     let mut unit = exact.to_vec();
     for row in unit.chunks_exact_mut(n) {
         let length = norm(row);
@@ -1078,7 +1123,14 @@ fn with_exact<T: Real>(a: &[T], exact: &[T], n: usize, rtol: T) -> Parts<T> {
             });
         }
     }
-    let below = determined(&rest, p, rtol, &[]);
+    let mut doubt = Vec::with_capacity(errors.len() / n * p);
+    for row in errors.chunks_exact(n) {
+        for vector in &open {
+            let each = row.iter().zip(vector);
+            doubt.push(each.fold(T::zero(), |sum, (&e, &c)| sum + e * c.abs()));
+        }
+    }
+    let below = determined(&rest, &doubt, p, rtol, &[]);
     let lift = |y: &[T]| -> Vec<T> {
         let mut x = vec![T::zero(); n];
         for (vector, &y) in open.iter().zip(y) {
