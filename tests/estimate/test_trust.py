@@ -262,8 +262,8 @@ def test_the_answer_pickles_and_compares():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"prior": {"up": (0, 1)}}, "prior of 'up': the states are east, north"),
-        ({"prior": {"east": (0, -1)}}, "sigma > 0"),
+        ({"prior": {"up": (0, 1)}}, "prior of 'up': no state has that name; there are east, north"),
+        ({"prior": {"east": (0, -1)}}, "must be >= 0"),
         ({"known": {"east": np.inf}}, "known east = inf"),
         ({"known": {"east": 1.0, "north": 2.0}}, "every state is known"),
         ({"box": {"east": (1, 0)}}, "box of east"),

@@ -352,7 +352,7 @@ def test_an_unobservable_scene_has_no_built_in_estimate():
         ({"trials": True}, "trials = True: must be a whole number"),
         ({"quantities": {"q": 1}}, "quantities\\['q'\\] = 1: must be a function"),
         ({"quantities": {"nees": len}}, "quantities has 'nees': that is a column"),
-        ({"problem": 3}, "problem is a int: must be a gramian.Problem or"),
+        ({"problem": 3}, "problem is a int: must be a gramian.Problem, a"),
         ({"estimator": lambda z: [1.0], "workers": 2}, "cannot be sent to a worker process"),
     ],
 )

@@ -165,6 +165,7 @@ struct Column<'a> {
 /// assert!((found.values[0] - 5.0 / 125.0_f64.sqrt()).abs() < 3.0 * found.error[0] + 1e-15);
 /// assert!(found.error[0] < 1e-7);
 /// ```
+#[allow(clippy::too_many_lines)] // One loop, whose parts share all they have.
 pub fn jacobian<E>(
     x: &[f64],
     at: &[f64],
