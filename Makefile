@@ -93,6 +93,7 @@ docs:
 # The site, in site/: opens from the folder, without a server or a network. A warning, a
 # failing cell or example, a dead link or a public name without a page ends the build.
 site: $(VENV)/.site docs
+	rm -rf docs/gallery  # whose cache would not see that the package changed
 	$(BIN)/python -m sphinx --builder html --fresh-env --jobs auto --fail-on-warning --keep-going --quiet --doctree-dir target/site/doctrees docs target/site/html
 	rm -rf site && cp -r target/site/html site && cp -r target/doc site/rust
 	$(BIN)/python docs/_site/check.py site

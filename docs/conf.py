@@ -37,8 +37,7 @@ source_suffix = {".md": "myst-nb", ".rst": "restructuredtext"}
 # Markdown. A cell that fails, fails the build.
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath", "fieldlist"]
 myst_heading_anchors = 4
-nb_execution_mode = "cache"
-nb_execution_cache_path = str(HERE.parent / "target" / "site" / "cells")
+nb_execution_mode = "force"  # a cache would not see that the package changed
 nb_execution_raise_on_error = True
 nb_execution_timeout = 120
 nb_merge_streams = True
