@@ -1,4 +1,4 @@
-"""What sphinx-gallery is told: which scripts, and where their pictures are."""
+"""The configuration of sphinx-gallery: which scripts, and where their pictures are."""
 
 from pathlib import Path
 

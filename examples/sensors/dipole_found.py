@@ -3,7 +3,7 @@ Locating a passing car
 ======================
 
 One magnetometer, the speed known, steps of 0.1 uT and spikes in the record: where did it pass? The
-mirror image fits as well and is told beside the answer.
+mirror image fits as well and is given beside the answer.
 """
 
 import numpy as np

@@ -86,7 +86,7 @@ def describe_null_space(null_space: Array, names: Sequence[str]) -> tuple[str, .
     return tuple(describe_direction(column, names) for column in null_space.T)
 
 
-#: A combination of more states than this is told by what it moves, or by its largest.
+#: A combination of more states than this is described by what it moves, or by its largest.
 LONG = 12
 
 

@@ -170,7 +170,7 @@ def test_levels_are_withheld_where_they_cannot_be_told():
     found = gm.linear.levels(a, c)
     assert (found.rank, found.ranks, found.states) == (40, None, None)
     assert "magnify rounding" in found.reason
-    with pytest.raises(gm.InputError, match="levels cannot be told"):
+    with pytest.raises(gm.InputError, match="levels cannot be determined"):
         found.level_of(np.eye(40)[0])
     batch = gm.linear.batch_levels(np.stack([a, np.eye(40, k=1)]), [c, np.eye(40)[:1]])
     assert batch.reliable.tolist() == [False, True]

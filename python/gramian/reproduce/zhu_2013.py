@@ -286,7 +286,7 @@ def _pictures(targets: dict[str, Array], motions: dict[str, Array]) -> list[Pict
     return [
         Picture(
             "Targets (the paper's Fig. 2)",
-            "Two sensors and three targets. Nothing is told along the red lines.",
+            "Two sensors and three targets. Nothing is determined along the red lines.",
             lambda: plot().geometry(SENSORS, targets),
         ),
         Picture(

@@ -31,7 +31,7 @@ class DipoleModel(Value):
     """The fields of a pass at one or more sensors.
 
     Its states are those of (r0, v, m) that are not known, and with `background` a constant
-    of each channel. A vector of known size is told by angles: "v from z", the angle from an
+    of each channel. A vector of known size is described by angles: "v from z", the angle from an
     axis, and "v about z", the one about it.
 
     Attributes

@@ -37,7 +37,7 @@ class Dipole(Experiment):
     sigma : float
         Standard deviation of each component, tesla, > 0.
     known : sequence of str
-        What the estimator is told: states ("z0", "vz"), "speed", "moment".
+        What the estimator is given: states ("z0", "vz"), "speed", "moment".
     sensors : array_like, shape (S, 3), optional
         Metres; one at the origin by default.
 

@@ -54,7 +54,7 @@ class Degree(Answer):
     order : tuple of (int or None)
         For "order", the level: the first derivative by which the combination is
         known but for the part `tolerance`; None for never, and for all where levels
-        cannot be told (see `levels`).
+        cannot be determined (see `levels`).
     """
 
     method: Method
@@ -86,7 +86,7 @@ class Degree(Answer):
         return "\n".join(lines)
 
     def _verdict_line(self) -> str:
-        """Say which combination is told worst."""
+        """Say which combination is determined worst."""
         worst = f"{self.combinations[0]} of {len(self.values)} combinations"
         return f"least observable by {self.method}: {worst} ({brief(self.values[0], 4)})"
 
@@ -152,7 +152,7 @@ class Information(Answer):
         """Say how much the window tells, and of what least."""
         worst = int(np.argmax(self.ratio))
         return (
-            f"{self.determined} of {len(self.names)} combinations told better than beforehand; "
+            f"{self.determined} of {len(self.names)} combinations known better than beforehand; "
             f"least of {self.names[worst]} (posterior / prior {brief(self.ratio[worst])})"
         )
 

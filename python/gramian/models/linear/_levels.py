@@ -83,7 +83,7 @@ class BatchLevels(Answer):
     rank : ndarray of int, shape (...)
         Rank of the whole observability matrix.
     reliable : ndarray of bool, shape (...)
-        Whether levels can be told in double precision.
+        Whether levels can be determined in double precision.
     """
 
     ranks: NDArray[np.int64]
@@ -97,7 +97,7 @@ class BatchLevels(Answer):
 
     @property
     def reliable(self) -> NDArray[np.bool_]:
-        """Whether the levels of each system can be told."""
+        """Whether the levels of each system can be determined."""
         told: NDArray[np.bool_] = ~np.isnan(self.levels[..., -1])
         return told
 
@@ -110,17 +110,17 @@ class Levels(Answer):
     ----------
     names : tuple of str, length n
     ranks : tuple of int, length n, or None
-        Rank of O_k for k = 0, 1, .., n - 1. None where levels cannot be told in double
+        Rank of O_k for k = 0, 1, .., n - 1. None where levels cannot be determined in double
         precision: see `reason`.
     rank, nullity : int
         Of the whole observability matrix: right in any case.
     states : mapping of str to (int or None), or None
         The level of each state: the derivative from which on it is known. None
-        for never; None in place of the mapping where levels cannot be told.
+        for never; None in place of the mapping where levels cannot be determined.
     combinations : mapping of str to (int or None), or None
         The same of the named combinations.
     reason : str or None
-        Why levels cannot be told.
+        Why levels cannot be determined.
     new : tuple of ndarray, shape (n, m)
         For each level up to the last that adds something, the combinations that
         become known there, one a column, in physical units; a combination of one
@@ -298,8 +298,9 @@ def levels(
     ranks, states = analysis.ranks(), analysis.state_levels()
     told = ranks is not None and states is not None
     reason = (
-        "levels cannot be told in double precision: the steps from one derivative to the next "
-        f"magnify rounding {analysis.growth:.1e} times; `unobservable` and `distance` need none"
+        "levels cannot be determined in double precision: the steps from one derivative "
+        f"to the next magnify rounding {analysis.growth:.1e} times; `unobservable` and "
+        "`distance` need none"
     )
     return Levels(
         names=system.names,

@@ -7,7 +7,7 @@ not known and not needed: they are eliminated look by look.
 - `problem`, `rows`, `fisher`: what a set of looks can tell; `gauges`, what none can.
 - `estimate`: the biases, as an `Estimate`, or why there are none; `estimate_trials` of
   simulated reports.
-- `degree`, `eta`, `field` with `Field`: where the biases are told well.
+- `degree`, `eta`, `field` with `Field`: where the biases are determined well.
 - `singular_tracks` with `SingularTrack`, `check_track` with `TrackCheck`: where not at all.
 - `select`, with `Selection`: which targets of a crowd tell most.
 - `Reports`: the measurements; `simulate` makes them, `match` pairs recordings.

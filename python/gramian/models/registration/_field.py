@@ -81,7 +81,7 @@ def field(
     quantity: str = "eta",
     points: int = 100,
 ) -> Field:
-    """Return the map of how well the biases are told by looks around each place.
+    """Return the map of how well the biases are determined by looks around each place.
 
     Parameters
     ----------

@@ -126,7 +126,9 @@ def singular_tracks(sensors: SensorsLike) -> tuple[SingularTrack, ...]:
         )
     baseline = float(np.hypot(*(known.places[1] - known.places[0])))
     if baseline == 0:
-        raise InputError("sensors[1] is at the place of sensors[0]: sensors must be apart")
+        raise InputError(
+            "sensors[1] is at the place of sensors[0]: sensors must be at different places"
+        )
     a, b = known.labels
 
     def made(name: Family, where: str, vectors: dict[str, list[float]]) -> SingularTrack:

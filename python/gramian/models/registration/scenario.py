@@ -463,7 +463,7 @@ class RegistrationScenario(Scenario):
             pictures.append(
                 Picture(
                     f"Where targets tell the biases: {what}{course}",
-                    "Each place stands for 8 looks around it. Red: nothing is told.",
+                    "Each place stands for 8 looks around it. Red: nothing is determined.",
                     partial(self._draw, m),
                 )
             )

@@ -211,7 +211,7 @@ def choose_legs(
         try:
             found.append(solve(scene.with_motion(_legs_of(motion, k)), z, **options))
         except InputError:
-            # More states than measurements: no more legs can be told.
+            # More states than measurements: no more legs can be determined.
             if not found:
                 raise
             break

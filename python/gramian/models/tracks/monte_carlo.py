@@ -32,7 +32,7 @@ class Tracks(Experiment):
     state : array_like, shape (n,), or mapping
         The true state.
     prior : mapping of str to (mean, sigma), optional
-        What the estimator is told beforehand, the same in every trial.
+        What the estimator is given beforehand, the same in every trial.
 
     Notes
     -----
