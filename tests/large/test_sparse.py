@@ -181,3 +181,14 @@ def test_nothing_depends_on_the_units():
     assert one.rank == other.rank
     np.testing.assert_allclose(one.crlb_std / scale, other.crlb_std, rtol=1e-9)
     assert one.gap == pytest.approx(other.gap, rel=1e-3)
+
+
+def test_a_pickled_answer_makes_its_factor_anew():
+    import pickle
+
+    answer = gm.analyze(csr_array([[1.0, -1, 0], [0, 1, -1]]))
+    again = pickle.loads(pickle.dumps(answer))
+    assert again == answer
+    np.testing.assert_array_equal(
+        again.differences([("x0", "x2")]), answer.differences([("x0", "x2")])
+    )

@@ -115,7 +115,15 @@ class SparseObservability(Observability):
 
     missing: tuple[NullCombination, ...]
 
-    _more_fields = ("component", "components", "untouched", "converged", "_vectors", "missing")
+    _more_fields = (
+        "component",
+        "components",
+        "untouched",
+        "converged",
+        "missing",
+        "_vectors",
+        "_rtol",
+    )
     _not_stored = frozenset({"singular_values", "crlb_std", "data_std", "weakest_direction"})
 
     def __init__(
