@@ -559,7 +559,7 @@ fn quantity(state: &[f64; 9], index: usize) -> (f64, [f64; 9]) {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
+#[allow(clippy::unwrap_used, clippy::panic)]
 mod tests {
     use super::*;
 
