@@ -1072,9 +1072,12 @@ def estimate_trials(
     given = dict(prior or {})
     z = finite(model.h(x), "exact data")
     centred = {name: (float(x[names.index(name)]), sigma) for name, (_, sigma) in given.items()}
-    handle = _informed(model, z, centred, {})
-    spread = _spread(names, centred, dict(box or {}))
-    places = _starts(model, z, start, list(range(len(names))), spread, centred, names)
+    before, exact = _knowledge(model, centred or None, {})
+    if exact:
+        raise InputError(f"prior of {next(iter(exact))}: sigma = 0, must be > 0 in trials")
+    handle = informed(model, z, before, {})
+    spread = _spread(names, before, dict(box or {}), names)
+    places = _starts(model, z, start, list(range(len(names))), spread, before, names)
     functions = getattr(model, "functions", {})
     judged = tuple(getattr(model, "judged", functions))
     name = function if function is not None else (judged[0] if judged else None)

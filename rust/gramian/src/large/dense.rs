@@ -151,7 +151,7 @@ mod tests {
         for (count, n, rank) in [(90, 60, 60), (90, 60, 50), (40, 60, 40)] {
             let a = rows(count, n, rank);
             let (blocked, plain) = (
-                observability(&a, n, None).unwrap(),
+                observability(&a, &[], n, None).unwrap(),
                 Observability::new(&a, n, None).unwrap(),
             );
             assert_eq!(blocked.rank(), rank);
