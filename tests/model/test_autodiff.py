@@ -1,9 +1,17 @@
 """Functions written for JAX, PyTorch and CasADi: their Jacobians beside differences."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
 import gramian as gm
+
+# JAX starts threads when it is imported, and processes forked after that may hang: its tests
+# run in a process of their own.
+ALONE = "GRAMIAN_TEST_JAX"
 
 BEACONS = np.array([[0.0, 0.0, 10.0], [100.0, 0.0, 5.0], [40.0, 80.0, 0.0], [10.0, 60.0, 30.0]])
 X = [30.0, 40.0, 2.0]
@@ -15,6 +23,8 @@ def plain(x):
 
 
 def in_jax():
+    if ALONE not in os.environ:
+        pytest.skip("in a process of its own: test_jax_in_a_process_of_its_own")
     jax = pytest.importorskip("jax", reason="needs jax")
     # Single precision is jax's default.
     jax.config.update("jax_enable_x64", True)
@@ -63,6 +73,8 @@ def test_what_is_no_casadi_function():
 
 
 def test_single_precision_of_jax_is_in_the_accuracy():
+    if ALONE not in os.environ:
+        pytest.skip("in a process of its own: test_jax_in_a_process_of_its_own")
     jax = pytest.importorskip("jax", reason="needs jax")
     jax.config.update("jax_enable_x64", False)
     try:
@@ -75,3 +87,33 @@ def test_single_precision_of_jax_is_in_the_accuracy():
         assert (off <= 3 * model.accuracy.error).all()
     finally:
         jax.config.update("jax_enable_x64", True)
+
+
+def test_jax_in_a_process_of_its_own():
+    if ALONE in os.environ:
+        pytest.skip("this is that process")
+    from importlib.util import find_spec
+
+    if find_spec("jax") is None:
+        pytest.skip("needs jax")
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "-k",
+        "jax",
+        __file__,
+    ]
+    done = subprocess.run(
+        command,
+        check=False,
+        env=os.environ | {ALONE: "1"},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stdout
+    assert "3 passed" in done.stdout

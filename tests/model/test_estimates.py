@@ -54,7 +54,7 @@ class TestThreeOfTheGallery:
     def test_a_planted_bias_is_a_misfit(self, make):
         model = make()
         z = model.simulate(seed=5)
-        assert gm.estimate(model, z).status != "misfit"
+        assert gm.estimate(model, z).status in {"determined", "weak"}
         z[1] += 60 * model.noise.sigma[1]
         wrong = gm.estimate(model, z)
         assert wrong.status == "misfit"
@@ -62,6 +62,7 @@ class TestThreeOfTheGallery:
 
     def test_monte_carlo_reaches_the_bound(self, make):
         result = gm.monte_carlo.run(make(), 300, seed=4)
+        assert result.failures == ()
         assert (abs(result.efficiency - 1) < 0.2).all()
         assert result.nees.consistent
 
@@ -132,6 +133,33 @@ def test_exact_measurements():
     np.testing.assert_allclose(found.state, [1.25, 2.25], atol=1e-6)
     np.testing.assert_allclose(found.std, gm.crlb_std(model), rtol=1e-5)
     assert found.fit.dof == 1
+
+
+def test_a_unit_quaternion_stays_one():
+    from scipy.spatial.transform import Rotation
+
+    vectors = np.eye(3)[:2]
+    q = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_quat()
+    names = ["qx", "qy", "qz", "qw"]
+    tied = gm.from_function(
+        lambda x: Rotation.from_quat(x).apply(vectors).ravel(),
+        q,
+        0.01,
+        names,
+        tangent=[tuple(names)],
+    )
+    turned = gm.estimate(tied, tied.simulate(seed=1))
+    # It and its negative are the same rotation.
+    assert turned.status in {"determined", "ambiguous"}
+    for other in turned.others:
+        np.testing.assert_allclose(other.state, -turned.state, atol=1e-6)
+    assert turned.converged
+    assert np.linalg.norm(turned.state) == pytest.approx(1, abs=1e-12)
+    np.testing.assert_allclose(turned.std, gm.crlb_std(tied.at(turned.state)), rtol=1e-4)
+    far = Rotation.from_rotvec([1.2, 0.4, -0.6]).as_quat()
+    again = gm.estimate(tied, tied.simulate(seed=1), start=far)
+    same = np.sign(again.state @ turned.state) * again.state
+    np.testing.assert_allclose(same, turned.state, atol=1e-6)
 
 
 def test_redundant_measurements_must_agree():

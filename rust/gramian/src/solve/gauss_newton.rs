@@ -466,11 +466,17 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
                     chi2 = trial;
                     break true;
                 }
-                if k == 0 && damping == 0.0 && relax == 1.0 && gain <= 1e-10 {
-                    // A step that chi2 has no digits to judge: of measured distances of
-                    // 20 000 km, for one.
-                    found.converged = true;
-                    break false;
+                if k == 0 && damping == 0.0 && gain <= 1e-10 {
+                    if relax == 1.0 {
+                        // A step that chi2 has no digits to judge: of measured distances
+                        // of 20 000 km, for one.
+                        found.converged = true;
+                        break false;
+                    }
+                    // First the plain step, without relaxation.
+                    relax = 1.0;
+                    last.fill(0.0);
+                    continue;
                 }
                 if k == 0 || shrink < 1e-3 {
                     damping = (damping * 8.0).max(1e-4);
