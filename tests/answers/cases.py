@@ -85,6 +85,11 @@ def thresholds():
     yield WeissWeinstein(np.eye(2), np.full(2, 0.1), (0, 3))
 
 
+def estimates():
+    model = gm.from_function(ranges, [30.0, 40.0], 1.0, ["east", "north"])
+    yield gm.estimate_trials(model, [30.0, 40.0], seed=1, trials=4)
+
+
 def sparse():
     from scipy.sparse import csr_array
 
@@ -150,6 +155,7 @@ def maneuver():
         target, start, 10.0, 20.0, 6, sigma=0.01, first_range=(3000.0, 1000.0),
         methods=["max_det"], trials=2, seed=1,
     )  # fmt: skip
+    yield gm.maneuver.two_legs(1e5, 10.0, 600.0, 60, sigma=0.01)
     yield from (path, plan, plan.laws[0], plan.starts[0], loop, loop.runs[0])
 
 
@@ -211,5 +217,5 @@ def files(folder):
     yield from (poses, poses.weak_places)
 
 
-ALL = [spine, bounds, thresholds, sparse, bearings, dipole, linear, inertial, maneuver,
+ALL = [spine, bounds, thresholds, estimates, sparse, bearings, dipole, linear, inertial, maneuver,
        registration, tracks, dynamics, monte_carlo]  # fmt: skip

@@ -94,11 +94,7 @@ CALLS: dict[str, dict[str, Any]] = {
     "monte_carlo.normals": {"seed": 1, "first": 0, "trials": 3, "count": 4},
     "monte_carlo.Linear": {"of": _linear()},
     "monte_carlo.Measurements": {
-        "h": _ranges,
-        "truth": np.array([30.0, 40.0]),
-        "sigma": 1.0,
-        "names": ["east", "north"],
-        "units": ["m", "m"],
+        "of": gm.from_function(_ranges, [30.0, 40.0], 1.0, ["east", "north"], units=["m", "m"]),
     },
     "monte_carlo.Bearings": {
         "times": T,
@@ -413,6 +409,7 @@ CALLS: dict[str, dict[str, Any]] = {
 
 #: Not attacked by themselves, with the reason.
 WITHOUT = {
+    "load": "reads a file that `save` wrote: tests/answers",
     "io.joined": "takes recordings, which `io.read` makes",
     "io.read": "reads files: tests/io",
     "io.table": "reads files: tests/io",
@@ -424,6 +421,8 @@ WITHOUT = {
             "bounds.threshold",
             "bounds.weiss_weinstein",
             "estimate",
+            "estimate_trials",
+            "maneuver.two_legs",
             "other_solutions",
             "linear.distance",
             "linear.unobservable",

@@ -256,7 +256,9 @@ def test_the_answer_pickles_and_compares():
     assert copy.deepcopy(answer) == answer
     assert answer.status in STATUSES
     assert answer.summary().startswith("DETERMINED")
-    assert "<pre>" in answer._repr_html_()
+    page = answer._repr_html_()
+    assert "<table" in page
+    assert "determined" in page
 
 
 @pytest.mark.parametrize(
@@ -376,5 +378,5 @@ def test_pictures_are_drawn():
     labels = [text.get_text() for text in fig.axes[1].get_legend().get_texts()]
     assert "95 % region" in labels
     assert "local ellipse" in labels
-    easy = recorded("easy").plot(("x0", "y0"))
+    easy = recorded("easy").plot_region(("x0", "y0"))
     assert "local ellipse" not in [t.get_text() for t in easy.axes[1].get_legend().get_texts()]

@@ -160,7 +160,7 @@ def test_estimates_of_singular_tracks_are_refused(key, method):
 
 def test_a_refusal_names_the_combination_and_the_track():
     reports = reports_of(("between", "both"), None)
-    pattern = r"1 A\.range - 1 B\.range .*between A and B"
+    pattern = r"A\.range \+1, B\.range -1 .*between A and B"
     with pytest.raises(gm.UnobservableError, match=pattern) as caught:
         reg.estimate(reports, SENSORS, SIGMA)
     assert caught.value.null_combinations == ("A.range +1, B.range -1",)

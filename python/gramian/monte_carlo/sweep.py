@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import itertools
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -265,6 +266,12 @@ def _maker(
             f"scenario is a {type(scenario).__name__}: must be an experiment, or a function of "
             "the parameters that returns one"
         )
+    try:
+        inspect.signature(scenario).bind(**dict.fromkeys(names))
+    except TypeError as e:
+        raise InputError(f"parameters: scenario cannot be called with them: {e}") from None
+    except ValueError:  # a function of an extension that does not tell its arguments
+        pass
     return scenario
 
 

@@ -4,6 +4,7 @@ Every function returns a `matplotlib.figure.Figure` of its own, never touches
 pyplot's state, and so works in a notebook, a script and a server alike.
 
 - `corner`: the bound, or an estimate, of chosen states in pairs.
+- `estimate`, `threshold`: residuals and region of an estimate; local and global bound.
 - `observability`, `singular_values`, `null_space`: the result of `gramian.analyze`.
 - `figure`, `ellipse`, `ellipsoid`, `equal_space`, `COLORS`: for the pictures of the models.
 """

@@ -55,6 +55,10 @@ class System(Value):
     noise: Array
     combinations: Mapping[str, Array] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        finite(self.A, "A")
+        finite(self.C, "C")
+
     @property
     def n(self) -> int:
         """Number of states."""
