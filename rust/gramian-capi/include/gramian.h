@@ -55,7 +55,7 @@ typedef enum GramianSide {
   GRAMIAN_SIDE_LEFT,
 } GramianSide;
 
-// What a tracker is given.
+// What a tracker is told.
 typedef enum GramianSensor {
   // A bearing clockwise from north, rad.
   GRAMIAN_SENSOR_BEARING = 0,
