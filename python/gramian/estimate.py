@@ -923,8 +923,8 @@ def estimate(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Trials:
+@dataclass(frozen=True, eq=False, repr=False)
+class Trials(Answer):
     """What `estimate_trials` found; arrays have one entry a trial.
 
     Attributes

@@ -9,14 +9,15 @@ import numpy as np
 
 from gramian import _core
 from gramian import _options as options
+from gramian._answers import Answer
 from gramian._arrays import number, whole
 from gramian.exceptions import InputError
 
 __all__ = ["TwoLegs", "two_legs"]
 
 
-@dataclass(frozen=True)
-class TwoLegs:
+@dataclass(frozen=True, eq=False, repr=False)
+class TwoLegs(Answer):
     """The best two legs at long range.
 
     Attributes
