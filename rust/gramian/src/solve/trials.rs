@@ -61,6 +61,10 @@ impl<M: Model + ?Sized> Model for Noisy<'_, M> {
         self.model.change(a, b, out);
     }
 
+    fn retract(&self, x: &mut [f64]) {
+        self.model.retract(x);
+    }
+
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
         self.model.symmetries(x, found);
     }
