@@ -156,6 +156,8 @@ def test_a_unit_quaternion_stays_one():
     assert turned.converged
     assert np.linalg.norm(turned.state) == pytest.approx(1, abs=1e-12)
     np.testing.assert_allclose(turned.std, gm.crlb_std(tied.at(turned.state)), rtol=1e-4)
+    trials = gm.estimate_trials(tied, q, seed=1, trials=8)
+    np.testing.assert_allclose(np.linalg.norm(trials.states, axis=1), 1, atol=1e-12)
     far = Rotation.from_rotvec([1.2, 0.4, -0.6]).as_quat()
     again = gm.estimate(tied, tied.simulate(seed=1), start=far)
     same = np.sign(again.state @ turned.state) * again.state
