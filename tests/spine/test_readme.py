@@ -8,6 +8,7 @@ import pytest
 
 import gramian as gm
 from gramian._registry import REGISTRY
+from gramian.estimate import Fit
 
 ROOT = Path(__file__).parents[2]
 BLOCKS = re.compile(r"```python\n(.*?)```", flags=re.S)
@@ -72,7 +73,12 @@ def test_what_a_page_names_exists(page):
                 if path + last in KEYS:
                     continue
                 if parts[:1] == ["answer"]:
-                    parts = ["Observability", *parts[1:]]
+                    kind = "Estimate" if page.stem == "trust" else "Observability"
+                    parts = [kind, *parts[1:]]
+                elif parts == ["fit"]:
+                    if last not in {*dir(Fit), *Fit.__annotations__}:
+                        missing.append(path + last)
+                    continue
                 # A qualified name is of that module, or a member of that class, and no other.
                 owner = gm if not parts or parts[0] in gm.__all__ else None
                 for part in (*parts, last):
