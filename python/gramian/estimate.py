@@ -1202,6 +1202,34 @@ def _solution(record: Mapping[str, Any]) -> Solution:
     )
 
 
+def channel_faults(
+    readings: ArrayLike, sigma: ArrayLike, times: Array, called: Sequence[str]
+) -> tuple[str, ...]:
+    """Return which channels are dead, stuck or doubled, in words.
+
+    `readings` and `sigma` have a channel of each of the names in `called` at each of the
+    times; a sigma of 0 is of a reading that does not count.
+    """
+    shape = (len(times), len(called))
+    values = np.reshape(finite(readings, "readings"), shape)
+    given = np.asarray(sigma, dtype=float)
+    deviations = np.full(shape, given.item()) if given.size == 1 else given.reshape(shape)
+    told = []
+    for name, kind in zip(called, _core.channels(values, deviations), strict=True):
+        what, _, where = kind.partition(" from ")
+        if kind == "constant":
+            told.append(f"{name} is constant over the record: dead or stuck")
+        elif what == "stuck":
+            first, last = (int(index) for index in where.split(" to "))
+            told.append(
+                f"{name} is stuck at one value from {brief(times[first], 6)} s to "
+                f"{brief(times[last], 6)} s, longer than its noise lets it"
+            )
+        elif kind.startswith("copy of "):
+            told.append(f"{name} is a copy of {called[int(kind.removeprefix('copy of '))]}")
+    return tuple(told)
+
+
 def _measured(model: Any, measurements: ArrayLike) -> Array:
     """Return measurements as the model takes them: of some, NaN is one that is missing."""
     checked = getattr(model, "measured", None)

@@ -380,3 +380,33 @@ def test_pictures_are_drawn():
     assert "local ellipse" in labels
     easy = recorded("easy").plot_region(("x0", "y0"))
     assert "local ellipse" not in [t.get_text() for t in easy.axes[1].get_legend().get_texts()]
+
+
+def bearings_of_a_pass(seed):
+    t = np.arange(0.0, 600.0, 15.0)
+    path = np.stack([np.maximum(0, 5 * (t - 300)), np.minimum(5 * t, 1500)], axis=1)
+    sigma = np.radians(0.3)
+    seen = gm.bearings.simulate(t, path, [2000.0, 6000.0, 3.0, -1.0], sigma, seed=seed)
+    return t, seen, path, sigma
+
+
+def test_bearings_that_are_stuck_are_a_misfit():
+    t, seen, path, sigma = bearings_of_a_pass(1)
+    honest = gm.bearings.estimate(t, seen, path, sigma)
+    assert honest.fit.faults == ()
+    assert honest.status == "determined"
+    # A constant bearing fits a target that closes in: chi2 alone does not show it.
+    stuck = np.where(t > t[20], seen[20], seen)
+    found = gm.bearings.estimate(t, stuck, path, sigma)
+    assert found.fit.p_value > 0.5
+    assert found.status == "misfit"
+    assert "bearing is stuck at one value from 300 s to 585 s" in found.reason
+
+
+@pytest.mark.parametrize("step_deg", [0.01, 0.1, 1.0, 3.0])
+def test_coarse_readings_are_not_stuck(step_deg):
+    for seed in range(40):
+        t, seen, path, sigma = bearings_of_a_pass(seed)
+        model = gm.bearings.BearingsModel(t, path, np.array([sigma]))
+        step = np.radians(step_deg)
+        assert model.faults(step * np.round(seen / step)) == ()

@@ -909,18 +909,25 @@ impl PyModel {
     }
 }
 
-/// What each channel of a recording (samples, channels) looks like: "sound",
-/// "constant", or "copy of k".
+/// What each channel of a recording (samples, channels) looks like, with the deviation of
+/// each value: "sound", "constant", "stuck from i to j", or "copy of k".
 #[pyfunction]
-fn channels(values: &Bound<'_, PyAny>) -> PyResult<Vec<String>> {
+fn channels(values: &Bound<'_, PyAny>, sigma: &Bound<'_, PyAny>) -> PyResult<Vec<String>> {
     let values = Input::new(values, "values", 2)?;
     values.expect(&[None, None], "a channel a column")?;
-    let found = fit::channels(values.slice()?, values.core_shape()[1]);
+    let count = values.core_shape()[1];
+    let sigma = Input::new(sigma, "sigma", 2)?;
+    sigma.expect(
+        &[Some(values.core_shape()[0]), Some(count)],
+        "as values has",
+    )?;
+    let found = fit::channels(values.slice()?, sigma.slice()?, count);
     Ok(found
         .iter()
         .map(|channel| match channel {
             Channel::Sound => "sound".to_owned(),
             Channel::Constant => "constant".to_owned(),
+            Channel::Stuck { first, last } => format!("stuck from {first} to {last}"),
             Channel::Copy { of } => format!("copy of {of}"),
         })
         .collect())

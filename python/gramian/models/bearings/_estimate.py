@@ -13,7 +13,7 @@ from gramian import _core
 from gramian._arrays import finite
 from gramian._text import brief
 from gramian._values import Value
-from gramian.estimate import Estimate
+from gramian.estimate import Estimate, channel_faults
 from gramian.estimate import estimate as general
 from gramian.exceptions import InputError
 from gramian.models.bearings._rows import state_names
@@ -121,6 +121,10 @@ class BearingsModel(Value):
             velocity = np.gradient(self.observer, self.times, axis=0)
             found["clock offset of the path"] = -(place * velocity).sum(axis=1)
         return found
+
+    def faults(self, z: Array) -> tuple[str, ...]:
+        """Return where the bearings are stuck, in words."""
+        return channel_faults(z, self.sigma, self.times, ["bearing"])
 
 
 def estimate(

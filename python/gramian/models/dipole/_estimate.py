@@ -13,9 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from gramian import _core
 from gramian._arrays import finite
 from gramian._values import Value
+from gramian.estimate import channel_faults
 from gramian.models.dipole._model import NAMES
 
-__all__ = ["KNOWABLE", "PARTS", "DipoleModel", "faults"]
+__all__ = ["KNOWABLE", "PARTS", "DipoleModel"]
 
 Array = NDArray[np.float64]
 
@@ -154,8 +155,17 @@ class DipoleModel(Value):
         return dict(self.record(z).alternatives(x))
 
     def faults(self, z: Array) -> tuple[str, ...]:
-        """Return what is wrong with channels, in words."""
-        return faults(np.reshape(z, (len(self.times), -1)), len(self.sensors))
+        """Return which channels are dead, stuck or doubled, in words."""
+        sensors = len(self.sensors)
+        called = [
+            f"channel {'xyz'[c % 3]}" + (f" of sensor {c // 3 + 1}" if sensors > 1 else "")
+            for c in range(3 * sensors)
+        ]
+        # Zero where a number does not count.
+        sigma = np.divide(
+            1.0, self.weights, out=np.zeros(self.weights.shape), where=self.weights > 0
+        )
+        return channel_faults(z, sigma, self.times, called)
 
 
 class _Of:
@@ -212,22 +222,3 @@ class _Component:
         gradient = np.zeros(9)
         gradient[self._index] = 1.0
         return float(state[self._index]), gradient
-
-
-def faults(values: Array, sensors: int) -> tuple[str, ...]:
-    """Return which channels (K, 3 S) are dead or doubled, in words."""
-    found = _core.channels(values)
-
-    def called(index: int) -> str:
-        return "xyz"[index % 3] + (f" of sensor {index // 3 + 1}" if sensors > 1 else "")
-
-    told = []
-    for index, kind in enumerate(found):
-        if kind == "constant":
-            told.append(f"channel {called(index)} is constant over the record: dead or stuck")
-        elif kind.startswith("copy of "):
-            told.append(
-                f"channel {called(index)} is a copy of channel "
-                f"{called(int(kind.removeprefix('copy of ')))}"
-            )
-    return tuple(told)

@@ -365,6 +365,13 @@ pub enum Channel {
     Sound,
     /// One value from the first to the last sample.
     Constant,
+    /// One value from sample `first` to sample `last`, for longer than its noise lets it.
+    Stuck {
+        /// The first sample of the run.
+        first: usize,
+        /// The last one.
+        last: usize,
+    },
     /// An affine function of an earlier channel.
     Copy {
         /// Which one.
@@ -373,8 +380,8 @@ pub enum Channel {
 }
 
 /// Looks for dead, stuck and doubled channels in a recording, row-major (samples,
-/// channels).
-pub fn channels(values: &[f64], count: usize) -> Vec<Channel> {
+/// channels), with the standard deviation of each value.
+pub fn channels(values: &[f64], sigma: &[f64], count: usize) -> Vec<Channel> {
     let column = |c: usize| values.iter().skip(c).step_by(count.max(1)).copied();
     let samples = values.len().checked_div(count).unwrap_or(0);
     let centred: Vec<Vec<f64>> = (0..count)
@@ -392,6 +399,14 @@ pub fn channels(values: &[f64], count: usize) -> Vec<Channel> {
             if column(c).all(|v| v == first) {
                 return Channel::Constant;
             }
+            let readings: Vec<f64> = column(c).collect();
+            let deviations = sigma.iter().skip(c).step_by(count.max(1)).copied();
+            let least = deviations
+                .filter(|s| *s > 0.0)
+                .fold(f64::INFINITY, f64::min);
+            if let Some((first, last)) = stuck(&readings, least).filter(|_| least.is_finite()) {
+                return Channel::Stuck { first, last };
+            }
             let copy = (0..c).find(|&other| {
                 let product = dot(&centred[c], &centred[other]).abs();
                 let lengths = norm(&centred[c]) * norm(&centred[other]);
@@ -400,6 +415,34 @@ pub fn channels(values: &[f64], count: usize) -> Vec<Channel> {
             copy.map_or(Channel::Sound, |of| Channel::Copy { of })
         })
         .collect()
+}
+
+/// The longest run of one value, where noise of deviation `sigma` would have ended it.
+///
+/// A reading in the middle of a step of the converter (at most the smallest difference
+/// of two readings) keeps its value with a probability of at most step / (sigma sqrt(2 pi)).
+/// A run is told where, over all its possible places, less than one in 10^4 records would
+/// have it; one of fewer than five readings never.
+fn stuck(readings: &[f64], sigma: f64) -> Option<(usize, usize)> {
+    let mut sorted = readings.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let step = sorted
+        .windows(2)
+        .map(|pair| pair[1] - pair[0])
+        .filter(|&d| d > 0.0)
+        .fold(f64::INFINITY, f64::min);
+    let (mut first, mut longest, mut start) = (0, 0, 0);
+    for k in 1..=readings.len() {
+        if k == readings.len() || readings[k] != readings[start] {
+            if k - start > longest {
+                (first, longest) = (start, k - start);
+            }
+            start = k;
+        }
+    }
+    let stays = (step / (sigma * core::f64::consts::TAU.sqrt())).min(1.0);
+    let chance = readings.len() as f64 * stays.powf(longest as f64 - 1.0);
+    (longest >= 5 && chance < 1e-4).then(|| (first, first + longest - 1))
 }
 
 /// The largest singular value of a matrix given by its columns: powers of its square.
