@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
@@ -83,6 +81,8 @@ def read_text(path: Path, limit: int | None = None) -> str:
 
 def digest(path: Path) -> str:
     """Return the SHA-256 of a file, in hexadecimal; empty where it cannot be read any more."""
+    import hashlib  # not before it is needed: `import gramian` stays light
+
     try:
         with path.open("rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()
@@ -101,6 +101,8 @@ def write_whole(file: Path, content: bytes) -> None:
     OSError
         Writing failed; what was there before is as it was.
     """
+    import tempfile  # not before it is needed: `import gramian` stays light
+
     part: str | None = None
     try:
         handle, part = tempfile.mkstemp(prefix=f".{file.name}.", suffix=".part", dir=file.parent)
