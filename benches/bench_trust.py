@@ -265,7 +265,7 @@ def recall(proofs: bool) -> Iterator[Line]:
 def cost(proofs: bool) -> Iterator[Line]:
     """Compare an interval, and a search, with one solve of the same model."""
     rounds = 40 if proofs else 10
-    prior = {"x": (4e3, 4e3), "y": (6e3, 4e3), "vx": (0.0, 5.0), "vy": (0.0, 5.0)}
+    prior = {"x0": (4e3, 4e3), "y0": (6e3, 4e3), "vx": (0.0, 5.0), "vy": (0.0, 5.0)}
     for name, (model, truth) in scenes().items():
         ratios = []
         names = tuple(model.names)
