@@ -318,7 +318,7 @@ def test_a_device_without_room_is_a_clear_error(tmp_path, monkeypatch):
         return os.open("/dev/full", os.O_WRONLY), opened[-1]
 
     with monkeypatch.context() as patch:
-        patch.setattr("gramian._files.tempfile.mkstemp", full)
+        patch.setattr("tempfile.mkstemp", full)
         with pytest.raises(gm.StorageError, match="No space left on device; the 3 chunks"):
             gm.monte_carlo.run(Level(10), 64, SEED, mean, resume=tmp_path)
     assert len(opened) == 1
