@@ -1,7 +1,8 @@
 //! Which candidates to add.
 
-use gramian::choose::{Design, Goal};
+use gramian::choose::{ChoiceError, Design, Goal, Gram};
 use numpy::PyArray1;
+use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 
 use crate::convert::Input;
@@ -61,14 +62,14 @@ fn choose<'py>(
         before = end;
     }
     let base = base.slice()?;
-    let (greedy, swapped, worth, relaxed) = run::detached(py, |_| {
+    let (greedy, swapped, worth, relaxed) = run::interruptible(py, |stop| {
         let design = Design::new(n, base, &groups)?;
-        let greedy = design.greedy(&goal, budget)?;
-        let (swapped, worth) = design.exchange(&goal, &greedy.chosen, exchange);
-        let relaxed = design.relax(&goal, budget, 1e-4, steps)?;
+        let greedy = design.greedy(&goal, budget, stop)?;
+        let (swapped, worth) = design.exchange(&goal, &greedy.chosen, exchange, stop)?;
+        let relaxed = design.relax(&goal, budget, 1e-4, steps, stop)?;
         Ok((greedy, swapped, worth, relaxed))
     })?
-    .map_err(|error: gramian::scalar::NumberError| input_at("", error))?;
+    .map_err(refused)?;
     Ok((
         greedy.chosen,
         greedy.worth,
@@ -79,6 +80,63 @@ fn choose<'py>(
     ))
 }
 
+/// By value, as `map_err` gives it.
+#[allow(clippy::needless_pass_by_value)]
+fn refused(error: ChoiceError) -> PyErr {
+    match error {
+        ChoiceError::Number(error) => input_at("", error),
+        ChoiceError::Interrupted => PyKeyboardInterrupt::new_err(()),
+    }
+}
+
+/// Chooses where everything is observable, from what the candidates' rows see of each
+/// other: `c`, and `g` for a sum of variances; `worth` is that of what is known already.
+/// Returns what greedy took with the worth after each, what exchange left with its worth,
+/// and fractions, their worth and the limit.
+#[pyfunction]
+#[allow(clippy::too_many_arguments, clippy::type_complexity)]
+fn choose_observable<'py>(
+    py: Python<'py>,
+    c: &Bound<'py, PyAny>,
+    g: Option<&Bound<'py, PyAny>>,
+    ends: Vec<usize>,
+    budget: usize,
+    worth: f64,
+    exchange: usize,
+    steps: usize,
+) -> PyResult<(
+    Vec<usize>,
+    Vec<f64>,
+    Vec<usize>,
+    f64,
+    Option<(Bound<'py, PyArray1<f64>>, f64, f64)>,
+)> {
+    let c = Input::new(c, "c", 2)?.slice()?.to_vec();
+    let g = match g {
+        Some(g) => Some(Input::new(g, "g", 2)?.slice()?.to_vec()),
+        None => None,
+    };
+    let base = Gram::new(&ends, c, g, worth)
+        .ok_or_else(|| InputError::new_err("c and g must have a line for each row"))?;
+    let (greedy, swapped, reached, relaxed) = run::interruptible(py, |stop| {
+        let mut gram = base.clone();
+        let greedy = gram.greedy(budget, stop)?;
+        let swapped = gram.exchange(&greedy.chosen, exchange, stop)?;
+        let reached = gram.worth();
+        let relaxed = base.relax(budget, 1e-4, steps, stop)?;
+        Ok((greedy, swapped, reached, relaxed))
+    })?
+    .map_err(refused)?;
+    Ok((
+        greedy.chosen,
+        greedy.worth,
+        swapped,
+        reached,
+        relaxed.map(|r| (PyArray1::from_vec(py, r.weights), r.worth, r.limit)),
+    ))
+}
+
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_function(wrap_pyfunction!(choose_observable, module)?)?;
     module.add_function(wrap_pyfunction!(choose, module)?)
 }

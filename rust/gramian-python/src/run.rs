@@ -4,6 +4,7 @@
 use std::cell::RefCell;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use gramian::batch::Threads;
 use pyo3::prelude::*;
@@ -162,6 +163,31 @@ pub fn in_pieces(
         look(py)?;
     }
     Ok(())
+}
+
+/// Runs `work` with the interpreter released; it asks the closure it is given, and that
+/// looks for Ctrl-C now and then. The answer is that of `work`, or what a signal raised.
+pub fn interruptible<R: Send>(
+    py: Python<'_>,
+    work: impl FnOnce(&mut dyn FnMut() -> bool) -> R + Send,
+) -> PyResult<R> {
+    let mut raised = None;
+    let answer = py.detach(|| {
+        let mut last = Instant::now();
+        let mut stop = || {
+            if last.elapsed() < Duration::from_millis(100) {
+                return raised.is_some();
+            }
+            last = Instant::now();
+            raised = Python::attach(look).err();
+            raised.is_some()
+        };
+        work(&mut stop)
+    });
+    match raised {
+        Some(error) => Err(error),
+        None => Ok(answer),
+    }
 }
 
 /// Raises where Ctrl-C was pressed; in a worker, where its check does.

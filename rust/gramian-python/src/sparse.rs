@@ -1,7 +1,5 @@
 //! Sparse problems. The arrays of a compressed matrix are read where they are.
 
-use std::time::{Duration, Instant};
-
 use gramian::large::sparse::analysis::marginal_rows;
 use gramian::large::sparse::{Index, Rows, Sparse, SparseError, graph};
 use numpy::{Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
@@ -45,35 +43,20 @@ impl<'py, I: Element + Index> Arrays<'py, I> {
 #[allow(clippy::needless_pass_by_value)]
 fn refused(error: SparseError) -> PyErr {
     match error {
-        SparseError::Memory { .. } => PyMemoryError::new_err(error.to_string()),
+        SparseError::Memory { .. } | SparseError::Size { .. } => {
+            PyMemoryError::new_err(error.to_string())
+        }
         SparseError::Interrupted => PyKeyboardInterrupt::new_err(()),
         _ => InputError::new_err(error.to_string()),
     }
 }
 
-/// Runs `work` with the interpreter released; it asks the closure it is given, and that
-/// looks for Ctrl-C now and then.
+/// As [`crate::run::interruptible`], with the errors of sparse problems.
 fn interruptible<R: Send>(
     py: Python<'_>,
     work: impl FnOnce(&mut dyn FnMut() -> bool) -> Result<R, SparseError> + Send,
 ) -> PyResult<R> {
-    let mut raised = None;
-    let answer = py.detach(|| {
-        let mut last = Instant::now();
-        let mut stop = || {
-            if last.elapsed() < Duration::from_millis(100) {
-                return false;
-            }
-            last = Instant::now();
-            raised = Python::attach(crate::run::look).err();
-            raised.is_some()
-        };
-        work(&mut stop)
-    });
-    match raised {
-        Some(error) => Err(error),
-        None => answer.map_err(refused),
-    }
+    crate::run::interruptible(py, work)?.map_err(refused)
 }
 
 /// Sparse rows, reduced: see `gramian::large::sparse::Sparse`.
@@ -274,6 +257,34 @@ impl SparseAnalysis {
             (0..rows.len()).map(|i| rows.row(i).collect()).collect();
         let out = py.detach(|| self.0.covariance(&lines)).map_err(refused)?;
         PyArray1::from_vec(py, out).reshape([lines.len(), lines.len()])
+    }
+
+    /// What rows see of each other, and the same weighted by `weights` of the states in
+    /// `states` where those are given: square matrices.
+    #[allow(clippy::too_many_arguments, clippy::type_complexity)]
+    #[pyo3(signature = (start, column, value, states, weights, available))]
+    fn gram<'py>(
+        &self,
+        py: Python<'py>,
+        start: &Bound<'py, PyAny>,
+        column: &Bound<'py, PyAny>,
+        value: &Bound<'py, PyAny>,
+        states: Option<Vec<usize>>,
+        weights: Option<Vec<f64>>,
+        available: usize,
+    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Option<Bound<'py, PyArray2<f64>>>)> {
+        let arrays = Arrays::<i64>::new(start, column, value)?;
+        let rows = arrays.rows(self.0.states())?;
+        let lines: Vec<Vec<(usize, f64)>> =
+            (0..rows.len()).map(|i| rows.row(i).collect()).collect();
+        let weighted: Option<Vec<(usize, f64)>> = states
+            .zip(weights)
+            .map(|(s, w)| s.into_iter().zip(w).collect());
+        let (c, g) = interruptible(py, |stop| {
+            self.0.gram(&lines, weighted.as_deref(), available, stop)
+        })?;
+        let square = |m| PyArray1::from_vec(py, m).reshape([lines.len(), lines.len()]);
+        Ok((square(c)?, g.map(square).transpose()?))
     }
 
     /// How much rank rows would add together.

@@ -68,22 +68,6 @@ pub(super) fn covariance(matrix: &[f64], n: usize) -> Option<Vec<f64>> {
     Some(answer)
 }
 
-/// Log determinant of I + F C F^T for the rows of F.
-pub(super) fn quadratic(rows: &[f64], c: &[f64], n: usize) -> f64 {
-    let p = rows.len() / n;
-    let mut inner = vec![0.0; p * p];
-    for (a, row) in rows.chunks_exact(n).enumerate() {
-        let image: Vec<f64> = (0..n)
-            .map(|j| (0..n).map(|k| row[k] * c[k * n + j]).sum())
-            .collect();
-        for (b, other) in rows.chunks_exact(n).enumerate() {
-            let unit = if a == b { 1.0 } else { 0.0 };
-            inner[a * p + b] = unit + image.iter().zip(other).map(|(x, y)| x * y).sum::<f64>();
-        }
-    }
-    log_det(&inner, p).unwrap_or(0.0)
-}
-
 /// The largest eigenvalue of the covariance of states divided by `scale`: by powers of
 /// the matrix, squared until one direction is left.
 pub(super) fn largest(c: &[f64], scale: &[f64], n: usize) -> f64 {

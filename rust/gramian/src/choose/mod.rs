@@ -18,8 +18,21 @@ use crate::observability::Observability;
 use crate::scalar::NumberError;
 
 mod dense;
+pub mod gram;
 
-use dense::{covariance, log_det, quadratic};
+use dense::{covariance, log_det};
+pub use gram::Gram;
+
+/// Why there is no choice.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum ChoiceError {
+    /// A number that does not fit.
+    #[error(transparent)]
+    Number(#[from] NumberError),
+    /// The caller asked to stop.
+    #[error("interrupted")]
+    Interrupted,
+}
 
 /// What is to be best.
 #[derive(Clone, Debug, PartialEq)]
@@ -144,13 +157,46 @@ impl Design {
         Ok((rank, product))
     }
 
+    /// Everything that is known with `information` about the candidates; `None` where that
+    /// does not make everything observable, and for E.
+    fn gram(&self, goal: &Goal, information: &[f64]) -> Option<Gram> {
+        let weights = match goal {
+            Goal::D => None,
+            Goal::A(weights) => Some(weights.clone()),
+            Goal::E(_) => return None,
+        };
+        let mut end = 0;
+        let ends: Vec<usize> = self
+            .rows
+            .iter()
+            .map(|rows| {
+                end += rows.len() / self.n;
+                end
+            })
+            .collect();
+        let covariance = covariance(information, self.n)?;
+        let worth = self.worth(goal, information);
+        Some(Gram::factored(
+            &ends,
+            self.rows.concat(),
+            &covariance,
+            weights,
+            worth,
+        ))
+    }
+
     /// Adds the best candidate, one after the other. While the rank is short, more rank
     /// comes first, then the larger product of the singular values that count.
     ///
     /// # Errors
-    /// [`NumberError`] where the information overflows, or the budget exceeds the number
-    /// of candidates.
-    pub fn greedy(&self, goal: &Goal, budget: usize) -> Result<Choice, NumberError> {
+    /// [`ChoiceError`] where the information overflows, the budget exceeds the number of
+    /// candidates, or `stop` says so.
+    pub fn greedy(
+        &self,
+        goal: &Goal,
+        budget: usize,
+        stop: &mut dyn FnMut() -> bool,
+    ) -> Result<Choice, ChoiceError> {
         self.check(budget)?;
         let mut choice = Choice {
             chosen: Vec::new(),
@@ -160,17 +206,17 @@ impl Design {
         let mut left: Vec<usize> = (0..self.rows.len()).collect();
         let mut rank = self.rank(&[])?.0;
         let mut information = self.base.clone();
+        let mut gram = None;
         for _ in 0..budget {
+            if rank == self.n && gram.is_none() {
+                gram = self.gram(goal, &information);
+            }
             let mut best: Option<(usize, usize, f64)> = None;
-            let inverse = if rank == self.n {
-                covariance(&information, self.n)
-            } else {
-                None
-            };
             for (place, &i) in left.iter().enumerate() {
-                let (reached, value) = if let (Some(c), Goal::D) = (&inverse, goal) {
-                    // Half the log determinant of I + F C F^T: what is gained.
-                    (self.n, 0.5 * quadratic(&self.rows[i], c, self.n))
+                check(stop)?;
+                let (reached, value) = if let Some(gram) = &gram {
+                    let with = gram.with(&[(i, 1.0)]);
+                    (self.n, with.unwrap_or(f64::NEG_INFINITY))
                 } else if rank == self.n {
                     let mut with = information.clone();
                     dense::add(&mut with, &self.rows[i], self.n, 1.0);
@@ -195,6 +241,7 @@ impl Design {
             };
             let i = left.remove(place);
             dense::add(&mut information, &self.rows[i], self.n, 1.0);
+            gram = gram.and_then(|mut gram| gram.add(&[(i, 1.0)]).then_some(gram));
             rank = reached;
             choice.chosen.push(i);
             choice.rank.push(rank);
@@ -209,12 +256,31 @@ impl Design {
 
     /// Swaps a chosen candidate for another as long as that is better, the best swap
     /// first; at most `rounds` swaps. Nothing where the rank is short.
-    pub fn exchange(&self, goal: &Goal, chosen: &[usize], rounds: usize) -> (Vec<usize>, f64) {
+    ///
+    /// # Errors
+    /// [`ChoiceError::Interrupted`].
+    pub fn exchange(
+        &self,
+        goal: &Goal,
+        chosen: &[usize],
+        rounds: usize,
+        stop: &mut dyn FnMut() -> bool,
+    ) -> Result<(Vec<usize>, f64), ChoiceError> {
         let mut chosen = chosen.to_vec();
         let mut information = self.information(&chosen);
         let mut worth = self.worth(goal, &information);
         if worth == f64::NEG_INFINITY {
-            return (chosen, worth);
+            return Ok((chosen, worth));
+        }
+        if let Some(mut gram) = self.gram(goal, &information) {
+            let swapped = gram.exchange(&chosen, rounds, stop)?;
+            // Anew, so that differences leave no rounding behind.
+            let reached = self.worth(goal, &self.information(&swapped));
+            return Ok(if reached > worth {
+                (swapped, reached)
+            } else {
+                (chosen, worth)
+            });
         }
         for _ in 0..rounds {
             let mut best = (worth + 1e-12 * worth.abs().max(1.0), None);
@@ -222,6 +288,7 @@ impl Design {
                 let mut without = information.clone();
                 dense::add(&mut without, &self.rows[out], self.n, -1.0);
                 for into in (0..self.rows.len()).filter(|i| !chosen.contains(i)) {
+                    check(stop)?;
                     let mut with = without.clone();
                     dense::add(&mut with, &self.rows[into], self.n, 1.0);
                     let reached = self.worth(goal, &with);
@@ -234,11 +301,10 @@ impl Design {
                 break;
             };
             chosen[place] = into;
-            // Anew, so that differences leave no rounding behind.
             information = self.information(&chosen);
             worth = self.worth(goal, &information);
         }
-        (chosen, worth)
+        Ok((chosen, worth))
     }
 
     /// The best fractions of candidates, by moves of weight from where it helps least to
@@ -247,39 +313,183 @@ impl Design {
     /// short.
     ///
     /// # Errors
-    /// [`NumberError`] where the budget exceeds the number of candidates.
+    /// [`ChoiceError`] where the budget exceeds the number of candidates, or `stop` says
+    /// so.
     pub fn relax(
         &self,
         goal: &Goal,
         budget: usize,
         tolerance: f64,
         steps: usize,
-    ) -> Result<Option<Relaxation>, NumberError> {
+        stop: &mut dyn FnMut() -> bool,
+    ) -> Result<Option<Relaxation>, ChoiceError> {
         self.check(budget)?;
         let m = self.rows.len();
-        if matches!(goal, Goal::E(_)) || m == 0 {
+        if m == 0 || budget == 0 {
             return Ok(None);
         }
-        let mut weights = vec![budget as f64 / m as f64; m];
         let mut information = self.base.clone();
-        for (rows, &w) in self.rows.iter().zip(&weights) {
-            dense::add(&mut information, rows, self.n, w);
+        for rows in &self.rows {
+            dense::add(&mut information, rows, self.n, budget as f64 / m as f64);
         }
-        let mut worth = self.worth(goal, &information);
-        if worth == f64::NEG_INFINITY || budget == 0 {
+        match self.gram(goal, &information) {
+            Some(gram) => Ok(Some(gram.relaxed(budget, tolerance, steps, stop)?)),
+            None => Ok(None),
+        }
+    }
+
+    fn check(&self, budget: usize) -> Result<(), ChoiceError> {
+        within(budget, self.rows.len())
+    }
+}
+
+fn within(budget: usize, candidates: usize) -> Result<(), ChoiceError> {
+    if budget > candidates {
+        return Err(ChoiceError::Number(NumberError::OutOfRange {
+            name: "budget",
+            given: budget as f64,
+            allowed: "at most the number of candidates",
+        }));
+    }
+    Ok(())
+}
+
+fn check(stop: &mut dyn FnMut() -> bool) -> Result<(), ChoiceError> {
+    if stop() {
+        return Err(ChoiceError::Interrupted);
+    }
+    Ok(())
+}
+
+/// The same choice where everything is observable already, from C and G alone (see
+/// [`gram`]): the way for problems with so many states that their information is not
+/// formed.
+impl Gram {
+    /// Adds the best candidate, one after the other; `self` has them afterwards. Ranks are
+    /// left out.
+    ///
+    /// # Errors
+    /// [`ChoiceError`] where the budget exceeds the number of candidates, or `stop` says
+    /// so.
+    pub fn greedy(
+        &mut self,
+        budget: usize,
+        stop: &mut dyn FnMut() -> bool,
+    ) -> Result<Choice, ChoiceError> {
+        within(budget, self.len())?;
+        let mut choice = Choice {
+            chosen: Vec::new(),
+            worth: Vec::new(),
+            rank: Vec::new(),
+        };
+        let mut left: Vec<usize> = (0..self.len()).collect();
+        for _ in 0..budget {
+            let mut best: Option<(usize, f64)> = None;
+            for (place, &i) in left.iter().enumerate() {
+                check(stop)?;
+                let value = self.with(&[(i, 1.0)]).unwrap_or(f64::NEG_INFINITY);
+                if best.is_none_or(|(_, v)| value > v) {
+                    best = Some((place, value));
+                }
+            }
+            let Some((place, _)) = best else {
+                break;
+            };
+            let i = left.remove(place);
+            if !self.add(&[(i, 1.0)]) {
+                break;
+            }
+            choice.chosen.push(i);
+            choice.worth.push(self.worth());
+        }
+        Ok(choice)
+    }
+
+    /// Swaps a chosen candidate (`self` has them all) for another as long as that is
+    /// better, the best swap first; at most `rounds` swaps.
+    ///
+    /// # Errors
+    /// [`ChoiceError::Interrupted`].
+    pub fn exchange(
+        &mut self,
+        chosen: &[usize],
+        rounds: usize,
+        stop: &mut dyn FnMut() -> bool,
+    ) -> Result<Vec<usize>, ChoiceError> {
+        let mut chosen = chosen.to_vec();
+        for _ in 0..rounds {
+            let worth = self.worth();
+            let mut best = (worth + 1e-12 * worth.abs().max(1.0), None);
+            for (place, &out) in chosen.iter().enumerate() {
+                for into in (0..self.len()).filter(|i| !chosen.contains(i)) {
+                    check(stop)?;
+                    let reached = self.with(&[(into, 1.0), (out, -1.0)]);
+                    if let Some(reached) = reached.filter(|&r| r > best.0) {
+                        best = (reached, Some((place, into)));
+                    }
+                }
+            }
+            let Some((place, into)) = best.1 else {
+                break;
+            };
+            let out = core::mem::replace(&mut chosen[place], into);
+            if !self.add(&[(into, 1.0), (out, -1.0)]) {
+                break;
+            }
+        }
+        Ok(chosen)
+    }
+
+    /// The best fractions of candidates, none of which `self` has: see [`Design::relax`].
+    ///
+    /// # Errors
+    /// As [`greedy`](Self::greedy).
+    pub fn relax(
+        mut self,
+        budget: usize,
+        tolerance: f64,
+        steps: usize,
+        stop: &mut dyn FnMut() -> bool,
+    ) -> Result<Option<Relaxation>, ChoiceError> {
+        within(budget, self.len())?;
+        if self.is_empty() || budget == 0 {
             return Ok(None);
         }
+        let even = budget as f64 / self.len() as f64;
+        for i in 0..self.len() {
+            check(stop)?;
+            if !self.add(&[(i, even)]) {
+                return Ok(None);
+            }
+        }
+        self.relaxed(budget, tolerance, steps, stop).map(Some)
+    }
+
+    /// Moves of weight, from equal weights of all candidates, which `self` has.
+    fn relaxed(
+        mut self,
+        budget: usize,
+        tolerance: f64,
+        steps: usize,
+        stop: &mut dyn FnMut() -> bool,
+    ) -> Result<Relaxation, ChoiceError> {
+        let m = self.len();
+        let mut weights = vec![budget as f64 / m as f64; m];
         let mut limit = f64::INFINITY;
         let mut order: Vec<usize> = (0..m).collect();
         for _ in 0..steps {
-            let Some(slope) = self.slopes(goal, &information) else {
-                break;
-            };
+            check(stop)?;
+            let worth = self.worth();
+            let slope = self.slopes();
             order.sort_by(|&a, &b| slope[b].total_cmp(&slope[a]));
             let best: f64 = order[..budget].iter().map(|&i| slope[i]).sum();
             let now: f64 = slope.iter().zip(&weights).map(|(s, w)| s * w).sum();
             limit = limit.min(worth + (best - now).max(0.0));
-            let scale = if *goal == Goal::D { 1.0 } else { worth.abs() };
+            let scale = if self.of_determinant() {
+                1.0
+            } else {
+                worth.abs()
+            };
             if limit - worth <= tolerance * scale {
                 break;
             }
@@ -294,62 +504,21 @@ impl Design {
                 break;
             }
             let most = (1.0 - weights[up]).min(weights[down]);
-            let at = |t: f64| {
-                let mut moved = information.clone();
-                dense::add(&mut moved, &self.rows[up], self.n, t);
-                dense::add(&mut moved, &self.rows[down], self.n, -t);
-                let value = self.worth(goal, &moved);
-                (value, moved)
-            };
-            let (step, value, moved) = golden(most, at);
-            if value <= worth {
+            let pair = self.part(&[up, down]);
+            let (step, value) = golden(most, |t| {
+                pair.with_all(&[t, -t]).unwrap_or(f64::NEG_INFINITY)
+            });
+            if value <= worth || !self.add(&[(up, step), (down, -step)]) {
                 break;
             }
-            worth = value;
-            information = moved;
             weights[up] = (weights[up] + step).min(1.0);
             weights[down] = (weights[down] - step).max(0.0);
         }
-        Ok(Some(Relaxation {
+        Ok(Relaxation {
             weights,
-            worth,
+            worth: self.worth(),
             limit,
-        }))
-    }
-
-    /// The derivative of the worth by each candidate's weight.
-    fn slopes(&self, goal: &Goal, information: &[f64]) -> Option<Vec<f64>> {
-        let n = self.n;
-        let c = covariance(information, n)?;
-        Some(
-            self.rows
-                .iter()
-                .map(|rows| {
-                    let mut sum = 0.0;
-                    for row in rows.chunks_exact(n) {
-                        for j in 0..n {
-                            let product: f64 = (0..n).map(|k| row[k] * c[k * n + j]).sum();
-                            sum += match goal {
-                                Goal::A(weights) => weights[j] * product * product,
-                                _ => 0.5 * product * row[j],
-                            };
-                        }
-                    }
-                    sum
-                })
-                .collect(),
-        )
-    }
-
-    fn check(&self, budget: usize) -> Result<(), NumberError> {
-        if budget > self.rows.len() {
-            return Err(NumberError::OutOfRange {
-                name: "budget",
-                given: budget as f64,
-                allowed: "at most the number of candidates",
-            });
-        }
-        Ok(())
+        })
     }
 }
 
@@ -357,29 +526,25 @@ impl Design {
 const RESIDUE: f64 = 1e-12;
 
 /// The largest of a concave function on [0, most]; also at the ends.
-fn golden(most: f64, at: impl Fn(f64) -> (f64, Vec<f64>)) -> (f64, f64, Vec<f64>) {
+fn golden(most: f64, at: impl Fn(f64) -> f64) -> (f64, f64) {
     const RATIO: f64 = 0.618_033_988_749_894_9;
     let (mut low, mut high) = (0.0, most);
     let (mut a, mut b) = (high - RATIO * (high - low), low + RATIO * (high - low));
-    let (mut fa, mut fb) = (at(a).0, at(b).0);
+    let (mut fa, mut fb) = (at(a), at(b));
     for _ in 0..24 {
         if fa < fb {
             (low, a, fa) = (a, b, fb);
             b = low + RATIO * (high - low);
-            fb = at(b).0;
+            fb = at(b);
         } else {
             (high, b, fb) = (b, a, fa);
             a = high - RATIO * (high - low);
-            fa = at(a).0;
+            fa = at(a);
         }
     }
-    let middle = if fa < fb { b } else { a };
-    let (value, moved) = at(middle);
-    let (end, ended) = at(most);
-    if end >= value {
-        return (most, end, ended);
-    }
-    (middle, value, moved)
+    let middle = if fa < fb { (b, fb) } else { (a, fa) };
+    let end = (most, at(most));
+    if end.1 >= middle.1 { end } else { middle }
 }
 
 #[cfg(test)]
@@ -426,8 +591,10 @@ mod tests {
                 let design = Design::new(n, &base, &groups).unwrap();
                 for goal in [Goal::D, Goal::A(vec![1.0, 2.0, 0.5]), Goal::E(vec![1.0; 3])] {
                     let best = exhaustive(&design, &goal, 4);
-                    let greedy = design.greedy(&goal, 4).unwrap();
-                    let (chosen, worth) = design.exchange(&goal, &greedy.chosen, 50);
+                    let greedy = design.greedy(&goal, 4, &mut || false).unwrap();
+                    let (chosen, worth) = design
+                        .exchange(&goal, &greedy.chosen, 50, &mut || false)
+                        .unwrap();
                     assert_eq!(chosen.len(), 4);
                     assert!(greedy.worth[3] <= worth + 1e-12 && worth <= best + 1e-9);
                     if goal == Goal::D && !base.is_empty() {
@@ -436,7 +603,7 @@ mod tests {
                         let part = 1.0 - core::f64::consts::E.recip();
                         assert!(greedy.worth[3] - none >= part * (best - none) - 1e-12);
                     }
-                    let relaxed = design.relax(&goal, 4, 1e-6, 2000).unwrap();
+                    let relaxed = design.relax(&goal, 4, 1e-6, 2000, &mut || false).unwrap();
                     let Some(relaxed) = relaxed else {
                         assert!(matches!(goal, Goal::E(_)));
                         continue;
@@ -458,8 +625,8 @@ mod tests {
     fn rank_comes_first() {
         let rows: [&[f64]; 3] = [&[90.0, 0.0], &[100.0, 0.0], &[0.0, 0.1]];
         let design = Design::new(2, &[], &rows).unwrap();
-        let choice = design.greedy(&Goal::D, 2).unwrap();
+        let choice = design.greedy(&Goal::D, 2, &mut || false).unwrap();
         assert_eq!((choice.chosen, choice.rank), (vec![1, 2], vec![1, 2]));
-        assert!(design.greedy(&Goal::D, 4).is_err());
+        assert!(design.greedy(&Goal::D, 4, &mut || false).is_err());
     }
 }

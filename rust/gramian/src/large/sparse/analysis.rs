@@ -3,6 +3,9 @@
 use alloc::vec;
 use alloc::vec::Vec;
 
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, MatMut, Par};
+
 use super::factor::{Factor, Symbolic};
 use super::null_space::{self, Component, Scaled};
 use super::structure::{NONE, Structure};
@@ -62,11 +65,7 @@ impl Sparse {
             .collect();
         let symbolic = Symbolic::new(rows)?;
         let place = symbolic.place.clone();
-        let matrix = Scaled {
-            rows,
-            scale: &scale,
-            place: &place,
-        };
+        let matrix = Scaled::new(rows, &scale, &place);
         let norm = matrix.norm().max(1.0);
         let rtol = rtol.unwrap_or_else(|| crate::spectrum::default_rtol(rows.len(), n));
         let mut ranges: Vec<(usize, usize)> = Vec::new();
@@ -350,6 +349,91 @@ impl Sparse {
         Ok(answer)
     }
 
+    /// What rows see of each other: F S F^T (row-major) with the covariance S at the bound,
+    /// and F S W S F^T with weights of states (columns and weights) where they are given.
+    /// Both are on the quotient by what is not determined.
+    ///
+    /// # Errors
+    /// As [`variance`](Self::variance); [`SparseError::Size`], [`SparseError::Interrupted`].
+    pub fn gram(
+        &self,
+        rows: &[Vec<(usize, f64)>],
+        weights: Option<&[(usize, f64)]>,
+        available: usize,
+        stop: &mut Stop<'_>,
+    ) -> Result<(Vec<f64>, Option<Vec<f64>>), SparseError> {
+        const BLOCK: usize = 24;
+        let (n, count) = (self.states(), rows.len());
+        let kept = weights.map_or(0, <[_]>::len);
+        let needed = (n.saturating_mul(BLOCK))
+            .saturating_add(count.saturating_mul(kept))
+            .saturating_add(count.saturating_mul(3).saturating_mul(count))
+            .saturating_mul(8);
+        if needed > available {
+            return Err(SparseError::Size {
+                what: "the covariance of all rows",
+                needed,
+                available,
+            });
+        }
+        let scaled = rows
+            .iter()
+            .map(|row| self.scaled(row))
+            .collect::<Result<Vec<_>, _>>()?;
+        let weighted = weights.map(|w| self.scaled(w)).transpose()?;
+        let mut c = vec![0.0; count * count];
+        let mut moved = Mat::<f64>::zeros(kept, count);
+        for first in (0..count).step_by(BLOCK) {
+            let width = BLOCK.min(count - first);
+            let mut x = vec![0.0; n * width];
+            for (k, row) in scaled[first..first + width].iter().enumerate() {
+                for &(p, value) in row {
+                    x[p * width + k] += value;
+                }
+            }
+            self.factor.solve_transposed(&mut x, width, stop)?;
+            self.factor.solve(&mut x, width, stop)?;
+            for (i, row) in scaled.iter().enumerate() {
+                for &(p, value) in row {
+                    for k in 0..width {
+                        c[i * count + first + k] += value * x[p * width + k];
+                    }
+                }
+            }
+            // In units of the caller, each times the root of its weight.
+            for (w, (&(j, weight), &(p, _))) in weights
+                .iter()
+                .flat_map(|w| w.iter())
+                .zip(weighted.iter().flatten())
+                .enumerate()
+            {
+                let factor = weight.sqrt() * self.scale[j];
+                for k in 0..width {
+                    moved[(w, first + k)] = factor * x[p * width + k];
+                }
+            }
+        }
+        for i in 0..count {
+            for k in 0..i {
+                let mean = f64::midpoint(c[i * count + k], c[k * count + i]);
+                (c[i * count + k], c[k * count + i]) = (mean, mean);
+            }
+        }
+        let g = weights.map(|_| {
+            let mut g = vec![0.0; count * count];
+            matmul(
+                MatMut::from_row_major_slice_mut(&mut g, count, count),
+                Accum::Replace,
+                moved.transpose(),
+                moved.as_ref(),
+                1.0,
+                Par::Seq,
+            );
+            g
+        });
+        Ok((c, g))
+    }
+
     /// How much rank each group of rows would add, each row by columns and values; and
     /// what it would add to half the log determinant of what is determined already
     /// (nats; the rows' part along null vectors apart).
@@ -444,13 +528,7 @@ pub fn marginal_rows<I: Index>(
         .collect();
     let symbolic = Symbolic::eliminating(rows, eliminated)?;
     let place = symbolic.place.clone();
-    let norm = Scaled {
-        rows,
-        scale: &scale,
-        place: &place,
-    }
-    .norm()
-    .max(1.0);
+    let norm = Scaled::new(rows, &scale, &place).norm().max(1.0);
     let mu = MU_ELIMINATION * norm;
     let factor = Factor::new(rows, &scale, mu, symbolic, available, stop)?;
     let symbolic = &factor.symbolic;

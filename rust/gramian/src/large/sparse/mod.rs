@@ -117,6 +117,16 @@ pub enum SparseError {
         /// What there is.
         available: usize,
     },
+    /// Another array that would not fit in memory.
+    #[error("{what} would take {needed} bytes: {available} bytes are available")]
+    Size {
+        /// What it is.
+        what: &'static str,
+        /// What would be needed.
+        needed: usize,
+        /// What there is.
+        available: usize,
+    },
     /// A vector whose length does not fit.
     #[error("{array} has {given} entries: must have {wanted}")]
     Length {

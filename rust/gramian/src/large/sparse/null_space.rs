@@ -58,52 +58,106 @@ impl Component {
 }
 
 /// A column-scaled matrix with its columns in elimination order.
-pub(super) struct Scaled<'a, I> {
-    pub rows: &'a Rows<'a, I>,
-    pub scale: &'a [f64],
-    pub place: &'a [usize],
+pub(super) struct Scaled {
+    start: Vec<usize>,
+    /// Places and scaled values.
+    entries: Vec<(u32, f64)>,
+    columns: usize,
 }
 
-impl<I: Index> Scaled<'_, I> {
+impl Scaled {
+    /// Scales and orders rows; there must be fewer than 2^32 columns.
+    pub fn new<I: Index>(rows: &Rows<'_, I>, scale: &[f64], place: &[usize]) -> Self {
+        let mut start = Vec::with_capacity(rows.len() + 1);
+        start.push(0);
+        let mut entries = Vec::with_capacity(rows.entries());
+        for row in 0..rows.len() {
+            entries.extend(rows.row(row).map(|(j, value)| {
+                (
+                    u32::try_from(place[j]).unwrap_or(u32::MAX),
+                    value * scale[j],
+                )
+            }));
+            start.push(entries.len());
+        }
+        Self {
+            start,
+            entries,
+            columns: place.len(),
+        }
+    }
+
+    fn len(&self) -> usize {
+        self.start.len() - 1
+    }
+
+    fn row(&self, row: usize) -> &[(u32, f64)] {
+        &self.entries[self.start[row]..self.start[row + 1]]
+    }
+
     /// [A D] x for one row and `width` vectors by places, row-major.
     fn line(&self, row: usize, x: &[f64], width: usize, out: &mut [f64]) {
         out.fill(0.0);
-        for (j, value) in self.rows.row(row) {
-            let value = value * self.scale[j];
-            let p = self.place[j] * width;
+        for &(p, value) in self.row(row) {
+            let p = p as usize * width;
             for (o, x) in out.iter_mut().zip(&x[p..p + width]) {
                 *o += value * x;
             }
         }
     }
 
-    /// The largest singular value, by Golub-Kahan-Lanczos bidiagonalisation: an estimate from
-    /// below, within a per cent or so.
+    /// The largest singular value, by Golub-Kahan-Lanczos bidiagonalisation: an estimate
+    /// from below, within a per cent or so.
     pub fn norm(&self) -> f64 {
-        const STEPS: usize = 24;
-        let n = self.place.len();
+        const STEPS: usize = 12;
+        let n = self.columns;
         let mut random = Random(0x9E37_79B9_7F4A_7C15);
         let mut v: Vec<f64> = (0..n).map(|_| random.next()).collect();
         normalise(&mut v);
-        let mut best: f64 = 0.0;
+        let mut u = vec![0.0; self.len()];
+        let mut beta = 0.0;
+        // Of the bidiagonal matrix: the diagonal, and what stands right of it.
+        let (mut diagonal, mut beside) = (Vec::new(), Vec::new());
         for _ in 0..STEPS {
-            let mut next = vec![0.0; n];
+            let mut next: Vec<f64> = vec![0.0; n];
             let mut square = 0.0;
-            let mut out = [0.0];
-            for row in 0..self.rows.len() {
-                self.line(row, &v, 1, &mut out);
-                square += out[0] * out[0];
-                for (j, value) in self.rows.row(row) {
-                    next[self.place[j]] += value * self.scale[j] * out[0];
+            for (row, u) in u.iter_mut().enumerate() {
+                let image: f64 = self.row(row).iter().map(|&(p, a)| a * v[p as usize]).sum();
+                *u = image - beta * *u;
+                square += *u * *u;
+            }
+            let alpha = f64::sqrt(square);
+            diagonal.push(alpha);
+            if alpha == 0.0 {
+                break;
+            }
+            for (row, u) in u.iter_mut().enumerate() {
+                *u /= alpha;
+                for &(p, a) in self.row(row) {
+                    next[p as usize] += a * *u;
                 }
             }
-            best = best.max(square.sqrt());
-            if normalise(&mut next) == 0.0 {
+            for (x, v) in next.iter_mut().zip(&v) {
+                *x -= alpha * v;
+            }
+            beta = normalise(&mut next);
+            beside.push(beta);
+            if beta <= f64::EPSILON * alpha {
                 break;
             }
             v = next;
         }
-        best
+        let k = diagonal.len();
+        let bidiagonal = Mat::from_fn(k, k, |i, j| match j.wrapping_sub(i) {
+            0 => diagonal[i],
+            1 => beside[i],
+            _ => 0.0,
+        });
+        bidiagonal
+            .singular_values()
+            .ok()
+            .and_then(|values| values.first().copied())
+            .unwrap_or(0.0)
     }
 }
 
@@ -136,14 +190,14 @@ impl Random {
 ///
 /// # Errors
 /// [`SparseError::Interrupted`], [`SparseError::NoConvergence`].
-pub(super) fn smallest<I: Index>(
-    matrix: &Scaled<'_, I>,
+pub(super) fn smallest(
+    matrix: &Scaled,
     factor: &Factor,
     ranges: &[(usize, usize)],
     limit: f64,
     stop: &mut Stop<'_>,
 ) -> Result<Vec<Component>, SparseError> {
-    let n = matrix.place.len();
+    let n = matrix.columns;
     let widest = ranges.iter().map(|(a, b)| b - a).max().unwrap_or(0);
     let mut width = widest.min(MORE + 6);
     let mut component_of = vec![0; n];
@@ -233,15 +287,15 @@ fn widened(x: &[f64], n: usize, before: usize, width: usize) -> Vec<f64> {
     wide
 }
 
-fn rows_by_component<I: Index>(
-    matrix: &Scaled<'_, I>,
+fn rows_by_component(
+    matrix: &Scaled,
     component_of: &[usize],
     components: usize,
 ) -> Vec<Vec<usize>> {
     let mut list = vec![Vec::new(); components];
-    for row in 0..matrix.rows.len() {
-        if let Some((j, _)) = matrix.rows.row(row).next() {
-            list[component_of[matrix.place[j]]].push(row);
+    for row in 0..matrix.len() {
+        if let Some(&(p, _)) = matrix.row(row).first() {
+            list[component_of[p as usize]].push(row);
         }
     }
     list
@@ -250,8 +304,8 @@ fn rows_by_component<I: Index>(
 /// Orthonormal columns, then rotated so that [A D] maps them to orthogonal ones; the
 /// shortest first. A itself is used and not its square, so that no digit is lost.
 #[allow(clippy::type_complexity)]
-fn rayleigh_ritz<I: Index>(
-    matrix: &Scaled<'_, I>,
+fn rayleigh_ritz(
+    matrix: &Scaled,
     x: &mut [f64],
     width: usize,
     ranges: &[(usize, usize)],
