@@ -133,6 +133,15 @@ class SparseAnalysis:
     def covariance(
         self, start: NDArray[np.int64], column: NDArray[np.int64], value: _Array
     ) -> _Array: ...
+    def gram(
+        self,
+        start: NDArray[np.int64],
+        column: NDArray[np.int64],
+        value: _Array,
+        states: Sequence[int] | None,
+        weights: Sequence[float] | None,
+        available: int,
+    ) -> tuple[_Array, _Array | None]: ...
     def rank_gain(
         self, start: NDArray[np.int64], column: NDArray[np.int64], value: _Array
     ) -> int: ...
@@ -149,6 +158,21 @@ def weak_places(
 ) -> tuple[NDArray[np.uint64], NDArray[np.uint64], NDArray[np.uint64]]: ...
 
 # choice among candidates
+def choose_observable(
+    c: ArrayLike,
+    g: ArrayLike | None,
+    ends: Sequence[int],
+    budget: int,
+    worth: float,
+    exchange: int,
+    steps: int,
+) -> tuple[
+    list[int],
+    list[float],
+    list[int],
+    float,
+    tuple[_Array, float, float] | None,
+]: ...
 def choose(
     base: ArrayLike,
     rows: ArrayLike,

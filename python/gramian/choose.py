@@ -115,8 +115,10 @@ def select(
         times its weight. "E": the longest axis, each state divided by its scale.
     problem : Problem, optional
         What is measured and known already, dense or sparse, and the names of the states.
-        A sparse one is first reduced to the states that candidates touch and the goal asks
-        for, by elimination of the others; nothing is lost by that.
+        A sparse one may have any number of states where all are observable (but for "E"):
+        only what the candidates' rows see of each other is formed. Where some are not, it
+        is first reduced to the states that candidates touch and the goal asks for, by
+        elimination of the others; nothing is lost by that.
     exchange : bool
         Whether to swap chosen candidates for others until no swap helps.
     relax : bool
@@ -158,6 +160,10 @@ def select(
     budget = whole(budget, "budget", 1)
     if budget > len(named):
         raise InputError(f"budget = {budget}: must be from 1 to {len(named)}, the candidates")
+    if problem is not None and is_sparse(problem.rows) and goal != "E":
+        choice = _sparse(named, budget, goal, problem, exchange, relax)
+        if choice is not None:
+            return choice
     names, base, groups, scale = _dense(named, problem, goal)
     n = len(names)
     letter, weights = _goal(goal, names, scale)
@@ -190,6 +196,71 @@ def select(
         weights=dict(zip(keys, relaxed[0].tolist(), strict=True))
         if relaxed is not None and relax
         else {},
+    )
+
+
+def _sparse(
+    named: Mapping[str, Any],
+    budget: int,
+    goal: str | Mapping[str, float],
+    problem: Problem,
+    exchange: bool,
+    relax: bool,
+) -> Choice | None:
+    """Choose for a sparse problem all of whose states are observable; None for others."""
+    from scipy.sparse import csr_array, vstack
+
+    from gramian.large._analysis import _reduced
+    from gramian.large._problem import available_bytes
+
+    analysis = _reduced(problem.all_rows, problem.rtol)
+    if analysis.nullity:
+        return None
+    groups = [csr_array(_rows(value, key, problem)) for key, value in named.items()]
+    for key, group in zip(named, groups, strict=True):
+        if group.shape[1] != problem.n:
+            raise InputError(
+                f"candidate {key!r} has shape {group.shape}: must be (K, {problem.n}), one column "
+                "for each state"
+            )
+    rows = csr_array(vstack(groups, format="csr"))
+    rows.sum_duplicates()
+    letter, weights = _goal(goal, problem.names, problem.scale)
+    asked = np.flatnonzero(weights) if letter == "A" else None
+    if asked is None:
+        worth = analysis.log_det / 2
+    else:
+        worth = -float(weights[asked] @ analysis.crlb_std()[asked] ** 2)
+    c, g = analysis.gram(
+        rows.indptr.astype(np.int64),
+        rows.indices.astype(np.int64),
+        rows.data * 1.0,
+        None if asked is None else asked.tolist(),
+        None if asked is None else weights[asked].tolist(),
+        available_bytes(),
+    )
+    ends = np.cumsum([group.shape[0] for group in groups]).tolist()
+    order, reached, swapped, best, relaxed = _core.choose_observable(
+        c, g, ends, budget, worth, 100 if exchange else 0, 4000 if relax else 0
+    )
+    keys = list(named)
+    better = best > reached[-1] + 1e-9 * abs(reached[-1])
+    fractions, limit = (relaxed[0], relaxed[2]) if relaxed and relax else (np.zeros(0), np.nan)
+    levels = np.array([worth, *reached])
+    # The others' share of the volume is the same with any choice.
+    touched = len(np.unique(rows.indices))
+    value = best if better else reached[-1]
+    return Choice(
+        chosen=tuple(keys[i] for i in (swapped if better else order)),
+        method="exchange" if better else "greedy",
+        goal=goal if isinstance(goal, str) else "A",
+        worth=_shown(value, letter),
+        within=_within(value, limit, letter, max(touched, 1)),
+        guarantee=1 - float(np.exp(-1)) if letter == "D" else np.nan,
+        gains=np.diff(levels if letter == "D" else -np.sqrt(-levels)),
+        rank=problem.n,
+        nullity=0,
+        weights=dict(zip(keys, fractions.tolist(), strict=True)) if len(fractions) else {},
     )
 
 
@@ -279,7 +350,8 @@ def _dense(
     if touched.sum() > _STATES:
         raise InputError(
             f"the candidates and the goal touch {touched.sum()} states: a choice is made on at "
-            f"most {_STATES}; use goal 'D' or fewer states, or fewer candidates"
+            f"most {_STATES} where some are not observable: fix the gauge first, or give fewer "
+            "candidates; goal 'E' is for problems of that size only"
         )
     keep = np.flatnonzero(touched)
     others = [problem.names[j] for j in np.flatnonzero(~touched)]

@@ -75,6 +75,44 @@ def test_a_sparse_problem_is_reduced_to_what_the_candidates_touch():
     assert choice.worth == pytest.approx(min(bounds.values()), rel=1e-8)
 
 
+@pytest.mark.parametrize("goal", ["D", "A", "x3", {"x2": 1.0, "x9": 4.0}])
+def test_a_sparse_problem_is_chosen_for_as_a_dense_one(goal):
+    rng = np.random.default_rng(4)
+    n = 12
+    rows = rng.normal(size=(30, n)) * (rng.uniform(size=(30, n)) < 0.3) + np.eye(30, n)
+    candidates = {f"c{k}": rng.normal(size=(2, n)) for k in range(10)}
+    names = [f"x{j}" for j in range(n)]
+    dense = gm.choose.select(candidates, 3, goal, problem=gm.Problem(rows, names))
+    sparse = gm.choose.select(candidates, 3, goal, problem=gm.Problem(csr_array(rows), names))
+    assert sparse.chosen == dense.chosen
+    assert sparse.worth == pytest.approx(dense.worth, rel=1e-9)
+    assert sparse.within == pytest.approx(dense.within, abs=1e-6)
+    assert (sparse.rank, sparse.nullity) == (n, 0)
+    assert sum(sparse.weights.values()) == pytest.approx(3)
+    np.testing.assert_allclose(sparse.gains, dense.gains, rtol=1e-6)
+
+
+def test_a_problem_of_more_states_than_could_be_dense():
+    n = 3000
+    chain = csr_array(
+        (
+            np.tile([-1.0, 1.0], n - 1),
+            np.add.outer(np.arange(n - 1), [0, 1]).ravel(),
+            np.arange(0, 2 * n, 2),
+        ),
+        shape=(n - 1, n),
+    )
+    problem = gm.Problem(chain).fix("x0")
+    candidates = {
+        f"x{k}": csr_array(([10.0], ([0], [k - 1])), shape=(1, n - 1)) for k in range(9, n, 30)
+    }
+    choice = gm.choose.select(candidates, 1, "A", problem=problem)
+    # One more fixed point of a random walk: the mean variance is least with it at
+    # three quarters of the way, as that of k steps is k and of a bridge k (m - k) / m.
+    assert abs(int(choice.chosen[0][1:]) - 3 * n / 4) <= 30
+    assert 0 <= choice.within < 1e-2
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
