@@ -53,8 +53,8 @@ class Choice(Answer):
         What part of the best possible gain the greedy choice has in any case: 1 - 1/e for
         "D" where everything was observable before; NaN elsewhere, as there is none.
     gains : ndarray, shape (budget,)
-        For "D" what each choice of greedy added to the worth (nats); `inf` while the rank
-        was short. For the others by how much each lowered it.
+        For "D" what each choice of greedy added to the worth (nats), for the others by how
+        much each lowered it; `inf` while the rank was short.
     rank, nullity : int
         Of all states with the choice added; those that no candidate touches and that the
         goal does not ask for do not count for a sparse problem.
@@ -190,7 +190,7 @@ def select(
         worth=_shown(value, letter),
         within=_within(value, limit, letter, n),
         guarantee=1 - float(np.exp(-1)) if letter == "D" and full_before else np.nan,
-        gains=_gains(worth, letter, base, full_before),
+        gains=_gains(worth, letter, weights, base, full_before),
         rank=rank[-1],
         nullity=n - rank[-1],
         weights=dict(zip(keys, relaxed[0].tolist(), strict=True))
@@ -281,16 +281,17 @@ def _within(value: float, limit: float, letter: str, n: int) -> float:
     return max(0.0, float(1 - np.sqrt(max(-limit, 0.0) / -value)))
 
 
-def _gains(worth: Sequence[float], letter: str, base: Array, full: bool) -> Array:
+def _gains(worth: Sequence[float], letter: str, weights: Array, base: Array, full: bool) -> Array:
     start = -np.inf
     if full and letter == "D":
         start = float(np.linalg.slogdet(base.T @ base)[1] / 2)
+    elif full and letter == "E":
+        start = -1 / float(np.linalg.svd(base * weights, compute_uv=False)[-1]) ** 2
+    elif full:
+        start = -float(weights @ _core.Analysis(base, None).crlb_std() ** 2)
     levels = np.array([start, *worth])
-    if letter != "D":
-        with np.errstate(invalid="ignore"):
-            levels = -np.sqrt(-levels)
     with np.errstate(invalid="ignore"):
-        gains: Array = np.diff(levels)
+        gains: Array = np.diff(levels if letter == "D" else -np.sqrt(-levels))
     return np.where(np.isnan(gains), np.inf, gains)
 
 
