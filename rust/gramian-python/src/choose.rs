@@ -94,7 +94,11 @@ fn refused(error: ChoiceError) -> PyErr {
 /// Returns what greedy took with the worth after each, what exchange left with its worth,
 /// and fractions, their worth and the limit.
 #[pyfunction]
-#[allow(clippy::too_many_arguments, clippy::type_complexity)]
+#[allow(
+    clippy::needless_pass_by_value,
+    clippy::too_many_arguments,
+    clippy::type_complexity
+)]
 fn choose_observable<'py>(
     py: Python<'py>,
     c: &Bound<'py, PyAny>,
