@@ -238,6 +238,7 @@ class Problem(Value):
         units: tuple[str, ...],
         rtol: float | None,
         combinations: dict[str, Array],
+        scale: Array,
     ) -> Problem:
         """Make a problem of parts that a model made and that fit: no check, no copy."""
         problem = object.__new__(cls)
@@ -251,7 +252,7 @@ class Problem(Value):
             rows=rows,
             names=names,
             units=units,
-            scale=np.full(n, np.nan),
+            scale=scale,
             rtol=rtol,
             priors=MappingProxyType({}),
             combinations=MappingProxyType(combinations),

@@ -84,7 +84,8 @@ fn bearing_motion_rows<'py>(
 }
 
 /// Rows (lines, n) of one track without columns that are rounding alone, their relative
-/// accuracy (None: that of plain rows), and by name the combinations (n,) of its frame.
+/// accuracy (None: that of plain rows), by name the combinations (n,) of its frame, and the
+/// scales of the states (NaN: none).
 /// The arguments are those of the rows, which have checked them.
 #[pyfunction]
 fn bearing_frame<'py>(
@@ -112,7 +113,7 @@ fn bearing_frame<'py>(
     };
     let (times, observer) = (times.slice()?, observer.slice()?);
     let named = PyDict::new(py);
-    let accuracy = match dimensions {
+    let (accuracy, scales) = match dimensions {
         2 => of_frame(&frame::<2>(times, observer, target), n, &named)?,
         _ => of_frame(&frame::<3>(times, observer, target), n, &named)?,
     };
@@ -120,17 +121,22 @@ fn bearing_frame<'py>(
     let noise = rounding::of_columns(&left, n, &accuracy, dimensions);
     let rtol = rounding::remove(&mut left, n, &noise);
     let left = PyArray1::from_vec(py, left).reshape([m * (dimensions - 1), n])?;
-    Ok((left, rtol, named))
+    Ok((left, rtol, named, PyArray1::from_vec(py, scales)))
 }
 
-type FramedRows<'py> = (Bound<'py, PyArray2<f64>>, Option<f64>, Bound<'py, PyDict>);
+type FramedRows<'py> = (
+    Bound<'py, PyArray2<f64>>,
+    Option<f64>,
+    Bound<'py, PyDict>,
+    Bound<'py, PyArray1<f64>>,
+);
 
-/// The accuracy of each line; the combinations go into `named`.
+/// The accuracy of each line and the scales; the combinations go into `named`.
 fn of_frame<const D: usize>(
     frame: &Frame<D>,
     n: usize,
     named: &Bound<'_, PyDict>,
-) -> PyResult<Vec<f64>> {
+) -> PyResult<(Vec<f64>, Vec<f64>)> {
     let moving = n > D;
     for (name, first, direction) in [
         ("range", 0, Some(frame.range)),
@@ -146,7 +152,12 @@ fn of_frame<const D: usize>(
         }
     }
     let lines = frame.accuracy.iter();
-    Ok(lines.flat_map(|x| std::iter::repeat_n(*x, D - 1)).collect())
+    let accuracy = lines.flat_map(|x| std::iter::repeat_n(*x, D - 1)).collect();
+    let scales = (0..)
+        .flat_map(|power| std::iter::repeat_n(frame.scale(power).unwrap_or(f64::NAN), D))
+        .take(n)
+        .collect();
+    Ok((accuracy, scales))
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -314,7 +314,8 @@ def problem(
         States as `state_names` has them, x0, y0, vx, vy by default; combinations
         "range", "bearing" (in space also "elevation") of the target from the
         first observer, and for a moving one "speed" and "course", at the first
-        time, linearised there.
+        time, linearised there. Scales: the range at the first time for positions, that
+        range over the time for velocities, and so on; a bound above them is "weak".
 
     Examples
     --------
@@ -340,9 +341,11 @@ def problem(
     dimensions = 3 if len(values) == 2 * len(times) else 2  # type: ignore[arg-type]
     place = as_float_array(target, "target")
     order, is_state = _target_kind(place, dimensions, order)
-    values, rtol, combinations = _core.bearing_frame(times, observer, place, values, is_state)
+    values, rtol, combinations, scale = _core.bearing_frame(
+        times, observer, place, values, is_state
+    )
     names, units = _states(order, dimensions)
-    return Problem._of_parts(values, names, units, rtol, combinations)
+    return Problem._of_parts(values, names, units, rtol, combinations, scale)
 
 
 def simulate(

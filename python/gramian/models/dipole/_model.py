@@ -434,7 +434,9 @@ def problem(
     r0, v, m, times, sigma, sensors, ambient
         As for `rows`, without leading axes.
     scale : array_like, shape (9,), optional
-        For each state the deviation that would be useless.
+        For each state the deviation that would be useless. By default the closest range
+        to a sensor for the position, that range over the time of the pass (or the speed, if
+        it is more) for the velocity, and the moment.
 
     Returns
     -------
@@ -473,7 +475,25 @@ def problem(
         if size > 0:
             combinations[name] = np.zeros(9)
             combinations[name][first : first + 3] = along / size
+    if scale is None:
+        scale = _scales(r0, v, m, times, sensors)
     return Problem(values, NAMES, units=UNITS, scale=scale, combinations=combinations)
+
+
+def _scales(
+    r0: ArrayLike, v: ArrayLike, m: ArrayLike, times: ArrayLike, sensors: ArrayLike | None
+) -> Array:
+    """Return what each state's deviation must stay below to be of use; NaN for none."""
+    t = as_float_array(times, "times")
+    velocity = as_float_array(v, "v")
+    path = as_float_array(r0, "r0") + (t - t[0])[:, None] * velocity
+    places = as_float_array(_sensors(sensors), "sensors").reshape(-1, 3)
+    reach = float(np.linalg.norm(path[:, None] - places, axis=2).min())
+    span = float(np.ptp(t))
+    rate = max(float(np.linalg.norm(velocity)), reach / span if span > 0 else 0.0)
+    scales = np.repeat([reach, rate, float(np.linalg.norm(as_float_array(m, "m")))], 3)
+    usable: Array = np.where(np.isfinite(scales) & (scales > 0), scales, np.nan)
+    return usable
 
 
 def _sensors(sensors: ArrayLike | None) -> ArrayLike:

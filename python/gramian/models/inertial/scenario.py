@@ -14,7 +14,7 @@ from gramian.exceptions import InputError
 from gramian.models import linear
 from gramian.models.inertial import _earth, _flight, _model
 from gramian.models.linear._degrees import posterior
-from gramian.models.linear.scenario import Observed, Window, linear_report
+from gramian.models.linear.scenario import Observed, Window, linear_report, linear_verdict
 from gramian.report import Report, Table
 from gramian.scenario.base import Scenario, Section
 
@@ -240,11 +240,12 @@ class InertialScenario(Scenario):
             f"the first leg alone has rank {found.rank}, all legs {whole.rank} "
             f"of {len(system.names)}"
         )
+        tone, headline, weakness = linear_verdict(unseen, observed)
         report = self._explained(report)
         return replace(
             report,
-            tone="bad" if unseen else "good",
-            headline="UNOBSERVABLE" if unseen else "OBSERVABLE",
-            verdict=verdict,
+            tone=tone,
+            headline=headline,
+            verdict=verdict + weakness,
             tables=[table, *(t for t in report.tables if t is not table)],
         )

@@ -179,7 +179,6 @@ def linear_report(
     `where` says what the levels are of, when not of the whole: "first leg".
     """
     n = len(found.names)
-    tone: Tone = "bad" if found.nullity else "good"
     verdict = f"rank {found.rank} of {n}: " + (
         f"{_count(found.nullity, 'combination')} of the states that no output ever shows"
         if found.nullity
@@ -197,6 +196,11 @@ def linear_report(
             f"{brief(found.rtol, 1)}",
         )
     )
+    tone, headline, weakness = linear_verdict(found.nullity, observed)
+    verdict += weakness
+    if observed is not None and (unlearned := _unlearned(observed.information)):
+        told = ", ".join(f"{name} ({brief(ratio)} of the prior)" for name, ratio in unlearned)
+        lines.append(("the prior says more of", told))
     lines += facts
     shown = [*_levels_table(found), *_null_table(found)]
     if where:
@@ -250,13 +254,38 @@ def linear_report(
         title=title,
         subtitle=subtitle,
         tone=tone,
-        headline="UNOBSERVABLE" if found.nullity else "OBSERVABLE",
+        headline=headline,
         verdict=verdict,
         facts=lines,
         tables=shown,
         pictures=pictures,
         data=values,
     )
+
+
+def linear_verdict(nullity: int, observed: Observed | None) -> tuple[Tone, str, str]:
+    """Return the tone, the headline, and what to add to the verdict.
+
+    Weak is what is observable, but of which the prior says more than the window.
+    """
+    if nullity:
+        return "bad", "UNOBSERVABLE", ""
+    unlearned = _unlearned(observed.information) if observed is not None else ()
+    if not unlearned:
+        return "good", "OBSERVABLE", ""
+    name, ratio = unlearned[0]
+    told = f"; of {name} the prior says more than the window (posterior / prior {brief(ratio)})"
+    return "weak", "WEAKLY OBSERVABLE", told
+
+
+def _unlearned(information: Information) -> tuple[tuple[str, float], ...]:
+    """Return the states of which the prior says more than the window, the least known first.
+
+    Measurements as good as the prior bring posterior / prior to 1 / sqrt 2.
+    """
+    ratio = np.asarray(information.ratio)
+    order = np.argsort(-ratio)
+    return tuple((information.names[i], float(ratio[i])) for i in order if ratio[i] > 0.5**0.5)
 
 
 def _count(n: int, noun: str) -> str:

@@ -279,7 +279,9 @@ def problem(scene: Scene, state: ArrayLike | Mapping[str, float]) -> Problem:
     Returns
     -------
     Problem
-        Priors and knowledge are added by its methods `prior` and `fix`.
+        Priors and knowledge are added by its methods `prior` and `fix`. Scales: for
+        positions the range from the nearest carrier at the first time, for velocities that
+        range over the time of the measurements; a bound above them is "weak".
 
     Raises
     ------
@@ -305,7 +307,30 @@ def problem(scene: Scene, state: ArrayLike | Mapping[str, float]) -> Problem:
     x = scene.state(state)
     if x.ndim != 1:
         raise InputError(f"state has shape {x.shape}: must be ({scene.n},), one state")
-    return Problem(rows(scene, x), scene.names, units=scene.units)
+    values = rows(scene, x)
+    return Problem(values, scene.names, units=scene.units, scale=_scales(scene, x))
+
+
+def _scales(scene: Scene, x: Array) -> Array:
+    """Return the range for positions, and over powers of the time; NaN for other states."""
+    dimension = scene.motion.dimension
+    times = np.concatenate([sensor.times for sensor in scene.sensors])
+    ranges = []
+    for sensor in scene.sensors:
+        for carrier in (sensor.carrier, sensor.second):
+            if carrier is not None:
+                place = carrier.at(sensor.times[:1])[0][0]
+                size = min(dimension, len(place))
+                ranges.append(float(np.linalg.norm(x[:size] - place[:size])))
+    scales = np.full(scene.n, np.nan)
+    reach, span = min(ranges, default=np.nan), float(np.ptp(times))
+    powers = {"m": 0, "m/s": 1, "m/s^2": 2, "m/s^3": 3}
+    for i, unit in enumerate(scene.motion.units):
+        power = powers.get(unit)
+        if power is not None and reach > 0 and (span > 0 or power == 0):
+            scales[i] = reach / span**power
+    usable: Array = np.where(np.isfinite(scales) & (scales > 0), scales, np.nan)
+    return usable
 
 
 def simulate(

@@ -29,6 +29,20 @@ pub struct Frame<const D: usize> {
     pub speed: Option<[f64; D]>,
     /// d course / d velocity, rad s/m, for a target that moves horizontally.
     pub course: Option<[f64; D]>,
+    /// The range at the first time, m.
+    pub reach: f64,
+    /// From the first time to the last, s.
+    pub span: f64,
+}
+
+impl<const D: usize> Frame<D> {
+    /// What the deviation of a position (`power` 0), a velocity (1), an acceleration (2) ..
+    /// must stay below to be of any use: the range, over powers of the time. `None` where
+    /// that is no number: a velocity where all times are one.
+    pub fn scale(&self, power: i32) -> Option<f64> {
+        let scale = self.reach / self.span.powi(power);
+        (scale > 0.0 && scale.is_finite()).then_some(scale)
+    }
 }
 
 /// The frame of one track in the plane (D = 2) or in space (D = 3). Inputs are those of
@@ -41,6 +55,7 @@ pub struct Frame<const D: usize> {
 /// assert_eq!(frame.range, [0.0, 1.0]);
 /// assert_eq!(frame.bearing, [1e-3, 0.0]);
 /// assert_eq!(frame.speed, Some([1.0, 0.0]));
+/// assert_eq!((frame.scale(0), frame.scale(1)), (Some(1000.0), Some(100.0)));
 /// ```
 pub fn frame<const D: usize>(times: &[f64], observer: &[f64], target: Whereabouts<'_>) -> Frame<D> {
     let (path, _) = observer.as_chunks::<D>();
@@ -117,6 +132,8 @@ pub fn frame<const D: usize>(times: &[f64], observer: &[f64], target: Whereabout
         elevation,
         speed: (speed > 0.0).then(|| velocity.map(|v| v / speed)),
         course: (along > 0.0).then_some(course),
+        reach: distance,
+        span,
     }
 }
 

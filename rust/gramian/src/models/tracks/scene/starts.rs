@@ -9,11 +9,12 @@
 use alloc::vec;
 use alloc::vec::Vec;
 
+use super::kernels::MOST;
 use super::{
     CoordinatedTurn, Group, Kind, Legs, Moving, Parameter, Polynomial, Scene, SteadyLegs, TurnTimes,
 };
 use crate::scalar::wrapped;
-use crate::square_root::triangularize;
+use crate::square_root::{rotate_in, triangularize};
 use crate::tracks::motion::{Change, Motion};
 
 /// A linear equation on the place at a time: weights . place = value.
@@ -42,22 +43,22 @@ impl Scene {
             let states = moving.states(self.dimension);
             // A prior of the motion's own states counts too, where they are the same.
             let prior = (*moving == self.motion).then_some((mean, sigma));
-            let mut push = |held: Option<&Equation>| {
-                if let Some(x) = self.fit(moving, states, &equations, held, prior) {
-                    out.push((moving.clone(), x));
-                }
-            };
+            // Once as it is, and with the first range at each of a ladder.
+            let mut held: Vec<Option<Equation>> = Vec::new();
             if equations.len() >= states {
-                push(None);
+                held.push(None);
             }
             if let Some((along, ranges)) = &sight {
-                for range in ranges {
-                    push(Some(&Equation {
+                held.extend(ranges.iter().map(|range| {
+                    Some(Equation {
                         time: along.time,
                         weights: along.weights,
                         value: along.value + range,
-                    }));
-                }
+                    })
+                }));
+            }
+            for x in self.fit(moving, states, &equations, &held, prior) {
+                out.push((moving.clone(), x));
             }
         };
         let mut found: Vec<(Moving, Vec<f64>)> = Vec::new();
@@ -507,48 +508,29 @@ impl Scene {
         out
     }
 
-    /// The least-squares states of a linear motion.
+    /// The least-squares states of a linear motion, with each of `held` beside the
+    /// equations, which are reduced once; what is not finite goes.
     fn fit(
         &self,
         moving: &Moving,
         states: usize,
         equations: &[Equation],
-        held: Option<&Equation>,
+        held: &[Option<Equation>],
         prior: Option<(&[f64], &[f64])>,
-    ) -> Option<Vec<f64>> {
+    ) -> Vec<Vec<f64>> {
         let wide = states + 1;
-        let mut stack = Vec::with_capacity((equations.len() + 2 * states + 2) * wide);
-        let mut changes3 = vec![Change::<f64, 3>::zero(0.0); states];
-        let mut changes2 = vec![Change::<f64, 2>::zero(0.0); states];
-        let zeros = vec![0.0; states];
-        for equation in equations.iter().chain(held) {
-            with_motion!(moving, motion => if self.dimension == 2 {
-                Motion::<2>::at(motion, &zeros, equation.time, &mut changes2);
-            } else {
-                Motion::<3>::at(motion, &zeros, equation.time, &mut changes3);
-            });
-            for k in 0..states {
-                let mut sum = 0.0;
-                for axis in 0..self.dimension {
-                    let by = if self.dimension == 2 {
-                        changes2[k].place[axis]
-                    } else {
-                        changes3[k].place[axis]
-                    };
-                    sum += equation.weights[axis] * by;
-                }
-                stack.push(sum);
-            }
-            stack.push(equation.value);
+        let mut stack = Vec::with_capacity((equations.len() + states) * wide);
+        for equation in equations {
+            self.line(moving, states, equation, &mut stack);
         }
-        let heaviest = |k: usize, stack: &[f64]| {
+        let longest = |k: usize, stack: &[f64]| {
             stack
                 .chunks_exact(wide)
                 .map(|row| row[k] * row[k])
                 .sum::<f64>()
                 .sqrt()
         };
-        let sizes: Vec<f64> = (0..states).map(|k| heaviest(k, &stack)).collect();
+        let sizes: Vec<f64> = (0..states).map(|k| longest(k, &stack)).collect();
         for k in 0..states {
             // So little that it decides only what nothing else does.
             let mut line = vec![0.0; wide];
@@ -561,16 +543,56 @@ impl Scene {
             }
             stack.extend(line);
         }
+        stack.resize(stack.len().max(wide * wide), 0.0);
         let mut work = vec![0.0; wide];
         triangularize(&mut stack, wide, &mut work);
-        let mut x = vec![0.0; states];
-        for i in (0..states).rev() {
-            let sum = (i + 1..states).fold(stack[i * wide + states], |sum, j| {
-                sum - stack[i * wide + j] * x[j]
-            });
-            x[i] = sum / stack[i * wide + i];
+        stack.truncate(wide * wide);
+        let mut out = Vec::with_capacity(held.len());
+        let mut factor = stack.clone();
+        for held in held {
+            factor.copy_from_slice(&stack);
+            if let Some(equation) = held {
+                let mut line = Vec::with_capacity(wide);
+                self.line(moving, states, equation, &mut line);
+                rotate_in(&mut factor, &mut line);
+            }
+            let mut x = vec![0.0; states];
+            for i in (0..states).rev() {
+                let sum = (i + 1..states).fold(factor[i * wide + states], |sum, j| {
+                    sum - factor[i * wide + j] * x[j]
+                });
+                x[i] = sum / factor[i * wide + i];
+            }
+            if x.iter().all(|x| x.is_finite()) {
+                out.push(x);
+            }
         }
-        x.iter().all(|x| x.is_finite()).then_some(x)
+        out
+    }
+
+    /// Appends the row of an equation on the states of a linear motion, and its value.
+    fn line(&self, moving: &Moving, states: usize, equation: &Equation, out: &mut Vec<f64>) {
+        let zeros = [0.0; MOST];
+        let mut changes2 = [Change::<f64, 2>::zero(0.0); MOST];
+        let mut changes3 = [Change::<f64, 3>::zero(0.0); MOST];
+        with_motion!(moving, motion => if self.dimension == 2 {
+            Motion::<2>::at(motion, &zeros[..states], equation.time, &mut changes2);
+        } else {
+            Motion::<3>::at(motion, &zeros[..states], equation.time, &mut changes3);
+        });
+        for k in 0..states {
+            let mut sum = 0.0;
+            for axis in 0..self.dimension {
+                let by = if self.dimension == 2 {
+                    changes2[k].place[axis]
+                } else {
+                    changes3[k].place[axis]
+                };
+                sum += equation.weights[axis] * by;
+            }
+            out.push(sum);
+        }
+        out.push(equation.value);
     }
 }
 

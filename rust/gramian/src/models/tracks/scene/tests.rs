@@ -491,6 +491,50 @@ fn a_lane_does_not_depend_on_the_others() {
     }
 }
 
+/// From starts of their own estimates reach the target: chi-square as it should be, the
+/// state within some deviations.
+#[test]
+fn estimates_find_their_own_starts() {
+    use super::estimate::{Layout, Options, Task, estimate};
+    let times: Vec<f64> = (0..60).map(|i| 5.0 * f64::from(i)).collect();
+    let seen = zigzag(2).at(&times).unwrap();
+    let straight = vec![1500.0, 2500.0, 3.0, -4.0];
+    let turned = vec![1500.0, 2500.0, 3.0, -4.0, -8.0, 6.0, 152.0];
+    for (motion, x) in [
+        (Moving::Polynomial { order: 1 }, straight),
+        (Moving::Legs(TurnTimes::Unknown(1)), turned),
+    ] {
+        let bearings = Channel::new(Kind::Bearing, times.clone(), Some(seen.clone()), 0.002);
+        let scene = Scene::new(2, motion, 0.0, 0, vec![bearings]).unwrap();
+        let (n, m, count) = (scene.states(), scene.measurements(), 12);
+        let exact = scene.values(&x).unwrap();
+        let mut z = vec![0.0; count * m];
+        for (trial, z) in z.chunks_exact_mut(m).enumerate() {
+            scene.simulate(&exact, 7, trial as u64, z);
+        }
+        let task = Task {
+            scene: &scene,
+            known: &vec![f64::NAN; n],
+            mean: &vec![0.0; n],
+            sigma: &vec![f64::INFINITY; n],
+            options: Options::default(),
+        };
+        let size = Layout { states: n }.size();
+        let mut out = vec![0.0; count * size];
+        let items = crate::batch::Items::each(&z, m);
+        estimate(task, items, None, crate::batch::Threads::One, &mut out).unwrap();
+        for out in out.chunks_exact(size) {
+            let (state, covariance) = out.split_at(n);
+            let chi2 = out[n * (n + 3)];
+            assert!(chi2 < 110.0, "{chi2}");
+            for k in 0..n {
+                let off = (state[k] - x[k]).abs() / covariance[k * n + k].sqrt();
+                assert!(off < 5.0, "state {k}: {off} deviations");
+            }
+        }
+    }
+}
+
 #[test]
 fn mirror_images_give_the_same_data() {
     let times: Vec<f64> = (0..12).map(|i| 25.0 * f64::from(i)).collect();
