@@ -7,6 +7,7 @@ states is. `other_solutions` asks the same of a state without measurements.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -217,8 +218,10 @@ class Interval(Answer):
         return all(abs(end - self.local) < 0.05 * self.local for end in ends)
 
     def __contains__(self, value: float) -> bool:
+        # Ends are found to ten digits: the least value of a function is one of them.
         return any(
-            (low is None or value >= low) and (high is None or value <= high)
+            (low is None or value >= low - 1e-9 * abs(low))
+            and (high is None or value <= high + 1e-9 * abs(high))
             for low, high in self.pieces
         )
 
@@ -594,7 +597,7 @@ class Estimate(Answer):
         distance of the estimate.
         """
         name, unit, function, value = self._function(what)
-        rise = _critical(level, 1)
+        rise = self._rise(level, 1)
         found = self._handle.interval(self.state, self._other_states(), function, rise)
         if found["better"] is not None:
             # A lower minimum was met on the way: what is allowed counts from there.
@@ -620,7 +623,7 @@ class Estimate(Answer):
             raise InputError(f"pair = {pair!r}: must be two states or functions")
         first, second = (self._function(what) for what in pair)
         found = self._handle.contours(
-            self.state, self._other_states(), (first[2], second[2]), _critical(level, 2)
+            self.state, self._other_states(), (first[2], second[2]), self._rise(level, 2)
         )
         return Region(
             (first[0], second[0]),
@@ -636,8 +639,56 @@ class Estimate(Answer):
         if x.shape != self.state.shape:
             raise InputError(f"state has shape {x.shape}: must be ({len(self.names)},)")
         residuals = self._handle.linearize(x)[0]
-        limit = self.fit.chi2 + _critical(level, len(self.names))
+        limit = self.fit.chi2 + self._rise(level, len(self.names))
         return bool(residuals @ residuals <= limit)
+
+    def _rise(self, level: float, dof: int) -> float:
+        """Return by how much chi2 rises to the edge of a region of `dof` functions."""
+        return _critical(level, dof)
+
+    def sample(self, count: int = 256, seed: int = 0) -> Array:
+        """Return states (count, n) spread as the likelihood is, priors included.
+
+        Parameters
+        ----------
+        count : int
+            >= 1.
+        seed : int
+            >= 0. State i depends on (seed, i) alone.
+
+        Raises
+        ------
+        InputError
+            A number that does not fit.
+
+        Warns
+        -----
+        UserWarning
+            Samples that did not converge: they are left out.
+
+        Notes
+        -----
+        Each is the most likely state of measurements and priors with their noise added once
+        more, from the estimate on: randomized maximum likelihood (Oliver, He & Reynolds
+        1996), exact for a linear model. Where the region of likely states bends, their mean
+        and covariance are those to pass on: `covariance` is that of the tangent. Other
+        solutions are not among them.
+        """
+        count, seed = whole(count, "count", 1, 2**31), whole(seed, "seed", 0, SEED_MOST)
+        rises = (_critical(0.95, 1), _critical(0.95, len(self.names)))
+        out = self._handle.trials(
+            self.state, self.state[None], None, None, None, rises, [], None, seed, 0, count
+        )
+        good = out[:, 0] == 1
+        if not good.all():
+            warnings.warn(
+                f"{count - good.sum()} of {count} samples did not converge and are left out: "
+                "the region of likely states bends too much for their size",
+                UserWarning,
+                stacklevel=2,
+            )
+        states: Array = out[good, -len(self.names) :]
+        return states
 
     def _other_states(self) -> Array:
         states = [other.state for other in self.others]

@@ -182,6 +182,8 @@ CALLS: dict[str, dict[str, Any]] = {
         "loss": "gaussian",
         "sigma": 1e-9,
         "missing": "raise",
+        "use": np.ones((1, 3), dtype=bool),
+        "correlation": 0.2,
         "starts": 2,
     },
     "dipole.localize_many": {

@@ -6,6 +6,7 @@ use gramian::dipole::localize::{Background, Knowledge, Loss, Options};
 use gramian::dipole::measured::Measured;
 use gramian::dipole::{Pass, Sensing};
 use gramian::solve::Model;
+use gramian::solve::noise::Whitening;
 use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -243,6 +244,7 @@ struct PyOptions {
     origin: Option<f64>,
     starts: usize,
     rounds: u32,
+    correlation: f64,
 }
 
 impl PyOptions {
@@ -250,7 +252,6 @@ impl PyOptions {
         Ok(Options {
             background: match self.background.as_str() {
                 "none" => Background::None,
-                "median" => Background::Median,
                 "fit" => Background::Fit,
                 other => return Err(unknown("background", other)),
             },
@@ -263,6 +264,7 @@ impl PyOptions {
             origin: self.origin,
             starts: self.starts,
             rounds: self.rounds,
+            correlation: self.correlation,
         })
     }
 }
@@ -287,7 +289,13 @@ fn dipole_localize<'py>(
     times.expect_entries()?;
     times.expect_increasing("s")?;
     let samples = times.core_shape()[0];
-    let mut field = Input::new(field, "field", 3)?;
+    // NaN is a number that is missing.
+    let mut field = Input::unchecked(field, "field", 3)?;
+    field.refuse(
+        f64::is_infinite,
+        "",
+        "must be finite, or NaN where it is missing",
+    )?;
     let wanted = [Some(samples), Some(sensors.len()), Some(3)];
     field.expect(&wanted, "three components for each time and sensor")?;
     let batch = Batch::of(&mut [&mut times, &mut field])?;
@@ -307,7 +315,7 @@ fn dipole_localize<'py>(
         )
     })?;
     let count = sensors.len();
-    let parts: [(&str, &[usize]); 10] = [
+    let parts: [(&str, &[usize]); 11] = [
         ("state", &[9]),
         ("mirror", &[9]),
         ("cost", &[]),
@@ -315,6 +323,7 @@ fn dipole_localize<'py>(
         ("sigma", &[]),
         ("converged", &[]),
         ("rounds", &[]),
+        ("efficiency", &[]),
         ("background", &[count, 3]),
         ("residuals", &[samples, count, 3]),
         ("weights", &[samples, count, 3]),
@@ -386,6 +395,8 @@ impl PyRecord {
         exact: [f64; 11],
         prior: [[f64; 2]; 11],
         near: [f64; 9],
+        correlation: f64,
+        spacing: f64,
     ) -> PyResult<Self> {
         let times = Input::new(times, "times", 1)?;
         times.expect_entries()?;
@@ -399,7 +410,13 @@ impl PyRecord {
             times.slice()?,
             &sensors,
             field.slice()?,
-            weights.slice()?,
+            Whitening::first_order(
+                times.slice()?,
+                3 * sensors.len(),
+                weights.slice()?.to_vec(),
+                correlation,
+                spacing,
+            ),
             offsets,
             knowledge(exact, prior),
             &near,
@@ -441,6 +458,21 @@ impl PyRecord {
         let flat: Vec<f64> = (0..9 * n).map(|i| columns[i % n][i / n]).collect();
         let matrix = PyArray1::from_vec(py, flat).reshape([9, n])?;
         Ok((PyArray1::from_slice(py, &state), matrix))
+    }
+
+    /// Correlation of neighbours and standard deviation of the noise at states (n,), of a
+    /// record whose weights are relative.
+    #[pyo3(signature = (x, spacing, sigma))]
+    fn noise(
+        &self,
+        py: Python<'_>,
+        x: &Bound<'_, PyAny>,
+        spacing: f64,
+        sigma: Option<f64>,
+    ) -> PyResult<(f64, f64)> {
+        let x = self.states(x)?;
+        py.detach(|| self.record.noise(&x, spacing, sigma))
+            .map_err(|error| InputError::new_err(error.to_string()))
     }
 
     /// What else may be true, as whitened columns: (name, (m, parameters)).

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -49,6 +49,10 @@ class DipoleModel(Value):
     prior : mapping of str to (mean, sigma)
     background : bool
         Whether a constant of each channel is among the states.
+    correlation : float
+        Of the noise of neighbouring samples of a channel, from 0 to below 1.
+    spacing : float
+        The time between neighbours of which it is told, s.
     """
 
     times: Array
@@ -58,6 +62,8 @@ class DipoleModel(Value):
     known: Mapping[str, float]
     prior: Mapping[str, tuple[float, float]]
     background: bool = False
+    correlation: float = 0.0
+    spacing: float = 1.0
 
     def record(self, z: ArrayLike) -> _core.DipoleRecord:
         """Return the extension's record of these fields, (K, S, 3) or flat, tesla."""
@@ -70,6 +76,8 @@ class DipoleModel(Value):
             [self.known.get(name, np.nan) for name in KNOWABLE],
             [list(self.prior.get(name, (np.nan, np.nan))) for name in KNOWABLE],
             self.near.tolist(),
+            self.correlation,
+            self.spacing,
         )
 
     @cached_property
@@ -90,6 +98,12 @@ class DipoleModel(Value):
     def x(self) -> Array:
         """The states of the pass near the one looked for."""
         return self._blank.coordinates(self.near.tolist())
+
+    @property
+    def used(self) -> NDArray[np.bool_]:
+        """Which channels (3 S,) count."""
+        used: NDArray[np.bool_] = (self.weights > 0).any(axis=0).ravel()
+        return used
 
     @property
     def judged(self) -> tuple[str, ...]:
@@ -126,16 +140,21 @@ class DipoleModel(Value):
 
     def h(self, x: ArrayLike) -> Array:
         """Return the exact fields (3 K S,) at a state, tesla."""
-        even = DipoleModel(
-            self.times,
-            self.sensors,
-            np.ones(self.weights.shape),
-            self.near,
-            self.known,
-            {},
-            self.background,
+        # Constants are of the channels that count.
+        even = replace(
+            self,
+            weights=np.ones(self.weights.shape),
+            prior={},
+            background=False,
+            correlation=0.0,
         )
-        exact: Array = -even.handle(np.zeros(self.weights.shape)).linearize(x)[0]
+        own = len(even.names)
+        state = finite(x, "x")
+        exact: Array = -even.handle(np.zeros(self.weights.shape)).linearize(state[:own])[0]
+        if self.background:
+            levels = np.zeros(self.weights.shape[1:]).ravel()
+            levels[self.used] = state[own:]
+            exact = exact + np.tile(levels, len(self.times))
         return exact
 
     def residuals(self, x: ArrayLike, z: ArrayLike) -> Array:

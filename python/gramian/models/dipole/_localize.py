@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -53,6 +53,7 @@ class _Options:
     origin: float | None
     starts: int
     rounds: int
+    correlation: float
 
 
 def localize(
@@ -67,6 +68,8 @@ def localize(
     sigma: float | None = None,
     window: Literal["pass"] | tuple[float, float] | None = None,
     missing: Literal["raise", "drop"] = "raise",
+    use: ArrayLike | None = None,
+    correlation: float | Literal["fit"] = 0.0,
     starts: int = 12,
     alpha: float = 0.001,
     chance: float = 0.01,
@@ -89,9 +92,8 @@ def localize(
     sensors : array_like, shape (S, 3), optional
         Where the sensors are, metres; one at the origin by default.
     background : {"median", "fit"}, optional
-        What to do about a constant field in the record: take off the median of
-        each channel (over the whole record), or fit a constant to each; nothing
-        by default.
+        What to do about a constant field in the record: fit a constant to each channel;
+        with "median" the median of the whole record is taken off first. Nothing by default.
     loss : {"gaussian", "huber"}
         Squares, or Huber's loss with spikes rejected.
     sigma : float, optional
@@ -100,7 +102,13 @@ def localize(
         Use only these times; "pass" finds the pass first and keeps four times
         the time from its closest point to 45 degrees on both sides.
     missing : {"raise", "drop"}
-        What to do about samples with NaN.
+        What to do about numbers that are NaN.
+    use : array_like of bool, shape (3 S,), (S, 3) or that of `field`, optional
+        Which channels, or which numbers, to use: ``check_record(times, field).usable`` for
+        one. All by default.
+    correlation : float or "fit"
+        Of the noise of neighbouring samples of a channel, at the usual time between them:
+        from 0, white noise, to below 1; or fitted with the pass.
     starts : int
         How many starts are followed, >= 1.
     alpha, chance, weak_ratio : float
@@ -134,9 +142,9 @@ def localize(
     by linear least squares, so at most six numbers are searched for. Starts come
     from the shape of the field: in the frame of the pass it is a sum of three
     functions of (t - tc) / tau, whose coefficients give frame and moment in closed
-    form. The covariance is the Cramer-Rao bound under the constraints, with the
-    noise independent from sample to sample; where the model itself is the larger
-    error it is too small.
+    form. The covariance is the Cramer-Rao bound under the constraints, under Huber's loss
+    that of the M-estimate; where the model itself is the larger error it is too small.
+    Correlated noise is of first order, its parameters by restricted maximum likelihood.
 
     Examples
     --------
@@ -150,29 +158,62 @@ def localize(
     setup = _Setup(known, prior, sensors, background, loss, sigma, starts)
     limits = levels(alpha, chance, weak_ratio)
     setup.max_iterations = whole(max_iterations, "max_iterations", 1, 1_000_000)
-    t, y, dropped = setup.samples(times, field, missing)
+    if correlation != "fit":
+        correlation = number(correlation, "correlation")
+        if not 0 <= correlation < 1:
+            raise InputError(f"correlation = {correlation}: must be from 0 to below 1")
+    t, y, dropped = setup.samples(times, field, missing, use)
     # The instant of the state, whichever samples are used.
     origin = float(np.ravel(as_float_array(times, "times"))[0])
     offsets = np.zeros((y.shape[1], 3))
     if background == "median":
         # Over the whole record: a window of the pass alone has no quiet part.
-        offsets = np.median(y, axis=0)
+        measured = ~np.isnan(y).all(axis=0)
+        offsets[measured] = np.nanmedian(y[:, measured], axis=0)
         y = y - offsets
-    inner = setup.options("fit" if background == "fit" else "none", origin)
+    fixed = 0.0 if isinstance(correlation, str) else correlation
+    inner = setup.options("none" if background is None else "fit", origin, fixed)
     if isinstance(window, tuple):
         start, end = window
         keep = (t >= start) & (t <= end)
         t, y = t[keep], y[keep]
     elif window is not None and not (isinstance(window, str) and window == "pass"):
         raise InputError(f'window = {options.given(window)}: must be "pass", (start, end) or None')
-    setup.enough(t, "in the window" if window is not None else "")
+    setup.enough(y, "in the window" if window is not None else "")
     raw = setup.run(t, y, inner)
     if window == "pass":
         keep = _of_the_pass(raw["state"], t - origin, setup.sensors)
-        if keep.sum() * 3 * len(setup.sensors) >= 4 * setup.unknowns:
+        if (~np.isnan(y[keep])).sum() >= 4 * setup.unknowns:
             t, y = t[keep], y[keep]
             raw = setup.run(t, y, inner)
-    return _answer(raw, t, y, offsets, origin, dropped, setup, limits)
+    if correlation == "fit":
+        inner, raw = _with_correlation(raw, t, y, inner, setup)
+    found = _answer(raw, t, y, offsets, inner, dropped, setup, limits)
+    return found if correlation != "fit" else replace(found, correlation_given=False)
+
+
+def _with_correlation(
+    raw: _core._DipoleLocalized, t: Array, y: Array, inner: _Options, setup: _Setup
+) -> tuple[_Options, _core._DipoleLocalized]:
+    """Return the answer with the correlation of the noise that fits, and the options for it."""
+    for _ in range(8):
+        model = setup.model(raw, t, inner, np.sqrt(raw["weights"]))
+        state = _states(model, raw)
+        found, _ = model.record(np.nan_to_num(y)).noise(state, model.spacing, setup.sigma)
+        moved, inner = abs(found - inner.correlation), replace(inner, correlation=found)
+        raw = setup.run(t, y, inner)
+        if moved < 1e-2 * (1 - found):
+            break
+    return inner, raw
+
+
+def _states(model: DipoleModel, raw: _core._DipoleLocalized) -> Array:
+    """Return the states of a model for a pass that was found, with the constants."""
+    state = model.coordinates(raw["state"])
+    if model.background:
+        levels = raw["background"].ravel()[model.used]
+        state[len(state) - len(levels) :] = levels
+    return state
 
 
 def localize_many(
@@ -225,8 +266,12 @@ def localize_many(
         )
     if sensors is None:
         y = y[..., None, :]
-    setup.enough(np.empty(as_float_array(times, "times").shape[-1:]))
-    out = setup.run(times, y, setup.options(background or "none", None))
+    finite(y, "field")
+    if background == "median":
+        offsets = np.median(y, axis=-3, keepdims=True)
+        y = y - offsets
+    setup.enough(np.empty((*as_float_array(times, "times").shape[-1:], *y.shape[-2:])))
+    out = setup.run(times, y, setup.options("none" if background is None else "fit", None))
     return Localizations(
         states=out["state"],
         costs=out["cost"],
@@ -286,7 +331,7 @@ def localize_trials(
     seed, first = whole(seed, "seed", 0, SEED_MOST), whole(first, "first")
     trials = whole(trials, "trials", 1)
     setup = _Setup(known, prior, sensors, None, "gaussian", sigma, starts)
-    setup.enough(times)
+    setup.enough(np.empty((np.size(times), len(setup.sensors), 3)))
     state = np.concatenate([_three(r0, "r0"), _three(v, "v"), _three(m, "m")])
     out = _core.dipole_localize_trials(
         times,
@@ -361,19 +406,50 @@ class _Setup:
         finite(self.sensors, "sensors")
         self.background, self.loss, self.sigma, self.starts = background, loss, sigma, starts
         self.max_iterations = 200
+        self.used = 3 * len(self.sensors)
         self.exact = [self.known.get(name, np.nan) for name in KNOWABLE]
         self.priors = [list(self.prior.get(name, (np.nan, np.nan))) for name in KNOWABLE]
 
     @property
     def unknowns(self) -> int:
-        fitted = 3 * len(self.sensors) if self.background == "fit" else 0
+        fitted = self.used if self.background is not None else 0
         return 9 - len(self.known) + fitted
 
-    def options(self, background: str, origin: float | None) -> _Options:
-        return _Options(background, self.loss, self.sigma, origin, self.starts, self.max_iterations)
+    def options(self, background: str, origin: float | None, correlation: float = 0.0) -> _Options:
+        return _Options(
+            background,
+            self.loss,
+            self.sigma,
+            origin,
+            self.starts,
+            self.max_iterations,
+            correlation,
+        )
 
-    def samples(self, times: ArrayLike, field: ArrayLike, missing: str) -> tuple[Array, Array, int]:
-        """Return times (K,), field (K, S, 3) and how many samples were dropped."""
+    def model(
+        self, raw: _core._DipoleLocalized, t: Array, inner: _Options, weights: Array
+    ) -> DipoleModel:
+        """Return the model of a record at the pass that was found."""
+        origin = t[0] if inner.origin is None else inner.origin
+        return DipoleModel(
+            t - origin,
+            self.sensors,
+            weights,
+            raw["state"],
+            self.known,
+            self.prior,
+            self.background is not None,
+            inner.correlation,
+            float(np.median(np.diff(t))) if len(t) > 1 else 1.0,
+        )
+
+    def samples(
+        self, times: ArrayLike, field: ArrayLike, missing: str, use: ArrayLike | None
+    ) -> tuple[Array, Array, int]:
+        """Return times (K,), field (K, S, 3) and how many numbers were dropped for being NaN.
+
+        Numbers that are not used are NaN.
+        """
         t, y = as_float_array(times, "times").copy(), as_float_array(field, "field").copy()
         wanted = "(K, 3)" if self.one_sensor else f"(K, {len(self.sensors)}, 3)"
         if self.one_sensor and y.ndim == 2:
@@ -386,15 +462,20 @@ class _Setup:
         options.choice(missing, "missing", ("raise", "drop"))
         if not np.isfinite(t).all():
             raise InputError(f"times[{np.argmin(np.isfinite(t))}] must be finite")
-        bad = ~np.isfinite(y).all(axis=(1, 2))
-        if bad.any():
-            if missing == "raise":
-                raise InputError(
-                    f"{bad.sum()} of {bad.size} samples are not finite, the first is sample "
-                    f'{np.argmax(bad)}: missing="drop" leaves them out'
-                )
-            t, y = t[~bad], y[~bad]
-        largest = float(abs(y).max()) if t.size else 0.0
+        wrong = ~np.isfinite(y)
+        if use is not None:
+            unused = ~_used(use, y.shape)
+            y[unused], wrong[unused] = np.nan, False
+        if wrong.any() and missing == "raise":
+            bad = wrong.any(axis=(1, 2))
+            raise InputError(
+                f"{bad.sum()} of {bad.size} samples are not finite, the first is sample "
+                f'{np.argmax(bad)}: missing="drop" leaves out what is not'
+            )
+        y[wrong] = np.nan
+        there = ~np.isnan(y)
+        self.used = int(there.any(axis=0).sum())
+        largest = float(abs(y[there]).max()) if there.any() else 0.0
         if largest > LARGEST:
             raise InputError(
                 f"the field reaches {brief(largest, 4)} T: must be in tesla, below {LARGEST} T"
@@ -405,16 +486,20 @@ class _Setup:
                 UserWarning,
                 stacklevel=3,
             )
-        if self.background is not None and len(t) > 1 and not np.ptp(y, axis=0).any():
+        spread = np.where(there, y, -np.inf).max(axis=0, initial=-np.inf) > np.where(
+            there, y, np.inf
+        ).min(axis=0, initial=np.inf)
+        if self.background is not None and len(t) > 1 and there.any() and not spread.any():
             raise InputError("the field is constant: there is no pass in it to locate")
-        self.enough(t)
-        return t, y, int(bad.sum())
+        self.enough(y)
+        return t, y, int(wrong.sum())
 
-    def enough(self, times: ArrayLike, where: str = "") -> None:
-        numbers = 3 * len(self.sensors) * np.size(times) + len(self.prior)
+    def enough(self, field: Array, where: str = "") -> None:
+        """Refuse fields (K, S, 3) of which fewer numbers are there than are looked for."""
+        numbers = int((~np.isnan(field)).sum()) + len(self.prior)
         if numbers < max(self.unknowns, 1):
             raise InputError(
-                f"{np.size(times)} samples {where}".rstrip()
+                f"{len(field)} samples {where}".rstrip()
                 + f" give {numbers} numbers for {self.unknowns} unknowns: too few"
             )
 
@@ -429,7 +514,7 @@ def _answer(
     t: Array,
     y: Array,
     offsets: Array,
-    origin: float,
+    inner: _Options,
     dropped: int,
     setup: _Setup,
     limits: tuple[float, float, float],
@@ -437,19 +522,13 @@ def _answer(
     found, mirror, fitted = raw["state"], raw["mirror"], raw["background"]
     cost, mirror_cost, sigma = float(raw["cost"]), float(raw["mirror_cost"]), float(raw["sigma"])
     residuals, weights = raw["residuals"], raw["weights"]
-    model = DipoleModel(
-        t - origin,
-        setup.sensors,
-        np.sqrt(weights) / sigma,
-        found,
-        setup.known,
-        setup.prior,
-        setup.background == "fit",
-    )
-    state = model.coordinates(found)
+    origin = float(t[0]) if inner.origin is None else inner.origin
+    model = setup.model(raw, t, inner, np.sqrt(weights * raw["efficiency"]) / sigma)
+    state = _states(model, raw)
     size = len(state)
-    constants = weights.shape[1] * 3 if model.background else 0
-    state[size - constants :] = fitted.ravel()[:constants]
+    constants = int(model.used.sum()) if model.background else 0
+    absent = np.isnan(y)
+    y = np.where(absent, 0.0, y)
     handle = model.handle(y)
     covariance = _covariance(model, handle, state, t, sigma, setup)
     signal = y - fitted
@@ -490,17 +569,18 @@ def _answer(
         else None,
         origin=origin,
         times=t,
-        residuals=residuals,
+        residuals=np.where(absent, np.nan, residuals),
         predicted=signal - residuals,
         background=offsets + fitted,
         weights=weights,
         sigma=sigma,
         sigma_given=setup.sigma is not None,
         explained=float(1 - (residuals[good] ** 2).sum() / (signal[good] ** 2).sum()),
-        spikes=int((~good).any(axis=-1).sum()),
+        spikes=int((~good & ~absent).any(axis=-1).sum()),
         dropped=dropped,
         closest=_closest(found, covariance, origin, setup.sensors[0]),
         sensors=setup.sensors,
+        correlation=inner.correlation,
     )
 
 
@@ -584,6 +664,23 @@ def _closest(state: Array, covariance: Array, origin: float, sensor: Array) -> C
         position=(float(position[0]), float(position[1]), float(position[2])),
         range=distance,
         range_std=root(by_range @ covariance @ by_range),
+    )
+
+
+def _used(use: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Return which numbers of the field (K, S, 3) are to be used."""
+    given = np.asarray(use)
+    if given.dtype != bool:
+        raise InputError(f"use = {options.given(use)}: must be True or False for each")
+    samples, sensors = shape[:2]
+    for whole_shape in ((3 * sensors,), (sensors, 3), (samples, sensors, 3), (samples, 3)):
+        if given.shape == whole_shape and (len(whole_shape) < 3 or given.size):
+            if whole_shape == (samples, 3) and sensors != 1:
+                continue
+            flat = given.reshape(-1, sensors, 3)
+            return np.broadcast_to(flat, shape)
+    raise InputError(
+        f"use has shape {given.shape}: must be ({3 * sensors},), ({sensors}, 3) or that of field"
     )
 
 

@@ -61,13 +61,13 @@ class Localization(Estimate):
     times : ndarray, shape (K,)
         The samples used.
     residuals : ndarray, shape (K, S, 3)
-        Field minus background minus model, tesla.
+        Field minus background minus model, tesla; NaN where there is no field.
     predicted : ndarray, shape (K, S, 3)
         The field of the answer, without background.
     background : ndarray, shape (S, 3)
         What was taken off or fitted, tesla.
     weights : ndarray, shape (K, S, 3)
-        Between 0 (a spike) and 1.
+        Between 0 (a spike, or a number that is not used) and 1.
     sigma : float
         The standard deviation given or estimated, tesla.
     sigma_given : bool
@@ -76,9 +76,13 @@ class Localization(Estimate):
         Fraction of the field's sum of squares, without background and spikes,
         that the model explains.
     spikes : int
-        Samples of a sensor that were rejected.
+        Samples of a sensor in which a number was rejected.
     dropped : int
-        Samples with NaN that were left out, if asked.
+        Numbers of the field that are NaN and were left out, if asked.
+    correlation : float
+        Of the noise of neighbouring samples of a channel.
+    correlation_given : bool
+        Whether it was given, not fitted.
     closest : ClosestPoint
         Closest approach to the first sensor.
     """
@@ -103,6 +107,8 @@ class Localization(Estimate):
     dropped: int
     closest: ClosestPoint
     sensors: Array
+    correlation: float = 0.0
+    correlation_given: bool = True
 
     _more_in_dict = (*Estimate._more_in_dict, "speed", "moment")
     _not_in_dict = Estimate._not_in_dict | {
@@ -125,6 +131,38 @@ class Localization(Estimate):
         """How well the model fits, and what would explain that it does not."""
         found = super().fit
         return found if self.sigma_given else replace(found, p_value=np.nan)
+
+    def _rise(self, level: float, dof: int) -> float:
+        rise, freedom = super()._rise(level, dof), float(self.fit.dof)
+        if (self.sigma_given and self.correlation_given) or freedom < 1:
+            return rise
+        # The noise was estimated too: Student's t in place of the normal distribution. What
+        # a fitted correlation leaves open is the power of the slow part of the noise, sigma^2
+        # (1 + r) / (1 - r), of variance 4 (1 + r) / (1 - r) / dof beside that of its level.
+        if not self.correlation_given:
+            freedom /= 1 + 2 * (1 + self.correlation) / (1 - self.correlation)
+        from scipy.special import fdtri
+
+        return dof * float(fdtri(dof, max(freedom, 1.0), level))
+
+    def sample_passes(self, count: int = 256, seed: int = 0) -> Array:
+        """Return passes (count, 9) spread as the likelihood is: `sample`, as (r0, v, m)."""
+        return np.array([self.model.expand(x)[0] for x in self.sample(count, seed)])
+
+    @cached_property
+    def _misfit(self) -> str:
+        found = super()._misfit
+        if found or self._loss[0] != "squares":
+            return found
+        correlation, mean, deviation, p_value = self.fit.lag1
+        exact = self.sigma < 1e-9 * float(np.abs(self.predicted).max(initial=0.0))
+        if p_value < self.alpha and not (exact or self.fit.warning):
+            return (
+                f"neighbouring residuals are correlated, {brief(correlation, 2)} where white "
+                f"noise leaves {brief(mean, 2)} +- {brief(deviation, 1)} (p = {p_value:.2g}): "
+                'not this model in white noise; correlation="fit" is for noise that is not'
+            )
+        return ""
 
     @cached_property
     def _weak(self) -> str:
@@ -202,6 +240,7 @@ class Localization(Estimate):
         lines.append(
             f"explains {100 * self.explained:.1f} % of the field; sigma {brief(self.sigma)} T, "
             f"{len(self.times)} samples, {self.spikes} spikes, {self.dropped} dropped"
+            + (f", correlation {brief(self.correlation, 2)}" if self.correlation else "")
         )
         lines.extend(self._fit_lines())
         if self.mirror is None:

@@ -213,7 +213,9 @@ impl<M: Model + ?Sized> Trials<'_, M> {
                 (&trial.interval, self.function, truth)
             {
                 let held = |p: &region::Piece| {
-                    p.low.is_none_or(|low| truth >= low) && p.high.is_none_or(|high| truth <= high)
+                    // Ends are found to ten digits.
+                    p.low.is_none_or(|low| truth >= low - 1e-9 * low.abs())
+                        && p.high.is_none_or(|high| truth <= high + 1e-9 * high.abs())
                 };
                 out[6] = yes(interval.pieces.iter().any(held));
                 let low = interval.pieces.first().and_then(|p| p.low);

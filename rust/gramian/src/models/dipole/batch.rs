@@ -444,10 +444,10 @@ impl pulp::WithSimd for Moments<'_> {
 }
 
 /// How many numbers [`dipole_localize`] writes for a trial of `samples` times and
-/// `sensors`: two states, two costs, sigma, converged (1 or 0), rounds, the
+/// `sensors`: two states, two costs, sigma, converged (1 or 0), rounds, efficiency, the
 /// background (S, 3), residuals (K, S, 3) and weights (K, S, 3).
 pub fn dipole_localized_size(samples: usize, sensors: usize) -> usize {
-    23 + 3 * sensors * (1 + 2 * samples)
+    24 + 3 * sensors * (1 + 2 * samples)
 }
 
 /// Locates dipoles in fields (trials, K, S, 3); see [`localize()`]. Where there is
@@ -490,6 +490,7 @@ fn write(located: &Located, out: &mut [f64]) {
         located.sigma,
         converged,
         f64::from(located.iterations),
+        located.efficiency,
     ];
     let parts = [
         &located.best.state[..],

@@ -14,6 +14,7 @@ use super::{Error, Pass, field, jacobian};
 use crate::numbers::algebra::dot;
 use crate::numbers::angle::wrapped;
 use crate::solve::Model;
+use crate::solve::noise::{Left, Whitening};
 
 /// Names of the states.
 const NAMES: [&str; 9] = ["x0", "y0", "z0", "vx", "vy", "vz", "mx", "my", "mz"];
@@ -37,11 +38,12 @@ enum Part {
 /// ```
 /// use gramian::dipole::localize::Knowledge;
 /// use gramian::dipole::measured::Measured;
-/// use gramian::solve::Model;
+/// use gramian::solve::{Model, noise::Whitening};
 /// let near = [-10.0, -10.0, 5.0, 1.0, 1.0, 0.0, 10.0, 20.0, 10.0];
 /// let mut knowledge = Knowledge::default();
 /// knowledge.exact[2] = Some(5.0);
-/// let record = Measured::new(&[0.0, 1.0], &[[0.0; 3]], &[0.0; 6], &[1e9; 6], false, knowledge, &near);
+/// let noise = Whitening::white(vec![1e9; 6], 3);
+/// let record = Measured::new(&[0.0, 1.0], &[[0.0; 3]], &[0.0; 6], noise, false, knowledge, &near);
 /// assert_eq!(record.names(), ["x0", "y0", "vx", "vy", "vz", "mx", "my", "mz"]);
 /// let x = record.coordinates(&near);
 /// assert_eq!(record.expand(&x).0, near);
@@ -53,24 +55,24 @@ pub struct Measured {
     sensors: Vec<[f64; 3]>,
     /// (K, S, 3), T.
     field: Vec<f64>,
-    /// Of each number 1 / sigma, 0 for one that does not count.
-    weights: Vec<f64>,
-    offsets: bool,
+    noise: Whitening,
+    /// The channels whose constant is a state.
+    constants: Vec<usize>,
     knowledge: Knowledge,
     /// Of position, velocity and moment.
     parts: [Part; 3],
 }
 
 impl Measured {
-    /// `times` count from the instant of the state. `field` and `weights`, 1 / sigma, are
-    /// (K, S, 3); with `offsets` a constant of each channel is a state. `near` is a pass
-    /// near the one looked for: it chooses between angles, and between the signs that a
+    /// `times` count from the instant of the state. `field` is (K, S, 3), as the numbers of
+    /// `noise`; with `offsets` a constant of each channel that counts is a state. `near` is a
+    /// pass near the one looked for: it chooses between angles, and between the signs that a
     /// known size leaves open.
     pub fn new(
         times: &[f64],
         sensors: &[[f64; 3]],
         field: &[f64],
-        weights: &[f64],
+        noise: Whitening,
         offsets: bool,
         knowledge: Knowledge,
         near: &[f64; 9],
@@ -95,12 +97,24 @@ impl Measured {
                 _ => Part::Components,
             }
         };
+        let channels = 3 * sensors.len();
+        let counts = |c: &usize| {
+            noise
+                .factors()
+                .iter()
+                .skip(*c)
+                .step_by(channels)
+                .any(|w| *w > 0.0)
+        };
+        let constants = (0..if offsets { channels } else { 0 })
+            .filter(counts)
+            .collect();
         Self {
             times: times.to_vec(),
             sensors: sensors.to_vec(),
             field: field.to_vec(),
-            weights: weights.to_vec(),
-            offsets,
+            constants,
+            noise,
             knowledge,
             parts: [
                 part(0, None),
@@ -143,9 +157,8 @@ impl Measured {
                 Part::Side { .. } => {}
             }
         }
-        if self.offsets {
-            names.extend((0..self.channels()).map(|c| format!("background {}", self.channel(c))));
-        }
+        let constant = |&c: &usize| format!("background {}", self.channel(c));
+        names.extend(self.constants.iter().map(constant));
         names
     }
 
@@ -191,9 +204,7 @@ impl Measured {
                 Part::Side { .. } => {}
             }
         }
-        if self.offsets {
-            x.resize(x.len() + self.channels(), 0.0);
-        }
+        x.resize(x.len() + self.constants.len(), 0.0);
         x
     }
 
@@ -256,6 +267,74 @@ impl Measured {
         }
     }
 
+    /// The residuals of the fields, and the rows, not whitened.
+    fn raw(
+        &self,
+        x: &[f64],
+        residuals: &mut [f64],
+        mut rows: Option<&mut [f64]>,
+    ) -> Result<(), Error> {
+        let n = x.len();
+        let (state, columns) = self.expand(x);
+        let pass = Pass::of(&state);
+        let levels = n - self.constants.len();
+        let mut constant = vec![None; self.channels()];
+        for (k, &channel) in self.constants.iter().enumerate() {
+            constant[channel] = Some(levels + k);
+        }
+        let mut first = 0;
+        for (k, &t) in self.times.iter().enumerate() {
+            for (s, sensor) in self.sensors.iter().enumerate() {
+                let place = pass.offset(sensor, t);
+                let h = field(&place, &pass.moment).map_err(|e| e.at(k))?;
+                for i in 0..3 {
+                    let level = constant[3 * s + i].map_or(0.0, |k| x[k]);
+                    residuals[first + i] = self.field[first + i] - h[i] - level;
+                }
+                if let Some(rows) = rows.as_deref_mut() {
+                    let by = jacobian(&place, &pass.moment).map_err(|e| e.at(k))?;
+                    for i in 0..3 {
+                        let row = &mut rows[(first + i) * n..][..n];
+                        for (out, column) in row[..levels].iter_mut().zip(&columns) {
+                            let moved: [f64; 3] =
+                                core::array::from_fn(|a| column[a] + t * column[3 + a]);
+                            let turned = [column[6], column[7], column[8]];
+                            *out = dot(&by.position[i], &moved) + dot(&by.moment[i], &turned);
+                        }
+                        row[levels..].fill(0.0);
+                        if let Some(k) = constant[3 * s + i] {
+                            row[k] = 1.0;
+                        }
+                    }
+                }
+                first += 3;
+            }
+        }
+        Ok(())
+    }
+
+    /// Correlation of neighbouring samples and standard deviation of the noise at a state,
+    /// by restricted maximum likelihood; a `sigma` that is known is kept. `times` of the record
+    /// are `spacing` apart where nothing is missing, and numbers count by their weights.
+    ///
+    /// # Errors
+    /// Where the dipole meets a sensor.
+    pub fn noise(&self, x: &[f64], spacing: f64, sigma: Option<f64>) -> Result<(f64, f64), Error> {
+        let m = self.field.len();
+        let (mut residuals, mut rows) = (vec![0.0; m], vec![0.0; m * x.len()]);
+        self.raw(x, &mut residuals, Some(&mut rows))?;
+        let counts: Vec<f64> = self.noise.factors().iter().map(|w| w * w).collect();
+        let left = Left {
+            times: &self.times,
+            channels: self.channels(),
+            counts: &counts,
+            residuals: &residuals,
+            rows: &rows,
+            spacing,
+        };
+        Ok(left.estimate(sigma))
+    }
+
     /// What else may be true, each with its whitened columns, row-major, and their
     /// number: accelerations, constants, drifts and gains of the channels, a second
     /// dipole on the same track.
@@ -296,8 +375,7 @@ impl Measured {
                         Ok(j) => {
                             for i in 0..3 {
                                 let by_place = dot(&j.position[i], &direction);
-                                column[first + i] =
-                                    self.weights[first + i] * 0.5 * t * t * by_place;
+                                column[first + i] = 0.5 * t * t * by_place;
                             }
                         }
                         Err(e) => error = Some(e),
@@ -311,8 +389,7 @@ impl Measured {
                 if let Ok(j) = jacobian(&place, &pass.moment) {
                     for i in 0..3 {
                         for k in 0..3 {
-                            columns[3 * (first + i) + k] =
-                                self.weights[first + i] * 0.5 * t * t * j.position[i][k];
+                            columns[3 * (first + i) + k] = 0.5 * t * t * j.position[i][k];
                         }
                     }
                 }
@@ -329,8 +406,7 @@ impl Measured {
                     if let Ok(j) = jacobian(&other, &pass.moment) {
                         for i in 0..3 {
                             for k in 0..3 {
-                                columns[3 * (first + i) + k] =
-                                    self.weights[first + i] * j.moment[i][k];
+                                columns[3 * (first + i) + k] = j.moment[i][k];
                             }
                         }
                     }
@@ -348,17 +424,20 @@ impl Measured {
             let column = |value: &dyn Fn(usize) -> f64| {
                 let mut column = vec![0.0; m];
                 for i in (c..m).step_by(channels) {
-                    column[i] = self.weights[i] * value(i);
+                    column[i] = value(i);
                 }
                 column
             };
             let name = self.channel(c);
-            if !self.offsets {
+            if !self.constants.contains(&c) {
                 found.push((format!("background {name}"), column(&|_| 1.0), 1));
             }
             let time = |i: usize| self.times[i / channels] - middle;
             found.push((format!("drift of {name}"), column(&time), 1));
             found.push((format!("gain of {name}"), column(&|i| exact[i]), 1));
+        }
+        for (_, columns, count) in &mut found {
+            self.noise.apply_rows(columns, *count);
         }
         error.map_or(Ok(found), Err)
     }
@@ -382,7 +461,7 @@ impl Model for Measured {
             Part::Sphere { .. } => 2,
             Part::Side { .. } => 0,
         });
-        parts.sum::<usize>() + if self.offsets { self.channels() } else { 0 }
+        parts.sum::<usize>() + self.constants.len()
     }
 
     fn measurements(&self) -> usize {
@@ -403,44 +482,13 @@ impl Model for Measured {
         residuals: &mut [f64],
         mut rows: Option<&mut [f64]>,
     ) -> Result<(), Error> {
-        let (m, n, channels) = (self.field.len(), x.len(), self.channels());
+        let (m, n) = (self.field.len(), x.len());
+        self.raw(x, residuals, rows.as_deref_mut())?;
         let (state, columns) = self.expand(x);
-        let pass = Pass::of(&state);
-        let levels = if self.offsets { n - channels } else { n };
-        let mut first = 0;
-        for (k, &t) in self.times.iter().enumerate() {
-            for (s, sensor) in self.sensors.iter().enumerate() {
-                let place = pass.offset(sensor, t);
-                let h = field(&place, &pass.moment).map_err(|e| e.at(k))?;
-                for i in 0..3 {
-                    let level = if self.offsets {
-                        x[levels + 3 * s + i]
-                    } else {
-                        0.0
-                    };
-                    let left = self.field[first + i] - h[i] - level;
-                    residuals[first + i] = self.weights[first + i] * left;
-                }
-                if let Some(rows) = rows.as_deref_mut() {
-                    let by = jacobian(&place, &pass.moment).map_err(|e| e.at(k))?;
-                    for i in 0..3 {
-                        let weight = self.weights[first + i];
-                        let row = &mut rows[(first + i) * n..][..n];
-                        for (out, column) in row[..levels].iter_mut().zip(&columns) {
-                            let moved: [f64; 3] =
-                                core::array::from_fn(|a| column[a] + t * column[3 + a]);
-                            let turned = [column[6], column[7], column[8]];
-                            *out = weight
-                                * (dot(&by.position[i], &moved) + dot(&by.moment[i], &turned));
-                        }
-                        row[levels..].fill(0.0);
-                        if self.offsets {
-                            row[levels + 3 * s + i] = weight;
-                        }
-                    }
-                }
-                first += 3;
-            }
+        let levels = n - self.constants.len();
+        self.noise.apply(&mut residuals[..m]);
+        if let Some(rows) = rows.as_deref_mut() {
+            self.noise.apply_rows(&mut rows[..m * n], n);
         }
         let mut at = m;
         for (index, prior) in self.knowledge.prior.iter().enumerate() {
@@ -478,7 +526,7 @@ impl Model for Measured {
             self.coordinates(&self.expand(a).0),
             self.coordinates(&self.expand(b).0),
         );
-        let levels = a.len() - if self.offsets { self.channels() } else { 0 };
+        let levels = a.len() - self.constants.len();
         let mut next = 0;
         let angles = |from: usize, count: usize, out: &mut [f64]| {
             for o in &mut out[from..from + count] {
@@ -530,10 +578,8 @@ impl Model for Measured {
             state[3 + i] = -state[3 + i];
         }
         let mut image = self.coordinates(&state);
-        if self.offsets {
-            let first = image.len() - self.channels();
-            image[first..].copy_from_slice(&x[first..]);
-        }
+        let first = image.len() - self.constants.len();
+        image[first..].copy_from_slice(&x[first..]);
         found(&image);
     }
 }
@@ -577,7 +623,13 @@ mod tests {
         let sensors = [[0.0; 3], [0.0, 0.5, 0.2]];
         let field = vec![1e-9; 54];
         Measured::new(
-            &times, &sensors, &field, &[1e9; 54], offsets, knowledge, &NEAR,
+            &times,
+            &sensors,
+            &field,
+            Whitening::first_order(&times, 6, vec![1e9; 54], 0.5, 2.0),
+            offsets,
+            knowledge,
+            &NEAR,
         )
     }
 
@@ -635,7 +687,13 @@ mod tests {
         let sensor = [[0.0; 3]];
         let build = |knowledge| {
             Measured::new(
-                &times, &sensor, &[0.0; 12], &[1e9; 12], false, knowledge, &NEAR,
+                &times,
+                &sensor,
+                &[0.0; 12],
+                Whitening::white(vec![1e9; 12], 3),
+                false,
+                knowledge,
+                &NEAR,
             )
         };
         let record = build(knowledge);

@@ -137,25 +137,26 @@ fn add<S: pulp::Simd>(simd: S, factor: f64, from: &[f64], to: &mut [f64]) {
     }
 }
 
-/// Takes from a weighted column, channel by channel, what a constant of that
-/// channel explains. Numbers of the channels follow each other in turn.
-pub fn center(column: &mut [f64], weights: &[f64], weight_sums: &[f64]) {
-    let channels = weight_sums.len();
+/// Takes from a whitened column, channel by channel, what a constant of that channel
+/// explains: `constant` is one of all channels, whitened, and `sums` of its squares.
+/// Numbers of the channels follow each other in turn.
+pub fn center(column: &mut [f64], constant: &[f64], sums: &[f64]) {
+    let channels = sums.len();
     let mut means = vec![0.0; channels];
     for (x, w) in column
         .chunks_exact(channels)
-        .zip(weights.chunks_exact(channels))
+        .zip(constant.chunks_exact(channels))
     {
         for i in 0..channels {
             means[i] += x[i] * w[i];
         }
     }
-    for (mean, &sum) in means.iter_mut().zip(weight_sums) {
+    for (mean, &sum) in means.iter_mut().zip(sums) {
         *mean = if sum > 0.0 { *mean / sum } else { 0.0 };
     }
     for (x, w) in column
         .chunks_exact_mut(channels)
-        .zip(weights.chunks_exact(channels))
+        .zip(constant.chunks_exact(channels))
     {
         for i in 0..channels {
             x[i] -= means[i] * w[i];

@@ -7,43 +7,77 @@ use super::knowledge::Knowledge;
 use super::separable::Record;
 use super::starts::{Shape, Trace};
 use super::{Background, Loss, Options};
+use crate::solve::noise::Whitening;
 
 /// A recording with what was done to it.
 pub struct Data {
     /// Counted from the instant of the state.
     pub times: Vec<f64>,
-    /// (K, S, 3), less the background that was taken off.
+    /// (K, S, 3); 0 where a number is missing.
     pub field: Vec<f64>,
-    /// What was taken off.
-    pub background: Vec<f64>,
-    /// How often each number counts: 0 for a spike.
+    /// How often each number counts: 0 for a spike, and one that is missing.
     pub counts: Vec<f64>,
     channels: usize,
+    correlation: f64,
+    /// The usual time between samples.
+    spacing: f64,
 }
 
 impl Data {
     pub fn new(times: &[f64], field: &[f64], channels: usize, options: &Options) -> Self {
         let origin = options.origin.unwrap_or(times[0]);
+        let mut steps: Vec<f64> = times.windows(2).map(|t| t[1] - t[0]).collect();
         let mut data = Self {
             times: times.iter().map(|t| t - origin).collect(),
             field: field.to_vec(),
-            background: vec![0.0; channels],
             counts: vec![1.0; field.len()],
             channels,
+            correlation: options.correlation,
+            spacing: median(&mut steps),
         };
-        if options.background == Background::Median {
-            for (channel, level) in data.background.iter_mut().enumerate() {
-                let values = data.field.iter().skip(channel).step_by(channels);
-                *level = median(&mut values.copied().collect::<Vec<f64>>());
-            }
-            for (i, value) in data.field.iter_mut().enumerate() {
-                *value -= data.background[i % channels];
+        for (value, count) in data.field.iter_mut().zip(&mut data.counts) {
+            if value.is_nan() {
+                (*value, *count) = (0.0, 0.0);
             }
         }
         if options.loss == Loss::Huber {
             reject_spikes(&data.field, channels, &mut data.counts);
         }
         data
+    }
+
+    /// What whitens the numbers, for their weights.
+    pub fn noise(&self, weights: impl Iterator<Item = f64>) -> Whitening {
+        Whitening::first_order(
+            &self.times,
+            self.channels,
+            weights.collect(),
+            self.correlation,
+            self.spacing,
+        )
+    }
+
+    /// Residuals of which each channel's are uncorrelated, T.
+    fn innovations(&self, residuals: &[f64]) -> Vec<f64> {
+        let mut left = residuals.to_vec();
+        self.noise(self.counts.iter().map(|c| f64::from(*c > 0.0)))
+            .apply(&mut left);
+        left
+    }
+
+    /// How many numbers there are, and how many are fitted to them.
+    fn sizes(&self, knowledge: &Knowledge, options: &Options) -> (f64, f64) {
+        let count = self.counts.iter().filter(|c| **c > 0.0).count();
+        let used = |c: &usize| {
+            let own = self.counts.iter().skip(*c).step_by(self.channels);
+            own.copied().fold(0.0, f64::max) > 0.0
+        };
+        let fitted = if options.background == Background::Fit {
+            (0..self.channels).filter(used).count()
+        } else {
+            0
+        };
+        (count as f64, (knowledge.unknowns() + fitted) as f64)
     }
 
     pub fn record<'a>(&'a self, sensors: &'a [[f64; 3]], options: &Options) -> Record<'a> {
@@ -63,9 +97,10 @@ impl Data {
         let mut thin = Self {
             times: Vec::new(),
             field: Vec::new(),
-            background: self.background.clone(),
             counts: Vec::new(),
             channels,
+            correlation: 0.0,
+            spacing: self.spacing,
         };
         for first in (0..self.times.len()).step_by(group) {
             let range = first..self.times.len().min(first + group);
@@ -116,7 +151,8 @@ impl Data {
             .sum();
         let sensors = self.channels as f64 / 3.0;
         let least = if shapes.is_empty() { size } else { least };
-        (least * sensors).max(1e-18 * size).sqrt() / (self.field.len() as f64).sqrt()
+        let count = self.counts.iter().filter(|c| **c > 0.0).count().max(1);
+        (least * sensors).max(1e-18 * size).sqrt() / (count as f64).sqrt()
     }
 
     /// The standard deviation of the residuals; under the robust loss 1.4826 times
@@ -129,15 +165,11 @@ impl Data {
         knowledge: &Knowledge,
         options: &Options,
     ) -> f64 {
+        let (count, fitted) = self.sizes(knowledge, options);
+        let freedom = (count - fitted).max(1.0);
+        let left = self.innovations(residuals);
         if options.loss == Loss::Gaussian {
-            let fitted = if options.background == Background::Fit {
-                self.channels
-            } else {
-                0
-            };
-            let unknowns = knowledge.unknowns() + fitted;
-            let freedom = self.field.len().saturating_sub(unknowns).max(1) as f64;
-            return (residuals.iter().map(|r| r * r).sum::<f64>() / freedom).sqrt();
+            return (left.iter().map(|r| r * r).sum::<f64>() / freedom).sqrt();
         }
         let model: Vec<f64> = self
             .field
@@ -147,18 +179,52 @@ impl Data {
             .map(|(i, (y, r))| (y - r - offsets[i % self.channels]).abs())
             .collect();
         let strong = 0.05 * model.iter().copied().fold(0.0, f64::max);
-        let mut sizes: Vec<f64> = (0..residuals.len())
+        let mut sizes: Vec<f64> = (0..left.len())
             .filter(|&i| self.counts[i] > 0.0 && model[i] >= strong)
-            .map(|i| residuals[i].abs())
+            .map(|i| left[i].abs())
             .collect();
-        1.4826 * median(&mut sizes)
+        // As many degrees of freedom as the fit left.
+        1.4826 * median(&mut sizes) * (count / freedom).sqrt()
     }
 
-    /// The weights that residuals have under Huber's loss.
-    pub fn huber(&self, residuals: &[f64], sigma: f64, weights: &mut [f64]) {
-        for ((weight, residual), count) in weights.iter_mut().zip(residuals).zip(&self.counts) {
-            let size = residual.abs() / (1.345 * sigma);
-            *weight = if size > 1.0 { count / size } else { *count };
+    /// The weights that residuals have under Huber's loss; what they are to be multiplied by
+    /// so that the curvature of the weighted squares is the inverse covariance of the estimate.
+    ///
+    /// # Source
+    /// Huber & Ronchetti 2009, Robust Statistics, eqs. (7.81)-(7.84).
+    pub fn huber(
+        &self,
+        residuals: &[f64],
+        sigma: f64,
+        knowledge: &Knowledge,
+        options: &Options,
+        weights: &mut [f64],
+    ) -> f64 {
+        let (count, fitted) = self.sizes(knowledge, options);
+        let limit = 1.345;
+        let (mut near, mut squares, mut total) = (0.0, 0.0, 0.0);
+        let left = self.innovations(residuals);
+        for ((weight, residual), count) in weights.iter_mut().zip(&left).zip(&self.counts) {
+            let size = residual.abs() / sigma;
+            *weight = if size > limit {
+                count * limit / size
+            } else {
+                *count
+            };
+            if *count > 0.0 {
+                near += f64::from(size <= limit);
+                squares += size.min(limit).powi(2);
+                total += *weight;
+            }
+        }
+        let slope = near / count;
+        let correction = 1.0 + fitted / count * (1.0 - slope) / slope;
+        let spread = squares / (count - fitted).max(1.0);
+        let efficiency = slope * slope * count / (correction * correction * spread * total);
+        if efficiency.is_finite() && efficiency > 0.0 {
+            efficiency
+        } else {
+            1.0
         }
     }
 }
@@ -180,19 +246,25 @@ fn median(values: &mut [f64]) -> f64 {
 /// them by more than a tenth of the range of those medians (and ten times their
 /// usual distance from it).
 fn reject_spikes(field: &[f64], channels: usize, weights: &mut [f64]) {
-    let count = field.len() / channels;
-    if count < 15 {
-        return;
-    }
+    let given = weights.to_vec();
     for channel in 0..channels {
-        let at = |k: usize| field[k * channels + channel];
+        // Those that are there.
+        let there: Vec<usize> = (0..field.len() / channels)
+            .map(|k| k * channels + channel)
+            .filter(|&i| given[i] > 0.0)
+            .collect();
+        let count = there.len();
+        if count < 15 {
+            continue;
+        }
+        let at = |k: usize| field[there[k]];
         let smooth: Vec<f64> = (0..count)
             .map(|k| {
                 let first = k.saturating_sub(2).min(count - 5);
                 median(&mut [0, 1, 2, 3, 4].map(|i| at(first + i)))
             })
             .collect();
-        let mut distance: Vec<f64> = (0..count).map(|k| (at(k) - smooth[k]).abs()).collect();
+        let distance: Vec<f64> = (0..count).map(|k| (at(k) - smooth[k]).abs()).collect();
         let mut sorted = smooth.clone();
         sorted.sort_by(f64::total_cmp);
         let range = sorted[count - 1 - count / 500] - sorted[count / 500];
@@ -202,10 +274,10 @@ fn reject_spikes(field: &[f64], channels: usize, weights: &mut [f64]) {
         if outside == 0 || outside * 20 > count {
             continue;
         }
-        for (k, d) in distance.drain(..).enumerate() {
-            if d > limit {
+        for (&i, d) in there.iter().zip(&distance) {
+            if *d > limit {
                 // The sensor's other components of that sample are not trusted either.
-                let first = k * channels + channel / 3 * 3;
+                let first = i / 3 * 3;
                 weights[first..first + 3].fill(0.0);
             }
         }

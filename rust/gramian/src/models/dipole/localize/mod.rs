@@ -45,8 +45,6 @@ use crate::scalar::{NumberError, check_length};
 pub enum Background {
     /// Nothing: it was removed.
     None,
-    /// The median of each channel is taken off.
-    Median,
     /// A constant is fitted to each channel.
     Fit,
 }
@@ -76,6 +74,8 @@ pub struct Options {
     pub starts: usize,
     /// Most rounds of the improvement of a start.
     pub rounds: u32,
+    /// Of the noise of neighbouring samples of a channel, at the usual time between them.
+    pub correlation: f64,
 }
 
 impl Default for Options {
@@ -87,6 +87,7 @@ impl Default for Options {
             origin: None,
             starts: 12,
             rounds: 200,
+            correlation: 0.0,
         }
     }
 }
@@ -111,8 +112,11 @@ pub struct Located {
     pub residuals: Vec<f64>,
     /// Background (S, 3), T.
     pub background: Vec<f64>,
-    /// Weights (K, S, 3) between 0 and 1 that the loss gave.
+    /// Weights (K, S, 3) between 0 and 1 that the loss gave; 0 where a number is missing.
     pub weights: Vec<f64>,
+    /// What the weights are to be multiplied by, so that the curvature of the weighted squares
+    /// is the inverse covariance of the estimate: 1 without a robust loss.
+    pub efficiency: f64,
     /// The standard deviation used or estimated, T.
     pub sigma: f64,
     /// Whether the last improvement ended by itself.
@@ -121,8 +125,8 @@ pub struct Located {
     pub iterations: u32,
 }
 
-/// Locates a dipole. `times` increase; `field` is (K, S, 3) in tesla, finite;
-/// positions are in the frame of `sensors`.
+/// Locates a dipole. `times` increase; `field` is (K, S, 3) in tesla, NaN for a number that
+/// is missing; positions are in the frame of `sensors`.
 ///
 /// # Errors
 /// [`Error`] for knowledge that contradicts itself, and where no pass explains
@@ -138,7 +142,7 @@ pub fn localize(
     let channels = 3 * sensors.len();
     check_length("times", times.len(), times.len().max(1))?;
     check_length("field", field.len(), times.len() * channels)?;
-    let mut data = Data::new(times, field, channels, options);
+    let data = Data::new(times, field, channels, options);
     let thin = data.thinned();
     let shapes = data.shapes(sensors, options);
     let mut sigma = match options.sigma {
@@ -151,7 +155,7 @@ pub fn localize(
     }
     let mut best = {
         let mut fitter = Fitter::new(thin.record(sensors, options), knowledge);
-        fitter.set_weights(thin.counts.iter().map(|w| w.sqrt() / sigma));
+        fitter.set_noise(thin.noise(thin.counts.iter().map(|w| w.sqrt() / sigma)));
         search(&mut fitter, &shapes, sensors, knowledge, options)?
     };
     let record = Record {
@@ -170,9 +174,10 @@ pub fn localize(
         (Loss::Gaussian, Some(_)) => 1,
     };
     let mut offsets = Vec::new();
+    let mut efficiency = 1.0;
     for round in 0..rounds {
         let before = best;
-        fitter.set_weights(weights.iter().map(|w| w.sqrt() / sigma));
+        fitter.set_noise(data.noise(weights.iter().map(|w| (w * efficiency).sqrt() / sigma)));
         let start = fitter.evaluate(&best.place);
         best = fitter.refine(&start, options.rounds);
         offsets = fitter.residuals(&best, &mut residuals);
@@ -188,7 +193,7 @@ pub fn localize(
             sigma = found.max(1e-12 * sigma).max(f64::MIN_POSITIVE);
         }
         if options.loss == Loss::Huber {
-            data.huber(&residuals, sigma, &mut weights);
+            efficiency = data.huber(&residuals, sigma, knowledge, options, &mut weights);
         }
     }
     let mut mirror = mirrored(&mut fitter, &best, sensors, knowledge, options);
@@ -199,9 +204,6 @@ pub fn localize(
         offsets = fitter.residuals(&best, &mut residuals);
     }
     drop(fitter);
-    for (level, offset) in data.background.iter_mut().zip(&offsets) {
-        *level += offset;
-    }
     let solution = |point: &Point| Solution {
         state: point.state(),
         cost: point.cost,
@@ -210,8 +212,9 @@ pub fn localize(
         best: solution(&best),
         mirror: mirror.as_ref().map(solution),
         residuals,
-        background: data.background,
+        background: offsets,
         weights,
+        efficiency,
         sigma,
         converged: best.converged,
         iterations: best.iterations,

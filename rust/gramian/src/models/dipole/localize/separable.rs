@@ -19,6 +19,7 @@ use super::knowledge::{Knowledge, MOMENT, SPEED};
 use crate::dipole::MU0_OVER_4PI;
 use crate::dipole::{moment_tensor, position_tensor};
 use crate::numbers::algebra::dot;
+use crate::solve::noise::Whitening;
 
 /// Rows that knowledge may add: nine states, speed, size of the moment.
 const PRIOR_ROWS: usize = 11;
@@ -65,11 +66,12 @@ impl Point {
 pub struct Fitter<'a> {
     record: Record<'a>,
     knowledge: &'a Knowledge,
-    /// 1 / sigma of each number of the field.
-    weights: Vec<f64>,
-    /// Sum of squared weights of each channel.
-    weight_sums: Vec<f64>,
-    /// Weighted field, centred where offsets are fitted.
+    /// What whitens the numbers of the field.
+    noise: Whitening,
+    /// A constant, whitened, and the sum of its squares in each channel.
+    constant: Vec<f64>,
+    sums: Vec<f64>,
+    /// Whitened field, centred where offsets are fitted.
     data: Vec<f64>,
     data_size: f64,
     /// Three columns of the moment and one of the field.
@@ -86,8 +88,9 @@ impl<'a> Fitter<'a> {
         let rows = record.field.len();
         let channels = record.channels();
         let mut fitter = Self {
-            weights: vec![1.0; rows],
-            weight_sums: vec![0.0; channels],
+            noise: Whitening::white(vec![1.0; rows], channels),
+            constant: vec![1.0; rows],
+            sums: vec![0.0; channels],
             data: vec![0.0; rows],
             data_size: 0.0,
             linear: Columns::new(rows, 4),
@@ -102,25 +105,35 @@ impl<'a> Fitter<'a> {
         fitter
     }
 
-    /// Sets 1 / sigma of each number of the field.
-    pub fn set_weights(&mut self, weights: impl Iterator<Item = f64>) {
-        for (place, weight) in self.weights.iter_mut().zip(weights) {
-            *place = weight;
-        }
+    /// Sets what whitens the numbers of the field.
+    pub fn set_noise(&mut self, noise: Whitening) {
+        self.noise = noise;
         self.weigh();
     }
 
     fn weigh(&mut self) {
         let channels = self.record.channels();
-        self.weight_sums.fill(0.0);
-        for (i, &w) in self.weights.iter().enumerate() {
-            self.weight_sums[i % channels] += w * w;
-            self.data[i] = w * self.record.field[i];
+        self.constant.fill(1.0);
+        self.noise.apply(&mut self.constant);
+        self.sums.fill(0.0);
+        for (i, &w) in self.constant.iter().enumerate() {
+            self.sums[i % channels] += w * w;
         }
+        self.data.copy_from_slice(self.record.field);
+        self.noise.apply(&mut self.data);
         if self.record.offsets {
-            center(&mut self.data, &self.weights, &self.weight_sums);
+            center(&mut self.data, &self.constant, &self.sums);
         }
         self.data_size = self.data.iter().map(|x| x * x).sum();
+    }
+
+    /// The factor that a number is filled in with: the rest of the whitening follows.
+    fn factor(&self, index: usize) -> f64 {
+        if self.noise.is_white() {
+            self.noise.factors()[index]
+        } else {
+            1.0
+        }
     }
 
     /// The best moment and the cost at a position and velocity; an infinite cost
@@ -178,7 +191,7 @@ impl<'a> Fitter<'a> {
                 let n = r.map(|x| x * inverse);
                 let cube = MU0_OVER_4PI * inverse * inverse * inverse;
                 for i in 0..3 {
-                    let factor = self.weights[row + i] * cube;
+                    let factor = self.factor(row + i) * cube;
                     for j in 0..3 {
                         self.linear.column_mut(j)[row + i] = factor * moment_tensor(&n, i, j);
                     }
@@ -186,9 +199,12 @@ impl<'a> Fitter<'a> {
                 row += 3;
             }
         }
-        if self.record.offsets {
-            for j in 0..3 {
-                center(self.linear.column_mut(j), &self.weights, &self.weight_sums);
+        for j in 0..3 {
+            if !self.noise.is_white() {
+                self.noise.apply(self.linear.column_mut(j));
+            }
+            if self.record.offsets {
+                center(self.linear.column_mut(j), &self.constant, &self.sums);
             }
         }
         self.linear.column_mut(3).copy_from_slice(&self.data);
@@ -416,7 +432,7 @@ impl<'a> Fitter<'a> {
                 let squared = inverse * inverse;
                 let quartic = 3.0 * MU0_OVER_4PI * squared * squared;
                 for i in 0..3 {
-                    let factor = self.weights[row + i] * quartic;
+                    let factor = self.factor(row + i) * quartic;
                     for j in 0..3 {
                         let value = factor * position_tensor(&n, m, along, i, j);
                         self.by_position.column_mut(j)[row + i] = value;
@@ -426,13 +442,13 @@ impl<'a> Fitter<'a> {
                 row += 3;
             }
         }
-        if self.record.offsets {
-            for j in 0..6 {
-                center(
-                    self.by_position.column_mut(j),
-                    &self.weights,
-                    &self.weight_sums,
-                );
+        for j in 0..6 {
+            let column = self.by_position.column_mut(j);
+            if !self.noise.is_white() {
+                self.noise.apply(column);
+            }
+            if self.record.offsets {
+                center(column, &self.constant, &self.sums);
             }
         }
     }
@@ -454,10 +470,11 @@ impl<'a> Fitter<'a> {
         }
         let mut offsets = vec![0.0; channels];
         if self.record.offsets {
-            for (i, r) in out.iter().enumerate() {
-                let w = self.weights[i];
-                if w > 0.0 {
-                    offsets[i % channels] += w * w * r / self.weight_sums[i % channels];
+            let mut left = out.to_vec();
+            self.noise.apply(&mut left);
+            for (i, (r, c)) in left.iter().zip(&self.constant).enumerate() {
+                if self.sums[i % channels] > 0.0 {
+                    offsets[i % channels] += c * r / self.sums[i % channels];
                 }
             }
             for (i, r) in out.iter_mut().enumerate() {

@@ -52,6 +52,8 @@ impl Trace {
         constant: bool,
     ) -> Self {
         let group = times.len().div_ceil(MOST);
+        // An axis that is not measured at all counts for nothing.
+        let used = [0, 1, 2].map(|axis| (0..times.len()).any(|k| weights(k, axis) > 0.0));
         let mut trace = Self {
             times: Vec::new(),
             weights: Vec::new(),
@@ -60,10 +62,17 @@ impl Trace {
         };
         for first in (0..times.len()).step_by(group) {
             let range = first..times.len().min(first + group);
-            // A sample counts for the least of its three weights.
+            // A sample counts for the least of its weights.
             let weight = |k: usize| {
-                let w = weights(k, 0).min(weights(k, 1)).min(weights(k, 2));
-                w * w
+                let own = (0..3)
+                    .filter(|&axis| used[axis])
+                    .map(|axis| weights(k, axis));
+                let least = own.fold(f64::INFINITY, f64::min);
+                if least.is_finite() {
+                    least * least
+                } else {
+                    0.0
+                }
             };
             let total: f64 = range.clone().map(weight).sum();
             if !(total > 0.0) {
@@ -76,7 +85,12 @@ impl Trace {
             trace.times.push(mean(&|k| times[k]));
             trace.weights.push(root);
             for axis in 0..3 {
-                trace.field[axis].push(root * mean(&|k| field(k, axis)));
+                let value = if used[axis] {
+                    mean(&|k| field(k, axis))
+                } else {
+                    0.0
+                };
+                trace.field[axis].push(root * value);
             }
         }
         trace
