@@ -27,16 +27,10 @@ Every error is a `GramianError`: `InputError`, `UnobservableError`, `Convergence
 """
 
 import typing as _typing
-from types import ModuleType as _ModuleType
 
-from gramian import bounds
-from gramian._answers import load
 from gramian._core import __version__, set_threads
 from gramian._registry import REGISTRY as _REGISTRY
 from gramian._registry import load as _load
-from gramian.analysis import Candidate, Critical, Observability, Suggestion, analyze
-from gramian.bounds import crlb, crlb_std, gram
-from gramian.estimate import Estimate, estimate, estimate_trials, other_solutions
 from gramian.exceptions import (
     ConvergenceError,
     GramianError,
@@ -46,14 +40,18 @@ from gramian.exceptions import (
     UnobservableError,
     WorkerError,
 )
-from gramian.model import Model, from_function
-from gramian.problem import Accuracy, Problem
 
 if _typing.TYPE_CHECKING:
+    from gramian import bounds as bounds
     from gramian import choose as choose
     from gramian import io as io
     from gramian import large as large
     from gramian import monte_carlo as monte_carlo
+    from gramian._answers import load
+    from gramian.analysis import Candidate, Critical, Observability, Suggestion, analyze
+    from gramian.bounds import crlb, crlb_std, gram
+    from gramian.estimation import Estimate, estimate, estimate_trials, other_solutions
+    from gramian.model import Model, from_function
     from gramian.models import bearings as bearings
     from gramian.models import dipole as dipole
     from gramian.models import dynamics as dynamics
@@ -62,6 +60,7 @@ if _typing.TYPE_CHECKING:
     from gramian.models import maneuver as maneuver
     from gramian.models import registration as registration
     from gramian.models import tracks as tracks
+    from gramian.problem import Accuracy, Problem
 
 __all__ = [
     "Accuracy",
@@ -100,17 +99,31 @@ __all__ = [
 __all__.extend(_REGISTRY)
 
 
-def __getattr__(name: str) -> _ModuleType:
-    # Imported when they are first used, so that the import of the package stays light.
-    if name in _REGISTRY or name == "dynamics":
-        module = _load(f"models.{name}")
-    elif name in ("choose", "io", "large", "monte_carlo"):
-        module = _load(name)
+# Where each name is that is imported when it is first used: numpy and the classes of the
+# answers take most of the time of an import, and no program uses all of them.
+_MODULES = {name: f"models.{name}" for name in (*_REGISTRY, "dynamics")}
+_MODULES |= {name: name for name in ("bounds", "choose", "io", "large", "monte_carlo")}
+_NAMES = {
+    "_answers": ("load",),
+    "analysis": ("Candidate", "Critical", "Observability", "Suggestion", "analyze"),
+    "bounds": ("crlb", "crlb_std", "gram"),
+    "estimation": ("Estimate", "estimate", "estimate_trials", "other_solutions"),
+    "model": ("Model", "from_function"),
+    "problem": ("Accuracy", "Problem"),
+}
+_HOMES = {name: module for module, names in _NAMES.items() for name in names}
+
+
+def __getattr__(name: str) -> _typing.Any:
+    if name in _MODULES:
+        value: _typing.Any = _load(_MODULES[name])
+    elif name in _HOMES:
+        value = getattr(_load(_HOMES[name]), name)
     else:
         raise AttributeError(f"module 'gramian' has no attribute {name!r}")
     # Found at once from now on: this function takes longer than a small call.
-    globals()[name] = module
-    return module
+    globals()[name] = value
+    return value
 
 
 def __dir__() -> list[str]:

@@ -8,9 +8,8 @@ for, so the files that ask stand below the models and import none of them.
 from __future__ import annotations
 
 import importlib
-from dataclasses import dataclass
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -18,8 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["REGISTRY", "Entry", "draw", "load", "part"]
 
 
-@dataclass(frozen=True)
-class Entry:
+class Entry(NamedTuple):
     """What the rest of the package needs to know of a model without importing it.
 
     Attributes

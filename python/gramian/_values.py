@@ -26,7 +26,7 @@ __all__ = ["Value", "decode", "encode", "kind_of"]
 _KINDS: dict[str, type[Value]] = {}
 
 #: Modules whose classes are public names of the package itself.
-_TOP = {"analysis", "problem", "estimate", "model"}
+_TOP = {"analysis", "problem", "estimation", "model"}
 
 
 class Value:
@@ -108,6 +108,9 @@ def _class_of(kind: str) -> type[Value]:
             importlib.import_module(f"gramian.models.{module}" if inner else f"gramian.{module}")
         except ImportError as error:
             raise ValueError(f"there is no {kind}") from error
+    if kind not in _KINDS and not module:
+        for top in sorted(_TOP):
+            importlib.import_module(f"gramian.{top}")
     if kind not in _KINDS:
         raise ValueError(f"there is no {kind}")
     return _KINDS[kind]

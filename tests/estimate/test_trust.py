@@ -18,7 +18,7 @@ from scipy.special import ndtri
 
 import gramian as gm
 from gramian._handle import handle_of
-from gramian.estimate import STATUSES
+from gramian.estimation import STATUSES
 
 REFERENCE = json.loads(
     (Path(__file__).parents[1] / "reference" / "trust.json").read_text(encoding="utf-8")

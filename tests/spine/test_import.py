@@ -20,13 +20,42 @@ PACKAGES = [
 ]
 
 
-def test_import_loads_nothing_heavy():
+HEAVY = ("matplotlib", "scipy", "pydantic", "typer", "rich", "jinja2", "pandas", "pyarrow")
+
+
+@pytest.mark.parametrize(
+    ("statement", "absent"),
+    [
+        # What takes most of the time of an import: numpy, and classes made by `dataclass`.
+        ("import gramian", ("numpy", "dataclasses", "inspect", "pathlib", "json", *HEAVY)),
+        ("import gramian; gramian.crlb", HEAVY),
+        ("import gramian; gramian.analyze", ("gramian.estimation", "gramian.model", *HEAVY)),
+        ("import gramian; gramian.estimate", ("gramian.monte_carlo", *HEAVY)),
+        ("import gramian; gramian.dipole.localize", HEAVY),
+    ],
+)
+def test_import_loads_nothing_that_is_not_used(statement, absent):
+    code = f"import sys; {statement}; sys.exit(','.join({set(absent)!r} & set(sys.modules)) or 0)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("first", ["gramian.estimation", "gramian.models.bearings", "gramian.io"])
+def test_a_name_is_the_same_whatever_was_imported_first(first):
     code = (
-        "import sys, gramian; heavy = {'matplotlib', 'scipy', 'pydantic', 'typer', 'rich', "
-        "'jinja2', 'pandas', 'pyarrow'} & set(sys.modules); sys.exit(','.join(heavy) or 0)"
+        f"import {first}, gramian as gm; from gramian import *; "
+        "assert callable(gm.estimate) and estimate is gm.estimate and load is gm.load"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_an_answer_is_loaded_where_nothing_was_imported_before(tmp_path):
+    answer = gm.estimate(gm.from_function(lambda x: x, [1.0, 2.0], 1.0, ["a", "b"]), [1.0, 2.5])
+    answer.save(tmp_path / "answer.json")
+    code = f"import gramian; print(gramian.load({str(tmp_path / 'answer.json')!r}))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == str(answer), done.stderr
 
 
 @pytest.mark.parametrize("name", PACKAGES)
@@ -51,13 +80,9 @@ def test_dir_shows_the_public_names_and_the_docstring_has_them(name):
 def test_what_is_typed_is_what_the_registry_has(name):
     tree = ast.parse(Path(importlib.import_module(name).__file__).read_text())
     block = next(node for node in tree.body if isinstance(node, ast.If))
-    typed = [alias.asname for line in block.body for alias in line.names]
+    typed = [alias.asname or alias.name for line in block.body for alias in line.names]
     experiments = [entry.experiment for entry in REGISTRY.values() if entry.experiment]
-    wanted = (
-        [*REGISTRY, "choose", "dynamics", "io", "large", "monte_carlo"]
-        if name == "gramian"
-        else experiments
-    )
+    wanted = [*gm._MODULES, *gm._HOMES] if name == "gramian" else experiments
     assert sorted(typed) == sorted(wanted)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 import gramian as gm
 from gramian._registry import REGISTRY
-from gramian.estimate import Fit
+from gramian.estimation import Fit
 
 ROOT = Path(__file__).parents[2]
 BLOCKS = re.compile(r"```python\n(.*?)```", flags=re.S)

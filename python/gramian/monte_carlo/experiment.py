@@ -302,7 +302,7 @@ class Measurements(Experiment):
 
 
 def _maximum_likelihood(experiment: Measurements, seed: int, first: int, trials: int) -> Estimates:
-    from gramian.estimate import informed
+    from gramian.estimation import informed
 
     model, truth = experiment.of, experiment.truth
     n = len(truth)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from gramian.analysis import Observability
-    from gramian.estimate import Estimate
+    from gramian.estimation import Estimate
 
 __all__ = ["corner"]
 

@@ -12,7 +12,7 @@ from gramian.plot._style import COLORS, Figure, ellipse, figure
 
 if TYPE_CHECKING:
     from gramian.bounds import Threshold
-    from gramian.estimate import Estimate
+    from gramian.estimation import Estimate
 
 __all__ = ["estimate", "threshold"]
 

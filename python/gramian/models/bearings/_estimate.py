@@ -13,8 +13,8 @@ from gramian import _core
 from gramian._arrays import finite
 from gramian._text import brief
 from gramian._values import Value
-from gramian.estimate import Estimate, channel_faults
-from gramian.estimate import estimate as general
+from gramian.estimation import Estimate, channel_faults
+from gramian.estimation import estimate as general
 from gramian.exceptions import InputError
 from gramian.models.bearings._rows import state_names
 
@@ -158,7 +158,7 @@ def estimate(
 
     Returns
     -------
-    gramian.estimate.Estimate
+    gramian.estimation.Estimate
         Its interval of "range" is that of the first range.
 
     Raises

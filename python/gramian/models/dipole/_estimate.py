@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from gramian import _core
 from gramian._arrays import finite
 from gramian._values import Value
-from gramian.estimate import channel_faults
+from gramian.estimation import channel_faults
 from gramian.models.dipole._model import NAMES
 
 __all__ = ["KNOWABLE", "PARTS", "DipoleModel"]

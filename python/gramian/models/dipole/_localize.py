@@ -16,8 +16,8 @@ from gramian import _options as options
 from gramian._arrays import SEED_MOST, as_float_array, finite, number, whole
 from gramian._text import brief, describe_null_space
 from gramian.analysis import analyze
-from gramian.estimate import Solution as Other
-from gramian.estimate import levels
+from gramian.estimation import Solution as Other
+from gramian.estimation import levels
 from gramian.exceptions import InputError, UnobservableError
 from gramian.models.dipole._estimate import KNOWABLE, DipoleModel
 from gramian.models.dipole._model import NAMES, Pass, problem

@@ -13,7 +13,7 @@ from gramian._answers import Answer, Columns, columns_of_states
 from gramian._options import choice
 from gramian._registry import draw
 from gramian._text import brief
-from gramian.estimate import Estimate, Fit
+from gramian.estimation import Estimate, Fit
 from gramian.exceptions import InputError
 from gramian.models.dipole._estimate import PARTS
 from gramian.models.dipole._model import NAMES, UNITS
