@@ -544,34 +544,38 @@ def maneuver_trajectory(
 ) -> _Path: ...
 
 # maneuver: planner and closed loop
-@final
-class PlanObjective:
-    def __new__(
-        cls,
-        start: ArrayLike,
-        dt: float,
-        counts: Sequence[int],
-        targets: ArrayLike,
-        weights: ArrayLike,
-        sigma: float,
-        scale: ArrayLike,
-        prior: ArrayLike,
-        criterion: str,
-        sharpness: float,
-        combinations: ArrayLike,
-    ) -> PlanObjective: ...
-    def gradient(self, headings: ArrayLike, lengths: ArrayLike) -> tuple[float, _Array, _Array]: ...
-    def values(self, headings: ArrayLike, lengths: ArrayLike) -> _Array: ...
-    def along(self, headings: ArrayLike, lengths: ArrayLike) -> _Array: ...
+PLAN_STATES: int
 
 @final
-class PlanClearance:
+class PlanSearch:
     def __new__(
-        cls, start: ArrayLike, counts: Sequence[int], circles: ArrayLike
-    ) -> PlanClearance: ...
-    def __len__(self) -> int: ...
-    def values(self, headings: ArrayLike, lengths: ArrayLike) -> _Array: ...
-    def gradient(self, headings: ArrayLike, lengths: ArrayLike) -> tuple[_Array, _Array]: ...
+        cls,
+        problem: dict[str, Any],
+        starts: int,
+        restarts: int,
+        iterations: int,
+        seed: int,
+    ) -> PlanSearch: ...
+    def run(self, seconds: float, progress: Callable[[int, int, float], object] | None) -> str: ...
+    def best(self) -> dict[str, Any] | None: ...
+    def tried(
+        self,
+    ) -> list[tuple[str, int, float, float, float, bool, list[list[list[float]]]]]: ...
+    def guessed(self) -> int: ...
+    def bound(self, passes: int, cells: float, seconds: float) -> float | None: ...
+    def judge(
+        self,
+        counts: Sequence[int],
+        headings: Sequence[Sequence[float]],
+        speeds: Sequence[Sequence[float]],
+    ) -> dict[str, Any]: ...
+    def gradient(
+        self,
+        counts: Sequence[int],
+        headings: Sequence[Sequence[float]],
+        speeds: Sequence[Sequence[float]],
+        sharpness: float,
+    ) -> tuple[float, list[list[float]], list[list[float]]]: ...
 
 def plan_steered(
     start: ArrayLike,
@@ -582,8 +586,8 @@ def plan_steered(
     targets: ArrayLike,
     keep_out: ArrayLike,
     max_turn: float,
-    wish: str,
-    wanted: ArrayLike,
+    law: str,
+    side: float,
     aim: ArrayLike,
 ) -> _Array: ...
 def maneuver_closed_loop(

@@ -150,7 +150,7 @@ def inertial():
 def maneuver():
     target, start = [4000.0, 3000.0], [0.0, 0.0]
     path = gm.maneuver.trajectory(target, start, 10.0, 20.0, 8, sigma=0.01)
-    plan = gm.maneuver.plan(target, start, 10.0, 20.0, 6, sigma=0.01, starts=2)
+    plan = gm.maneuver.plan(target, start, 10.0, 20.0, 6, sigma=0.01, starts=2, restarts=2)
     loop = gm.maneuver.closed_loop(
         target, start, 10.0, 20.0, 6, sigma=0.01, first_range=(3000.0, 1000.0),
         methods=["max_det"], trials=2, seed=1,

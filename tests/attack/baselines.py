@@ -394,7 +394,11 @@ CALLS: dict[str, dict[str, Any]] = {
         "sigma": 0.01,
         "criterion": "D",
         "legs": 2,
+        "starts": 1,
+        "restarts": 0,
+        "bound": False,
     },
+    "maneuver.Sensing": {"kind": "bearing", "sigma": 0.01, "detection": 0.9},
     "maneuver.problem": {"path": PATH, "target": STATE[:2], "sigma": 0.01},
     "maneuver.trajectory": {
         "target": np.array([0.0, 2000.0]),

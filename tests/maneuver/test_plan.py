@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 import gramian as gm
 from gramian import _core
+from gramian.models.maneuver._task import Task
 
 TARGET, START, SPEED, DT, SIGMA = [0.0, 1000.0], [0.0, 0.0], 20.0, 1.0, 0.001**0.5
 #: Best determinants found by 60 starts of a general optimiser, and the law max_det's.
@@ -80,49 +81,78 @@ def test_which_local_optimum_is_said(case):
 CRITERIA = ["D", "A", "E", "combination"]
 
 
-def objective(kind, targets, counts, sharpness=np.inf, prior=None):
+def search(kind, targets, moves, *, sensors=None, starts=((5.0, -3.0),), legs=None, sigma=0.02):
+    """The planner's criterion on its own, without a search."""
     targets = np.atleast_2d(np.asarray(targets, dtype=float))
-    n = 4 if targets[:, 2:].any() else 2
-    scale = np.array([1.0, 1.0, 1 / 60, 1 / 60])[:n]
-    rows = np.zeros((len(targets), 0, n)) if prior is None else prior
-    combinations = np.tile([0.3, 1.0, 5.0, -2.0][:n], (len(targets), 1))
-    weights = np.arange(1.0, 1 + len(targets)) / sum(range(1, 1 + len(targets)))
-    return _core.PlanObjective(
-        [5.0, -3.0], 1.5, counts, targets, weights, 0.02, scale, rows, kind, sharpness, combinations
-    )
+    weights = np.arange(1.0, 1 + len(targets))
+    criterion = {"combination": [0.3, 1.0, 5.0, -2.0][: targets.shape[1]]}
+    task = Task.checked(
+        target=targets, start=starts, speed=(10.0, 30.0), dt=1.5, samples=moves + 1,
+        criterion=criterion if kind == "combination" else kind,
+        sigma=None if sensors else sigma, sensors=sensors, belief=None, over="expectation",
+        standoff=0.0, keep_out=None, polygons=None, max_turn_rate=None, heading=None, legs=legs,
+        return_to=None, max_distance=None, separation=None, current=(0.7, -0.4), prior=None,
+        weights=weights, scale=None,
+    )  # fmt: skip
+    return _core.PlanSearch(task.problem(), 1, 0, 1, 0)
 
 
+SENSINGS = {
+    "bearing": [gm.maneuver.Sensing("bearing", 0.02, bias="compass")],
+    "bearing and rate": [
+        gm.maneuver.Sensing("bearing", 0.02, blind=[(2.6, 3.7)], detection=0.8),
+        gm.maneuver.Sensing("range_rate", 0.5),
+    ],
+    "frequency": [
+        gm.maneuver.Sensing("bearing", 0.02),
+        gm.maneuver.Sensing(
+            "frequency", 0.1, parameters={"tonal": 300.0}, unknown={"tonal": "tonal"}
+        ),
+    ],
+    "towed array": [gm.maneuver.Sensing("cone_angle", 0.02, blind=[(2.9, 3.4)])],
+    "range": [
+        gm.maneuver.Sensing("range", 5.0, reach=2000.0),
+        gm.maneuver.Sensing("signal_strength", 1.0, parameters={"power": 100.0}),
+    ],
+}
+
+
+@pytest.mark.parametrize("sensors", [None, *SENSINGS], ids=str)
 @pytest.mark.parametrize("kind", CRITERIA)
-@settings(max_examples=15, deadline=None)
-@given(
-    seed=st.integers(0, 2**31),
-    moving=st.booleans(),
-    several=st.booleans(),
-)
-def test_gradients_agree_with_differences(kind, seed, moving, several):
+@settings(max_examples=4, deadline=None)
+@given(seed=st.integers(0, 2**31), moving=st.booleans(), several=st.booleans())
+def test_gradients_agree_with_differences(kind, sensors, seed, moving, several):
     rng = np.random.default_rng(seed)
     counts = [3, 1, 4, 2, 5, 6]
-    targets = np.zeros((2 if several else 1, 4))
-    targets[:, 0] = rng.uniform(-300, 300, len(targets))
+    targets = rng.uniform(-300, 300, (2 if several else 1, 4 if moving else 2))
     targets[:, 1] = rng.uniform(800, 1500, len(targets))
-    if moving:
-        targets[:, 2:] = rng.uniform(1, 8, (len(targets), 2))
-    ask = objective(kind, targets, counts, sharpness=6.0)
-    headings = rng.uniform(-1.5, 1.5, 6) + np.array([1.2, -1.2, 0.5, 2.0, -0.5, 1.0])
-    lengths = rng.uniform(15, 25, 6)
-    value, by_heading, by_length = ask.gradient(headings, lengths)
-    assert value == float(ask.values(headings, lengths))
+    targets[:, 2:] /= 40
+    if kind == "combination" and sensors in ("bearing", "frequency"):
+        kind = "A"
+    ask = search(kind, targets, 21, sensors=SENSINGS.get(sensors), starts=((5, -3), (200, 40)))
+    headings = rng.uniform(-1.5, 1.5, (2, 6)) + np.array([1.2, -1.2, 0.5, 2.0, -0.5, 1.0])
+    speeds = rng.uniform(15, 25, (2, 6))
+    _, by_heading, by_speed = ask.gradient(counts, headings.tolist(), speeds.tolist(), 6.0)
 
     def differences(move):
         h = 1e-3
-        points = [float(ask.values(*move(step * h))) for step in (-3, -2, -1, 1, 2, 3)]
+        points = [
+            ask.gradient(counts, *(part.tolist() for part in move(step * h)), 6.0)[0]
+            for step in (-3, -2, -1, 1, 2, 3)
+        ]
         return np.dot(points, [-1 / 60, 3 / 20, -3 / 4, 3 / 4, -3 / 20, 1 / 60]) / h
 
-    unit = np.eye(6)
-    turned = [differences(lambda x, i=i: (headings + x * unit[i], lengths)) for i in range(6)]
-    longer = [differences(lambda x, i=i: (headings, lengths + 20 * x * unit[i])) for i in range(6)]
-    np.testing.assert_allclose(by_heading, turned, atol=1e-7 * np.abs(by_heading).max())
-    np.testing.assert_allclose(20 * by_length, longer, atol=1e-7 * np.abs(20 * by_length).max())
+    for found, move in (
+        (np.array(by_heading), lambda x, unit: (headings + x * unit, speeds)),
+        (20 * np.array(by_speed), lambda x, unit: (headings, speeds + 20 * x * unit)),
+    ):
+        for index in [(0, 0), (0, 3), (1, 5)]:
+            unit = np.zeros((2, 6))
+            unit[index] = 1.0
+            wanted = differences(lambda x, move=move, unit=unit: move(x, unit))
+            # Edges of fields of view are steep: their third derivatives limit the check.
+            slack = 3e-3 if sensors in ("bearing and rate", "towed array") else 1e-6
+            assert found[index] == pytest.approx(wanted, abs=slack * np.abs(found).max())
 
 
 def test_the_eigenvalue_is_exact_at_the_end():
@@ -176,20 +206,32 @@ def test_legs_are_straight_and_the_turns_are_found(legs):
     assert np.hypot(*(plan.path - TARGET).T).min() >= 500.0 * (1 - 1e-9)
 
 
+def two_legs(state, sigma, moves):
+    task = Task.checked(
+        target=state, start=[0, 0], speed=20.0, dt=1.0, samples=moves + 1, criterion="D",
+        sigma=sigma, sensors=None, belief=None, over="expectation", standoff=0.0, keep_out=None,
+        polygons=None, max_turn_rate=None, heading=None, legs=2, return_to=None,
+        max_distance=None, separation=None, current=None, prior=None, weights=None, scale=None,
+    )  # fmt: skip
+    return _core.PlanSearch(task.problem(), 1, 0, 1, 0)
+
+
 def turn_of_the_best_grid(state, standoff, sigma, moves=59):
     """The best two-leg path of a grid of headings and turns, without a planner."""
-    angles = np.radians(np.arange(-180.0, 180.0, 6.0))
+    angles = np.radians(np.arange(-180.0, 180.0, 12.0))
     pairs = np.stack([grid.ravel() for grid in np.meshgrid(angles, angles)], axis=1)
     unit = np.stack([np.sin(pairs), np.cos(pairs)], axis=-1)
     sample = np.arange(1, moves + 1)
     track = np.array(state[:2]) + sample[:, None] * np.array(state[2:])
     best = (-np.inf, 0)
     for turn in range(3, moves - 2, 4):
-        ask = _core.PlanObjective(
-            [0, 0], 1.0, [turn, moves - turn], [state], [1.0], sigma,
-            [1, 1, 1 / moves, 1 / moves], np.zeros((1, 0, 4)), "D", np.inf, np.zeros((1, 4)),
-        )  # fmt: skip
-        values = ask.values(pairs, [20.0, 20.0])
+        ask = two_legs(state, sigma, moves)
+        values = np.array(
+            [
+                ask.judge([turn, moves - turn], [pair.tolist()], [[20.0, 20.0]])["value"]
+                for pair in pairs
+            ]
+        )
         first = np.minimum(sample, turn)
         path = 20 * (
             first[None, :, None] * unit[:, None, 0]
@@ -206,7 +248,7 @@ def test_a_moving_target_at_twenty_steps_wants_a_turn_near_mid_track(state):
     sigma = np.radians(0.5)
     options = {"sigma": sigma, "standoff": 320.0}
     plan = gm.maneuver.plan(state, START, SPEED, DT, 60, legs=2, **options)
-    assert 0.4 * 59 <= plan.turns[0] <= 0.6 * 59
+    assert 59 / 3 <= plan.turns[0] <= 2 * 59 / 3
     grid, _ = turn_of_the_best_grid(state, 320.0, sigma)
     assert plan.value >= grid
     # The heading is lead, then lag: across the line of sight to either side.
@@ -298,7 +340,7 @@ def test_without_a_stand_off_the_path_stays_a_step_away():
 
 def test_a_plan_that_did_not_converge_says_so_and_is_still_a_path():
     plan = gm.maneuver.plan(
-        TARGET, START, SPEED, DT, 60, standoff=500.0, starts=1, max_iterations=2
+        TARGET, START, SPEED, DT, 60, standoff=500.0, starts=1, restarts=0, max_iterations=1
     )
     assert not plan.converged
     assert "limit" in plan.message.lower()

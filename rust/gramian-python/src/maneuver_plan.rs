@@ -1,316 +1,390 @@
-//! The planner's objective and its paths, and the closed loop.
+//! The planner's problem and search, paths of laws, and the closed loop.
 
-use gramian::batch::{Items, Threads};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
 use gramian::maneuver::Side;
 use gramian::maneuver::batch::closed_loop::{self, Guidance, LostBearing, PER_SAMPLE, Setting};
-use gramian::maneuver::batch::plan::{self, Candidate, Course, HeadingSource};
-use gramian::maneuver::plan::Criterion;
+use gramian::maneuver::batch::plan::{self, Course};
+use gramian::maneuver::planner::{
+    Aim, Belief, Criterion, Effort, Found, Observer, Options, Over, Problem, Search, Sensor,
+    upper_bound,
+};
 use gramian::maneuver::steer::Limits;
+use gramian::tracks::scene::Kind;
 use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
+use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
 use crate::convert::Input;
 use crate::errors::{self, InputError};
 use crate::output::Batch;
 
-/// The criterion of a path for 2 or 4 states, ready to be asked many times.
-#[pyclass(frozen, module = "gramian._core")]
-pub struct PlanObjective(Sized);
-
-enum Sized {
-    Fixed(plan::Objective<2>),
-    Moving(plan::Objective<4>),
+/// A sensor of an observer.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+struct SensorGiven {
+    kind: String,
+    sigma: f64,
+    detection: f64,
+    wave: f64,
+    parameters: [f64; 2],
+    parameter_states: [Option<usize>; 2],
+    bias: Option<usize>,
+    blind: Vec<(f64, f64)>,
+    reach: f64,
 }
 
-/// Calls the same function of either size.
-macro_rules! either {
-    ($self:expr, $objective:ident => $body:expr) => {
-        match &$self.0 {
-            Sized::Fixed($objective) => $body,
-            Sized::Moving($objective) => $body,
+/// An observer.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+struct ObserverGiven {
+    start: [f64; 2],
+    speed: [f64; 2],
+    heading: Option<f64>,
+    max_turn: f64,
+    home: Option<([f64; 2], f64)>,
+    distance: f64,
+    sensors: Vec<SensorGiven>,
+}
+
+/// A possible state of all targets.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+struct BeliefGiven {
+    targets: Vec<[f64; 4]>,
+    weight: f64,
+    prior: Vec<f64>,
+    combination: Vec<f64>,
+}
+
+/// Everything that a plan is made for.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+struct ProblemGiven {
+    dt: f64,
+    moves: usize,
+    observers: Vec<ObserverGiven>,
+    beliefs: Vec<BeliefGiven>,
+    dimension: usize,
+    nuisances: usize,
+    scale: Vec<f64>,
+    criterion: String,
+    worst: bool,
+    standoff: f64,
+    discs: Vec<[f64; 3]>,
+    polygons: Vec<Vec<[f64; 2]>>,
+    separation: f64,
+    current: [f64; 2],
+    legs: Option<usize>,
+}
+
+fn kind(name: &str, wave: f64) -> PyResult<Kind> {
+    Ok(match name {
+        "bearing" => Kind::Bearing,
+        "range" => Kind::Range,
+        "range_rate" => Kind::RangeRate,
+        "frequency" => Kind::Frequency(wave),
+        "cone_angle" => Kind::ConeAngle,
+        "signal_strength" => Kind::SignalStrength,
+        other => {
+            return Err(InputError::new_err(format!(
+                "kind = {other:?}: must be one of bearing, range, range_rate, frequency, \
+                 cone_angle, signal_strength"
+            )));
         }
-    };
+    })
 }
 
-type ValueAndGradient<'py> = (f64, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
-
-#[pymethods]
-impl PlanObjective {
-    #[new]
-    #[pyo3(signature = (start, dt, counts, targets, weights, sigma, scale, prior, criterion, sharpness, combinations))]
-    #[allow(clippy::too_many_arguments)]
-    fn new(
-        start: &Bound<'_, PyAny>,
-        dt: f64,
-        counts: Vec<usize>,
-        targets: &Bound<'_, PyAny>,
-        weights: &Bound<'_, PyAny>,
-        sigma: f64,
-        scale: &Bound<'_, PyAny>,
-        prior: &Bound<'_, PyAny>,
-        criterion: &str,
-        sharpness: f64,
-        combinations: &Bound<'_, PyAny>,
-    ) -> PyResult<Self> {
-        let start = pair(start, "start")?;
-        let targets = Input::new(targets, "targets", 2)?;
-        targets.expect(&[None, Some(4)], "x0, y0, vx, vy of each possible target")?;
-        let count = targets.core_shape()[0];
-        let weights = Input::new(weights, "weights", 1)?;
-        weights.expect(&[Some(count)], "one for each possible target")?;
-        let scale = Input::new(scale, "scale", 1)?;
-        let n = scale.core_shape()[0];
-        let prior = Input::new(prior, "prior", 3)?;
-        prior.expect(&[Some(count), None, Some(n)], "rows for each target")?;
-        let combinations = Input::new(combinations, "combinations", 2)?;
-        combinations.expect(&[Some(count), Some(n)], "one for each possible target")?;
-        let given = Given {
-            start,
-            dt,
-            counts,
-            targets: targets.slice()?,
-            weights: weights.slice()?,
-            sigma,
-            scale: scale.slice()?,
-            prior: prior.slice()?,
-            criterion,
-            sharpness,
-            combinations: combinations.slice()?,
+impl ProblemGiven {
+    fn problem(self) -> PyResult<Problem> {
+        let mut observers = Vec::with_capacity(self.observers.len());
+        for given in self.observers {
+            let mut sensors = Vec::with_capacity(given.sensors.len());
+            for sensor in given.sensors {
+                sensors.push(Sensor {
+                    kind: kind(&sensor.kind, sensor.wave)?,
+                    sigma: sensor.sigma,
+                    detection: sensor.detection,
+                    parameters: sensor.parameters,
+                    parameter_states: sensor.parameter_states,
+                    bias: sensor.bias,
+                    blind: sensor.blind,
+                    reach: sensor.reach,
+                });
+            }
+            observers.push(Observer {
+                start: given.start,
+                speed: given.speed,
+                heading: given.heading,
+                max_turn: given.max_turn,
+                home: given.home,
+                distance: given.distance,
+                sensors,
+            });
+        }
+        let criterion = match self.criterion.as_str() {
+            "D" => Criterion::Determinant,
+            "A" => Criterion::Trace,
+            "E" => Criterion::Eigenvalue,
+            _ => Criterion::Combination,
         };
-        match n {
-            2 => Ok(Self(Sized::Fixed(given.objective()?))),
-            4 => Ok(Self(Sized::Moving(given.objective()?))),
-            _ => Err(InputError::new_err(format!(
-                "scale has {n} entries: must have 2 or 4"
-            ))),
-        }
-    }
-
-    fn gradient<'py>(
-        &self,
-        py: Python<'py>,
-        headings: &Bound<'py, PyAny>,
-        lengths: &Bound<'py, PyAny>,
-    ) -> PyResult<ValueAndGradient<'py>> {
-        let headings = self.legs(headings, "headings")?;
-        let lengths = self.legs(lengths, "lengths")?;
-        let (headings, lengths) = (headings.slice()?, lengths.slice()?);
-        let mut by_heading = vec![0.0; headings.len()];
-        let mut by_length = vec![0.0; headings.len()];
-        let value = either!(self, objective => objective.gradient(
-            headings, lengths, &mut by_heading, &mut by_length
-        ))
-        .map_err(|error| errors::input_at("", error))?;
-        Ok((
-            value,
-            PyArray1::from_vec(py, by_heading),
-            PyArray1::from_vec(py, by_length),
-        ))
-    }
-
-    fn values<'py>(
-        &self,
-        py: Python<'py>,
-        headings: &Bound<'py, PyAny>,
-        lengths: &Bound<'py, PyAny>,
-    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-        let mut headings = self.legs(headings, "headings")?;
-        let mut lengths = self.legs(lengths, "lengths")?;
-        let batch = Batch::of(&mut [&mut headings, &mut lengths])?;
-        let (headings, lengths) = (headings.items()?, lengths.items()?);
-        let cost = 100.0 * either!(self, objective => objective.samples()) as f64;
-        batch.fill(py, &[], cost, |range, threads, out| {
-            let (headings, lengths) = (headings.skip(range.start), lengths.skip(range.start));
-            either!(self, objective => objective.values(headings, lengths, threads, out));
+        let over = if self.worst {
+            Over::Worst
+        } else {
+            Over::Expectation
+        };
+        Ok(Problem {
+            dt: self.dt,
+            moves: self.moves,
+            observers,
+            beliefs: self
+                .beliefs
+                .into_iter()
+                .map(|given| Belief {
+                    targets: given.targets,
+                    weight: given.weight,
+                    prior: given.prior,
+                    combination: given.combination,
+                })
+                .collect(),
+            dimension: self.dimension,
+            nuisances: self.nuisances,
+            scale: self.scale,
+            aim: Aim { criterion, over },
+            standoff: self.standoff,
+            discs: self.discs,
+            polygons: self.polygons,
+            separation: self.separation,
+            current: self.current,
+            legs: self.legs,
         })
     }
-
-    fn along<'py>(
-        &self,
-        py: Python<'py>,
-        headings: &Bound<'py, PyAny>,
-        lengths: &Bound<'py, PyAny>,
-    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let headings = self.legs(headings, "headings")?;
-        let lengths = self.legs(lengths, "lengths")?;
-        let (headings, lengths) = (headings.slice()?, lengths.slice()?);
-        let mut out = vec![0.0; either!(self, objective => objective.samples())];
-        either!(self, objective => objective.along(headings, lengths, &mut out))
-            .map_err(|error| errors::input_at("", error))?;
-        Ok(PyArray1::from_vec(py, out))
-    }
 }
 
-impl PlanObjective {
-    fn legs<'py>(&self, value: &Bound<'py, PyAny>, name: &'static str) -> PyResult<Input<'py>> {
-        let input = Input::new(value, name, 1)?;
-        let legs = either!(self, objective => objective.legs());
-        input.expect(&[Some(legs)], "one for each leg")?;
-        Ok(input)
-    }
-}
-
-struct Given<'a> {
-    start: [f64; 2],
-    dt: f64,
-    counts: Vec<usize>,
-    targets: &'a [f64],
-    weights: &'a [f64],
-    sigma: f64,
-    scale: &'a [f64],
-    prior: &'a [f64],
-    criterion: &'a str,
-    sharpness: f64,
-    combinations: &'a [f64],
-}
-
-impl Given<'_> {
-    fn objective<const N: usize>(self) -> PyResult<plan::Objective<N>> {
-        let (combinations, _) = self.combinations.as_chunks::<N>();
-        let (targets, _) = self.targets.as_chunks::<4>();
-        let rows = self.prior.len().checked_div(targets.len()).unwrap_or(0);
-        let mut candidates = Vec::with_capacity(targets.len());
-        for (i, &state) in targets.iter().enumerate() {
-            let criterion = match self.criterion {
-                "D" => Criterion::LogDet,
-                "A" => Criterion::Trace,
-                "E" => Criterion::SmallestEigenvalue {
-                    sharpness: self.sharpness,
-                },
-                "combination" => Criterion::Combination(combinations[i]),
-                other => {
-                    return Err(InputError::new_err(format!(
-                        "criterion = {other:?}: must be \"D\", \"A\", \"E\" or \"combination\""
-                    )));
-                }
-            };
-            candidates.push(Candidate {
-                state,
-                weight: self.weights[i],
-                criterion,
-                prior: plan::prior(&self.prior[i * rows..(i + 1) * rows]),
-            });
-        }
-        let mut scale = [1.0; N];
-        scale.copy_from_slice(self.scale);
-        Ok(plan::Objective::new(
-            self.start,
-            self.dt,
-            self.counts,
-            self.sigma,
-            scale,
-            candidates,
-        ))
-    }
-}
-
-/// The clearance of a path from circles: see `gramian::maneuver::batch::plan::Clearance`.
+/// The search of the planner: see `gramian::maneuver::planner::Search`.
 #[pyclass(frozen, module = "gramian._core")]
-pub struct PlanClearance(plan::Clearance);
+pub struct PlanSearch(Mutex<Search>);
 
-type Gradients<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>);
+type Tried = (&'static str, usize, f64, f64, f64, bool, Vec<Vec<[f64; 2]>>);
+type Gradient = (f64, Vec<Vec<f64>>, Vec<Vec<f64>>);
 
+// Lists are taken by value: what is extracted from Python is owned.
+#[allow(clippy::needless_pass_by_value)]
 #[pymethods]
-impl PlanClearance {
-    /// `circles` (n, 5): step, east, north, radius, and 1 where the whole step is to
-    /// stay clear.
+impl PlanSearch {
     #[new]
     fn new(
-        start: &Bound<'_, PyAny>,
-        counts: Vec<usize>,
-        circles: &Bound<'_, PyAny>,
+        problem: ProblemGiven,
+        starts: usize,
+        restarts: usize,
+        iterations: usize,
+        seed: u64,
     ) -> PyResult<Self> {
-        let circles = Input::new(circles, "circles", 2)?;
-        circles.expect(&[None, Some(5)], "step, east, north, radius, whole")?;
-        let (rows, _) = circles.slice()?.as_chunks::<5>();
-        let steps: usize = counts.iter().sum();
-        let mut near = Vec::with_capacity(rows.len());
-        for &[step, east, north, radius, whole] in rows {
-            if !(0.0..steps as f64).contains(&step) {
-                return Err(InputError::new_err(format!(
-                    "circles: step {step} is not one of {steps}"
-                )));
-            }
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-            near.push(plan::Near {
-                step: step as usize,
-                center: [east, north],
-                radius,
-                whole: whole != 0.0,
-            });
-        }
-        let start = pair(start, "start")?;
-        Ok(Self(plan::Clearance::new(start, counts, near)))
-    }
-
-    fn __len__(&self) -> usize {
-        self.0.len()
-    }
-
-    fn values<'py>(
-        &self,
-        py: Python<'py>,
-        headings: &Bound<'py, PyAny>,
-        lengths: &Bound<'py, PyAny>,
-    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let (headings, lengths) = (
-            self.legs(headings, "headings")?,
-            self.legs(lengths, "lengths")?,
-        );
-        let mut out = vec![0.0; self.0.len()];
-        self.0
-            .values(headings.slice()?, lengths.slice()?, &mut out)
+        let options = Options {
+            starts,
+            restarts,
+            iterations,
+            seed,
+        };
+        let search = Search::new(&problem.problem()?, options)
             .map_err(|error| errors::input_at("", error))?;
-        Ok(PyArray1::from_vec(py, out))
+        Ok(Self(Mutex::new(search)))
     }
 
-    fn gradient<'py>(
+    /// Searches until the end ("done"), for `seconds` ("time"), or until Ctrl-C
+    /// ("interrupted"). `progress` is called with pieces done, of how many, and the best
+    /// value so far.
+    fn run(
+        &self,
+        py: Python<'_>,
+        seconds: f64,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<&'static str> {
+        let began = Instant::now();
+        let mut raised = None;
+        let mut late = false;
+        let done = py.detach(|| {
+            let mut last = began;
+            let mut told = usize::MAX;
+            self.search().run(&mut |now| {
+                let pause = last.elapsed();
+                if began.elapsed().as_secs_f64() > seconds {
+                    late = true;
+                    return false;
+                }
+                let news = progress.is_some() && now.done != told;
+                if pause < Duration::from_millis(100) && !news {
+                    return true;
+                }
+                last = Instant::now();
+                raised = Python::attach(|py| {
+                    if let Some(progress) = progress.as_ref().filter(|_| news) {
+                        told = now.done;
+                        progress.call1(py, (now.done, now.total, now.value))?;
+                    }
+                    crate::run::look(py)
+                })
+                .err();
+                raised.is_none()
+            })
+        });
+        match raised {
+            Some(error) if error.is_instance_of::<PyKeyboardInterrupt>(py) => {
+                if self.search().best().is_none() {
+                    return Err(error);
+                }
+                Ok("interrupted")
+            }
+            Some(error) => Err(error),
+            None if done || !late => Ok("done"),
+            None => Ok("time"),
+        }
+    }
+
+    /// The best path so far, or None.
+    fn best<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
+        let search = self.search();
+        search
+            .best()
+            .map(|found| as_dict(py, &search, &found))
+            .transpose()
+    }
+
+    /// What was refined: family, legs, guess, value, projected gradient, kept, paths.
+    fn tried(&self) -> Vec<Tried> {
+        self.search()
+            .tried()
+            .iter()
+            .map(|tried| {
+                (
+                    tried.family,
+                    tried.legs,
+                    tried.guess,
+                    tried.value,
+                    tried.projected_gradient,
+                    tried.kept,
+                    tried.paths.clone(),
+                )
+            })
+            .collect()
+    }
+
+    /// What no path can exceed, or None where no bound is known; with `passes` on coarse
+    /// cells and `cells` on fine ones.
+    fn bound(
+        &self,
+        py: Python<'_>,
+        passes: usize,
+        cells: f64,
+        seconds: f64,
+    ) -> PyResult<Option<f64>> {
+        let search = self.search();
+        let Some(best) = search.best() else {
+            return Ok(None);
+        };
+        let began = Instant::now();
+        let mut raised = None;
+        let answer = py.detach(|| {
+            let mut last = began;
+            upper_bound(
+                search.problem(),
+                &best.tracks,
+                best.value,
+                Effort { passes, cells },
+                &mut || {
+                    if began.elapsed().as_secs_f64() > seconds {
+                        return false;
+                    }
+                    if last.elapsed() < Duration::from_millis(100) {
+                        return true;
+                    }
+                    last = Instant::now();
+                    raised = Python::attach(crate::run::look).err();
+                    raised.is_none()
+                },
+            )
+        });
+        match raised {
+            Some(error) if !error.is_instance_of::<PyKeyboardInterrupt>(py) => Err(error),
+            _ => answer.map_err(|error| errors::input_at("", error)),
+        }
+    }
+
+    /// How many guesses were compared.
+    fn guessed(&self) -> usize {
+        self.search().guessed()
+    }
+
+    /// A path of `counts` steps on headings at speeds (observers, legs), as `best`.
+    fn judge<'py>(
         &self,
         py: Python<'py>,
-        headings: &Bound<'py, PyAny>,
-        lengths: &Bound<'py, PyAny>,
-    ) -> PyResult<Gradients<'py>> {
-        let (headings, lengths) = (
-            self.legs(headings, "headings")?,
-            self.legs(lengths, "lengths")?,
-        );
-        let shape = [self.0.len(), headings.core_shape()[0]];
-        let (by_heading, by_length) = (
-            PyArray2::zeros(py, shape, false),
-            PyArray2::zeros(py, shape, false),
-        );
-        {
-            let (mut turn, mut stretch) = (by_heading.readwrite(), by_length.readwrite());
-            self.0
-                .gradient(
-                    headings.slice()?,
-                    lengths.slice()?,
-                    turn.as_slice_mut()?,
-                    stretch.as_slice_mut()?,
-                )
-                .map_err(|error| errors::input_at("", error))?;
-        }
-        Ok((by_heading, by_length))
+        counts: Vec<usize>,
+        headings: Vec<Vec<f64>>,
+        speeds: Vec<Vec<f64>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let search = self.search();
+        let found = search
+            .judge(&counts, &headings, &speeds)
+            .map_err(|error| errors::input_at("", error))?;
+        as_dict(py, &search, &found)
+    }
+
+    /// The cost of a path and its derivatives by headings and speeds.
+    fn gradient(
+        &self,
+        counts: Vec<usize>,
+        headings: Vec<Vec<f64>>,
+        speeds: Vec<Vec<f64>>,
+        sharpness: f64,
+    ) -> PyResult<Gradient> {
+        self.search()
+            .gradient(&counts, &headings, &speeds, sharpness)
+            .map_err(|error| errors::input_at("", error))
     }
 }
 
-impl PlanClearance {
-    /// Not checked for what is not finite: an optimiser may try such a path.
-    fn legs<'py>(&self, value: &Bound<'py, PyAny>, name: &'static str) -> PyResult<Input<'py>> {
-        let input = Input::unchecked(value, name, 1)?;
-        input.expect(&[Some(self.0.legs())], "one for each leg")?;
-        if input.batch_shape().is_empty() {
-            return Ok(input);
-        }
-        Err(InputError::new_err(format!(
-            "{name} is of several paths: must be of one"
-        )))
+impl PlanSearch {
+    fn search(&self) -> MutexGuard<'_, Search> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Headings (paths, steps + 1) that keep the limits: the last entry counts the
-/// steps that could not. `wish` is "headings" (paths, steps), "arcs" (paths, 3)
-/// or a law, for which `wanted` is (1, 1): the side.
+fn as_dict<'py>(py: Python<'py>, search: &Search, found: &Found) -> PyResult<Bound<'py, PyDict>> {
+    let out = PyDict::new(py);
+    out.set_item("counts", &found.counts)?;
+    for (name, values) in [("headings", &found.headings), ("speeds", &found.speeds)] {
+        out.set_item(name, PyArray2::from_vec2(py, values)?)?;
+    }
+    let paths: Vec<Vec<[f64; 2]>> = found.tracks.iter().map(|track| track.at.clone()).collect();
+    out.set_item("paths", paths)?;
+    out.set_item("value", found.value)?;
+    out.set_item(
+        "values",
+        PyArray1::from_vec(py, search.along(&found.tracks)),
+    )?;
+    out.set_item("roots", search.roots(&found.tracks))?;
+    let covariances: Vec<f64> = search
+        .covariances(&found.tracks)
+        .iter()
+        .flat_map(|&[xx, xy, yy]| [xx, xy, xy, yy])
+        .collect();
+    let samples = covariances.len() / 4;
+    out.set_item(
+        "covariances",
+        PyArray1::from_vec(py, covariances).reshape([samples, 2, 2])?,
+    )?;
+    out.set_item("projected_gradient", found.projected_gradient)?;
+    out.set_item("clearance", found.clearance)?;
+    out.set_item("broken", found.broken)?;
+    out.set_item("family", found.family)?;
+    Ok(out)
+}
+
+/// Headings (steps + 1) of a law that keep the limits: the last entry counts the steps
+/// that could not.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
 fn plan_steered<'py>(
@@ -323,10 +397,10 @@ fn plan_steered<'py>(
     targets: &Bound<'py, PyAny>,
     keep_out: &Bound<'py, PyAny>,
     max_turn: f64,
-    wish: &str,
-    wanted: &Bound<'py, PyAny>,
+    law: &str,
+    side: f64,
     aim: &Bound<'py, PyAny>,
-) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+) -> PyResult<Bound<'py, PyArray1<f64>>> {
     let start = pair(start, "start")?;
     let lengths = Input::new(lengths, "lengths", 1)?;
     let steps = lengths.core_shape()[0];
@@ -336,24 +410,7 @@ fn plan_steered<'py>(
     keep_out.expect(&[None, Some(3)], "east, north and radius of each circle")?;
     let aim = Input::new(aim, "aim", 1)?;
     aim.expect(&[Some(4)], "x0, y0, vx, vy")?;
-    let mut wanted = Input::new(wanted, "wanted", 1)?;
-    let kind = match wish {
-        "headings" => {
-            wanted.expect(&[Some(steps)], "one heading for each step")?;
-            None
-        }
-        "arcs" => {
-            wanted.expect(&[Some(3)], "offset, side and step of turning back")?;
-            None
-        }
-        law => {
-            wanted.expect(&[Some(1)], "the side")?;
-            Some(crate::maneuver::law(law)?)
-        }
-    };
-    let batch = Batch::of(&mut [&mut wanted])?;
-    let items = wanted.items()?;
-    let side = side_of(wanted.slice()?.first().copied().unwrap_or(1.0));
+    let law = crate::maneuver::law(law)?;
     let mut point = [0.0; 4];
     point.copy_from_slice(aim.slice()?);
     let course = Course {
@@ -368,17 +425,9 @@ fn plan_steered<'py>(
             max_turn,
         },
     };
-    let circles = targets.core_shape()[0] + keep_out.core_shape()[0];
-    let cost = (steps * (100 + 100 * circles)) as f64;
-    batch.fill(py, &[steps + 1], cost, |range, threads: Threads, out| {
-        let part: Items<'_> = items.skip(range.start);
-        let wish = match (kind, wish) {
-            (Some(law), _) => HeadingSource::Law(law, side, point),
-            (None, "headings") => HeadingSource::Headings(part),
-            _ => HeadingSource::Arcs(part, point),
-        };
-        plan::steered(&course, wish, threads, out);
-    })
+    let mut out = vec![0.0; steps + 1];
+    plan::steered(&course, law, side_of(side), point, &mut out);
+    Ok(PyArray1::from_vec(py, out))
 }
 
 /// Trials (..., steps + 1, 5): position, estimate, believed deviation. `guide` is
@@ -472,6 +521,6 @@ fn pair(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<[f64; 2]> {
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(maneuver_closed_loop, module)?)?;
     module.add_function(wrap_pyfunction!(plan_steered, module)?)?;
-    module.add_class::<PlanClearance>()?;
-    module.add_class::<PlanObjective>()
+    module.add("PLAN_STATES", gramian::maneuver::planner::MOST_STATES)?;
+    module.add_class::<PlanSearch>()
 }

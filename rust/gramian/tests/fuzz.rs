@@ -1331,6 +1331,8 @@ const WITH_STD: &[&str] = &[
     "batch.rs",
     "batch_gram.rs",
     "large",
+    "maneuver/planner",
+    "numbers/dual.rs",
     "localize",
     "solve",
 ];

@@ -2,7 +2,8 @@
 
 - `heading` of a `Law`: the next heading from bearing and range, `AtStandoff` says what a
   law does once it is near enough; `trajectory` follows a law, as a `Trajectory`.
-- `plan`: the best path over a horizon, a `Plan` with `Start` and `LawComparison`.
+- `plan`: the best paths over a horizon, a `Plan` with `Start` and `LawComparison`; `Sensing`
+  is what an observer measures on the way.
 - `closed_loop`: laws and plans without knowing the target, a `ClosedLoop` of `LoopRun`.
 - `two_legs`: where to turn against a distant moving target, in closed form, as `TwoLegs`.
 - `fisher`, `fisher_det`, `problem`: what a path tells of its target.
@@ -14,6 +15,7 @@ from gramian.models.maneuver._closed_loop import ClosedLoop, LoopRun, closed_loo
 from gramian.models.maneuver._fisher import fisher, fisher_det, problem
 from gramian.models.maneuver._laws import AtStandoff, Law, Trajectory, heading, trajectory
 from gramian.models.maneuver._planner import LawComparison, Plan, Start, plan
+from gramian.models.maneuver._sensing import Sensing
 from gramian.models.maneuver._two_legs import TwoLegs, two_legs
 
 __all__ = [
@@ -23,6 +25,7 @@ __all__ = [
     "LawComparison",
     "LoopRun",
     "Plan",
+    "Sensing",
     "Start",
     "Trajectory",
     "TwoLegs",

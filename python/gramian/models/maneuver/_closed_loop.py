@@ -469,6 +469,8 @@ def _headings(setting: _Setting, out: Array, lost: Array, bearings: int) -> Arra
         prior=information,
         weights=weights[use],
         starts=1,
+        restarts=0,
+        bound=False,
         max_iterations=15,
     )
     return chosen.headings

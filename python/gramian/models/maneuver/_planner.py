@@ -1,55 +1,64 @@
-"""The planner: headings over a horizon that make a target as well known as they can."""
+"""The planner: paths that make targets as well known as they can, and how far from best."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from time import monotonic
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian import _options as options
 from gramian._answers import Answer, Columns
-from gramian._arrays import SEED_MOST, whole, wrap_angles
+from gramian._arrays import SEED_MOST, number, whole, wrap_angles
 from gramian._text import brief, plain
-from gramian.exceptions import UnobservableError
+from gramian.exceptions import InputError, UnobservableError
 from gramian.models.maneuver._laws import LAWS
-from gramian.models.maneuver._search import (
-    RESTORED,
-    Found,
-    Limits,
-    free_guesses,
-    leg_guesses,
-    one_blas_thread,
-    refined,
-    whole_counts,
-)
+from gramian.models.maneuver._sensing import Sensing
 from gramian.models.maneuver._task import Criterion, Task, moved
 
 __all__ = ["LawComparison", "Plan", "Start", "plan"]
 
 Array = NDArray[np.float64]
 
+#: The largest derivative of the log of the criterion by a heading that counts as an optimum.
+FIRST_ORDER = 1e-2
+#: Work of the bound: passes on coarse cells, cells of the fine ones.
+BOUND_PASSES, BOUND_CELLS = 40, 4e7
 
-@dataclass(frozen=True, repr=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Start(Answer):
-    """One first guess and what became of it.
+    """One first guess, or one disturbance of a path, and what became of it.
 
     Attributes
     ----------
     name : str
         Its family.
     guess, value : float
-        The criterion of the guess, and of the path it led to.
-    converged : bool
-        Whether the optimiser came to its end from there.
+        The criterion of the guess (NaN for a disturbance), and of the path it led to.
+    projected_gradient : float
+        As `Plan.projected_gradient`, where the refinement ended.
+    kept : bool
+        Whether that path keeps all limits.
+    path : ndarray, shape (observers, samples, 2)
+        That path, metres.
     """
 
     name: str
     guess: float
     value: float
-    converged: bool
+    projected_gradient: float
+    kept: bool
+    path: Array = field(repr=False)
+
+    @property
+    def converged(self) -> bool:
+        """Whether a first-order optimum was reached."""
+        return self.kept and self.projected_gradient < FIRST_ORDER
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -68,11 +77,13 @@ class LawComparison(Answer):
         eigenvalues or variances; `inf` where the law determines nothing.
     kept : bool
         Whether its path keeps all limits.
-    path : ndarray, shape (samples, 2)
+    path : ndarray, shape (samples, 2) or (observers, samples, 2)
     values : ndarray, shape (samples,)
-        Its criterion after each bearing.
-    crlb_std : ndarray, shape (targets, states)
+        Its criterion after each sample.
+    crlb_std : ndarray, shape (beliefs, states)
         Bound on the standard deviation of each state, for each possible target.
+    covariances : ndarray, shape (samples, 2, 2)
+        As `Plan.covariances`.
     """
 
     law: str
@@ -83,6 +94,7 @@ class LawComparison(Answer):
     path: Array = field(repr=False)
     values: Array = field(repr=False)
     crlb_std: Array = field(repr=False)
+    covariances: Array = field(repr=False)
 
 
 _CRITERIA = {
@@ -93,17 +105,24 @@ _CRITERIA = {
 }
 
 
+_RATIOS = {
+    "D": "in det^(1/n)",
+    "A": "in the trace",
+    "E": "in the eigenvalue",
+    "combination": "in the variance",
+}
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan(Answer):
     """A planned path and how good it is; made by `plan`.
 
     Attributes
     ----------
-    path : ndarray, shape (samples, 2)
-        Positions at which a bearing is taken, the first at the start, metres.
-    headings : ndarray, shape (samples - 1,)
-        Clockwise from north, in (-pi, pi], radians.
-    speeds : ndarray, shape (samples - 1,)
+    path : ndarray, shape (samples, 2) or (observers, samples, 2)
+        Positions at which samples are taken, the first at the start, metres.
+    headings, speeds : ndarray, shape (samples - 1,) or (observers, samples - 1)
+        Clockwise from north, in (-pi, pi], radians; through the water, m/s.
     turns : ndarray of int
         With a number of legs: the samples at which the path turns.
     criterion : str
@@ -112,25 +131,38 @@ class Plan(Answer):
         The criterion at the end: log det of the information in physical units
         (D), trace of the bound on the scaled states (A), smallest eigenvalue of
         the information on the scaled states (E), variance of the combination.
-        With several targets its expectation.
+        With several beliefs its expectation, or the worst.
     values : ndarray, shape (samples,)
-        The same after each bearing; -inf, inf or 0 while the states are not
+        The same after each sample; -inf, inf or 0 while the states are not
         determined.
-    crlb_std : ndarray, shape (targets, states)
+    crlb_std : ndarray, shape (beliefs, states)
         Bound on the standard deviation of each state, for each possible target.
+    covariances : ndarray, shape (samples, 2, 2)
+        The bound on the covariance of the first position of the first target after
+        each sample, what was known before included; NaN while there is none.
     laws : tuple of LawComparison
         The closed-form laws on the same constraints, best first.
     starts : tuple of Start
-        Every guess that was refined, best first.
+        Everything that was refined, best first.
     optimum, optima : int
         The path is local optimum number `optimum` (1 is the best) of `optima`
-        different ones that starts converged to.
+        different ones that were found.
     guesses : int
         How many first guesses were compared before some were refined.
+    projected_gradient : float
+        The largest derivative of log det, or of the log of another criterion, by a
+        heading (rad) or a speed (as a share of the largest) that no active limit holds:
+        zero at an optimum. With corners ("E", the worst of beliefs) that of the sharpest
+        stand-in.
     converged : bool
-        False where the optimiser stopped early or a limit is not kept; the path
-        is the best there is all the same, and `message` says why.
+        Whether `projected_gradient` is below 0.01 and all limits are kept; the path
+        is the best there is all the same, and `message` says why not.
+    stopped : str
+        "done", "time" where the time was up, "interrupted" by Ctrl-C.
     message : str
+    bound : float
+        What no path can exceed: an upper bound on the criterion for "D" and "E", a lower
+        one for "A" and a combination, whatever the path; NaN where none is computed.
     clearance : float
         The smallest distance by which the limits are kept, metres; below zero
         where one is broken, `inf` without any.
@@ -144,57 +176,56 @@ class Plan(Answer):
     value: float
     values: Array = field(repr=False)
     crlb_std: Array
+    covariances: Array = field(repr=False)
     laws: tuple[LawComparison, ...]
     starts: tuple[Start, ...] = field(repr=False)
     optimum: int
     optima: int
     guesses: int
+    projected_gradient: float
     converged: bool
+    stopped: str
     message: str
+    bound: float
     clearance: float
     targets: Array = field(repr=False)
     weights: Array = field(repr=False)
     names: tuple[str, ...]
     dt: float
-    sigma: float
     standoff: float
     keep_out: Array = field(repr=False)
+    polygons: tuple[Array, ...] = field(repr=False)
 
     @property
     def times(self) -> Array:
         """Times of the bearings from the start on, seconds."""
-        return np.arange(self.path.shape[0], dtype=float) * self.dt
+        return np.arange(len(self.values), dtype=float) * self.dt
 
     @property
     def determinant(self) -> float:
         """The determinant of the information; criterion "D" only (else NaN)."""
         return float(np.exp(self.value)) if self.criterion == "D" else float("nan")
 
-    def positions(self) -> Array:
-        """Return the positions of the possible targets, shape (targets, samples, 2)."""
-        return moved(self.targets, self.times)
+    @property
+    def gap(self) -> float:
+        """How many times better any path could be, at most: 1 for a proved optimum.
 
-    def covariance(self, path: Array | None = None, target: int = 0) -> Array | None:
-        """Return the bound on the covariance of a target's first position.
-
-        Parameters
-        ----------
-        path : ndarray, shape (k, 2), optional
-            Bearings along this path from the start on; along the plan by default.
-        target : int
-            Which of the possible targets.
-
-        Returns
-        -------
-        ndarray, shape (2, 2), or None
-            None where the bearings do not determine the position. Without the prior.
+        The ratio of det^(1/n), traces, eigenvalues or variances, n the number of states;
+        NaN where no bound is known.
         """
-        taken = self.path if path is None else path
-        times = self.dt * np.arange(len(taken))
-        position = moved(self.targets, times)[target]
-        rows = _core.bearing_rows(times, taken, position, [self.sigma], False)
-        full = _core.Analysis(rows[:, : len(self.names)], None).crlb()
-        return None if full is None else full[:2, :2]
+        if self.criterion == "D":
+            return float(np.exp((self.bound - self.value) / len(self.names)))
+        ratio = self.bound / self.value
+        return ratio if self.criterion == "E" else 1 / ratio
+
+    @property
+    def paths(self) -> Array:
+        """The path of each observer, shape (observers, samples, 2)."""
+        return self.path if self.path.ndim == 3 else self.path[None]
+
+    def positions(self) -> Array:
+        """Return the positions of all possible targets, shape (targets, samples, 2)."""
+        return moved(self.targets.reshape(-1, 4), self.times)
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as plain numbers, strings and lists."""
@@ -202,10 +233,14 @@ class Plan(Answer):
             "criterion": self.criterion,
             "value": plain(self.value),
             "converged": self.converged,
+            "projected_gradient": plain(self.projected_gradient),
+            "stopped": self.stopped,
             "message": self.message,
             "optimum": self.optimum,
             "optima": self.optima,
             "guesses": self.guesses,
+            "bound": plain(self.bound),
+            "gap": plain(self.gap),
             "clearance_m": plain(self.clearance),
             "states": list(self.names),
             "crlb_std": plain(self.crlb_std),
@@ -238,9 +273,10 @@ class Plan(Answer):
         noun = _CRITERIA[self.criterion]
         state = "converged" if self.converged else f"NOT CONVERGED: {self.message}"
         lines = [
-            f"{self.path.shape[0]} bearings, {noun} {self.value:.6g}   {state}",
+            f"{len(self.values)} samples, {noun} {self.value:.6g}   {state}",
             f"local optimum {self.optimum} of {self.optima} found from {len(self.starts)} starts, "
             f"chosen among {self.guesses} guesses ({self.starts[0].name})",
+            f"projected gradient {brief(self.projected_gradient, 2)} a radian",
             "bound (1 sigma)   "
             + "   ".join(
                 f"{name} {brief(value, 4)}"
@@ -249,26 +285,35 @@ class Plan(Answer):
                 )
             ),
         ]
+        if np.isfinite(self.gap):
+            percent = brief(100 * (self.gap - 1), 2)
+            lines.append(f"within {percent} % of any path {_RATIOS[self.criterion]}")
         for law in self.laws:
             note = "" if law.kept else "   (breaks a limit)"
             lines.append(f"{law.law:>14} is {brief(law.behind, 4)} times behind{note}")
         return "\n".join(lines)
 
     def _as_table(self) -> Columns:
-        values = {
-            "east": self.path[:, 0],
-            "north": self.path[:, 1],
-            "heading": np.append(self.headings, np.nan),
-            "speed": np.append(self.speeds, np.nan),
-            "criterion": self.values,
-        }
-        units = {"time": "s", "east": "m", "north": "m", "heading": "rad", "speed": "m/s"}
+        values: dict[str, Any] = {}
+        units = {"time": "s"}
+        headings, speeds = np.atleast_2d(self.headings), np.atleast_2d(self.speeds)
+        for i, path in enumerate(self.paths):
+            end = "" if self.path.ndim == 2 else f"_{i + 1}"
+            for name, unit, column in (
+                ("east", "m", path[:, 0]),
+                ("north", "m", path[:, 1]),
+                ("heading", "rad", np.append(headings[i], np.nan)),
+                ("speed", "m/s", np.append(speeds[i], np.nan)),
+            ):
+                values[name + end] = column
+                units[name + end] = unit
+        values["criterion"] = self.values
         return Columns("time", self.times, values, units)
 
     @property
     def reason(self) -> str:
         """The criterion and what it came to; why the search did not converge."""
-        text = f"{len(self.path)} bearings, {_CRITERIA[self.criterion]} {self.value:.6g}"
+        text = f"{len(self.values)} samples, {_CRITERIA[self.criterion]} {self.value:.6g}"
         return text if self.converged else f"{text}; {self.message}"
 
     @property
@@ -286,72 +331,112 @@ def plan(
     *,
     criterion: Criterion = "D",
     sigma: float | None = None,
+    sensors: Sequence[Sensing] | None = None,
+    belief: ArrayLike | None = None,
+    over: Literal["expectation", "worst"] = "expectation",
     standoff: float | None = None,
     keep_out: ArrayLike | None = None,
+    polygons: Sequence[ArrayLike] | None = None,
     max_turn_rate: float | None = None,
     heading: float | None = None,
     legs: int | None = None,
+    return_to: ArrayLike | None = None,
+    max_distance: float | None = None,
+    separation: float | None = None,
+    current: ArrayLike | None = None,
     prior: Mapping[str, float] | ArrayLike | None = None,
     weights: ArrayLike | None = None,
     scale: ArrayLike | None = None,
-    starts: int = 8,
+    starts: int = 12,
+    restarts: int = 24,
     max_iterations: int = 400,
     seed: int = 0,
+    bound: bool = True,
+    time_limit: float | None = None,
+    progress: Callable[[int, int, float], object] | None = None,
 ) -> Plan:
-    """Plan the path from which the bearings of a target tell the most.
+    """Plan the paths from which the sensors tell the most of their targets.
 
     Parameters
     ----------
-    target : array_like, shape (2,), (4,), (targets, 2) or (targets, 4)
+    target : array_like, shape (2,), (4,), (beliefs, 2 or 4) or (beliefs, targets, 2 or 4)
         Position (x, y) of a fixed target; or (x0, y0, vx, vy) of one at constant
-        velocity, whose four states are then to be found. Several rows are
-        possible targets: the expectation of the criterion is planned for. Metres,
-        seconds; x east, y north.
-    start : array_like, shape (2,)
-        Where the first bearing is taken.
+        velocity, whose four states are then to be found. Several rows are possible
+        states of one target; with three axes every belief has several targets that
+        are found together. Metres, seconds; x east, y north.
+    start : array_like, shape (2,) or (observers, 2)
+        Where the first sample is taken: by one observer, or by several at once.
     speed : float or (float, float)
-        Speed of the observer, or its least and largest, m/s, > 0.
+        Speed of the observers through the water, or its least and largest, m/s, > 0.
     dt : float
-        Time from one bearing to the next, seconds, > 0.
+        Time from one sample to the next, seconds, > 0.
     samples : int
-        Number of bearings >= 2, the first at the start: samples - 1 moves.
+        Number of samples >= 2, the first at the start: samples - 1 moves.
     criterion : {"D", "A", "E"} or {"combination": name or array_like}
         Largest determinant of the information; smallest trace of the bound;
         largest smallest eigenvalue of the information; smallest variance of a
-        combination: a state, "range", "bearing" (from the start, at the first
-        time), "speed", "course", or one number for each state.
+        combination: a state, or of one target "range", "bearing" (from the start, at
+        the first time), "speed", "course", or one number for each state.
     sigma : float, optional
         Standard deviation of a bearing, radians, > 0. Without a prior it does not
         change the path, and is 1 if not given; a prior needs it.
+    sensors : sequence of Sensing, optional
+        What every observer measures instead of bearings alone; unknown biases and
+        parameters are states too.
+    belief : array_like, shape (states, states), optional
+        Covariance of a Gaussian belief about `target`, of which points with the same mean
+        and covariance are planned for. It is no prior: give that beside it.
+    over : {"expectation", "worst"}
+        What is made of several beliefs.
     standoff : float, optional
-        No bearing is taken closer than this to any possible target, metres. By
+        No sample is taken closer than this to any possible target, metres. By
         default one step, or half the first range if that is less: with none at
         all the best path is onto the target.
     keep_out : array_like, shape (circles, 3), optional
-        Discs (east, north, radius) that no part of the path enters, metres.
+        Discs (east, north, radius) that no part of a path enters, metres.
+    polygons : sequence of array_like, shape (corners, 2), optional
+        Outlines of areas that no part of a path enters, metres.
     max_turn_rate : float, optional
         The heading changes from one step to the next by this times `dt` at most, rad/s.
     heading : float, optional
         Heading before the start, from which the first turn counts, radians.
     legs : int, optional
-        The path is made of this many straight legs; the steps at which it turns
-        are found too.
+        The paths are made of this many straight legs; the steps at which they turn
+        are found too. Several observers turn together.
+    return_to : array_like, shape (2,) or (3,), optional
+        Where every path ends (east, north), within a radius: one step if not given.
+    max_distance : float, optional
+        The longest path through the water, metres; needs a range of speeds.
+    separation : float, optional
+        Observers keep this distance where they measure, metres.
+    current : array_like, shape (2,), optional
+        Velocity of the water (or wind) that carries the observers, m/s.
     prior : mapping, array_like of shape (states,) or (states, states), optional
         What is known before: standard deviations by name (of states or of the
         named combinations above), one for each state (`inf` for none), or an
         information matrix.
-    weights : array_like, shape (targets,), optional
-        Probabilities of the possible targets; equal by default.
+    weights : array_like, shape (beliefs,), optional
+        Probabilities of the beliefs; equal by default.
     scale : array_like, shape (states,), optional
         What counts as one unit of each state for "A" and "E". By default 1 m, and
         for velocities 1 m over the length of the path in time.
     starts : int
-        How many of the best different guesses are refined. Most of the time goes into
-        this: with 1 a plan takes half or less of it, and says nothing of other optima.
+        How many of the best different guesses are refined.
+    restarts : int
+        How often one of the best paths is disturbed and refined again.
     max_iterations : int
-        Of the optimiser, for each start.
+        Of a refinement, in each round of multipliers.
     seed : int
-        Of the random guesses.
+        Of the random guesses and disturbances: the same seed gives the same plan,
+        unless the time is up before.
+    bound : bool
+        Whether to compute what no path can exceed, `Plan.bound`: for bearings without
+        unknown biases and blind arcs.
+    time_limit : float, optional
+        Seconds after which the best path so far is returned.
+    progress : callable, optional
+        Called with pieces of work done, their number, and the best criterion so far.
+        Ctrl-C returns the best path so far.
 
     Returns
     -------
@@ -361,24 +446,27 @@ def plan(
     ------
     InputError
         Values that cannot be used; limits that cannot be kept, by name: a start
-        inside the stand-off range or a keep-out circle.
+        inside the stand-off range, a circle or a polygon, a place to return to out of reach.
     UnobservableError
         No path of this kind determines the states: a moving target and a single
-        leg without a prior, or too few bearings.
+        leg without a prior, or too few samples.
 
     Notes
     -----
-    First guesses come from families: the closed-form laws, paths straight in at
-    many angles, along the edge of the stand-off circle and back, legs to either
-    side, and random ones, all steered clear of the limits. The best different
-    ones are refined by SciPy's SLSQP on the analytic gradient of the criterion
-    and of the limits. The result is a local optimum, and says which; a path round
-    a stand-off circle has many that differ by less than a thousandth.
+    First guesses are the closed-form laws, paths straight in at many angles and round the
+    stand-off circle, and paths of one to six straight legs on a grid of headings, steered
+    clear of circles. The best different ones go downhill on an augmented Lagrangian of
+    the limits, by a limited-memory quasi-Newton method on the analytic gradient; turns of
+    legs are exchanged by whole steps; then the best paths are disturbed (a part turned,
+    mirrored, made straight) and refined again. What is best in the end is polished to a
+    first-order optimum, see `Plan.projected_gradient`.
 
-    The stand-off range holds where bearings are taken: between two of them a
-    chord along the circle comes nearer by up to step^2 / (8 standoff).
+    The stand-off range holds where samples are taken: between two of them a
+    chord along the circle comes nearer by up to step^2 / (8 standoff). Edges of fields of
+    view are smooth in the search and exact in the result.
 
-    The information is that of Xu et al. 2009, eqs. (9) and (10).
+    The information is that of Xu et al. 2009, eqs. (9) and (10), with the rows of
+    `gm.tracks`.
 
     Examples
     --------
@@ -400,82 +488,118 @@ def plan(
         samples=samples,
         criterion=criterion,
         sigma=sigma,
+        sensors=sensors,
+        belief=belief,
+        over=over,
         standoff=standoff,
         keep_out=keep_out,
+        polygons=polygons,
         max_turn_rate=max_turn_rate,
         heading=heading,
         legs=legs,
+        return_to=return_to,
+        max_distance=max_distance,
+        separation=separation,
+        current=current,
         prior=prior,
         weights=weights,
         scale=scale,
     )
-    starts, max_iterations = whole(starts, "starts", 1), whole(max_iterations, "max_iterations", 1)
-    seed = whole(seed, "seed", 0, SEED_MOST)
-    with one_blas_thread():
-        guesses = leg_guesses(task, seed) if legs is not None else free_guesses(task, seed)
-        found = refined(task, guesses, starts, max_iterations)
-    if not np.isfinite(task.cost(found[0].value)):
+    seconds = np.inf if time_limit is None else number(time_limit, "time_limit")
+    if not seconds > 0:
+        raise InputError(f"time_limit = {time_limit} s: must be > 0")
+    if progress is not None and not callable(progress):
+        raise InputError(f"progress = {progress!r}: must be callable")
+    search = _core.PlanSearch(
+        task.problem(),
+        whole(starts, "starts", 1, 10_000),
+        whole(restarts, "restarts", 0, 10**6),
+        whole(max_iterations, "max_iterations", 1, 10**6),
+        whole(seed, "seed", 0, SEED_MOST),
+    )
+    began = monotonic()
+    stopped = search.run(seconds, progress)
+    best = search.best()
+    if best is None:
+        if stopped == "time":
+            raise UnobservableError(f"time_limit = {time_limit} s: no path was found in that time")
         raise UnobservableError(_why_not(task))
-    return _result(task, found, len(guesses))
+    most = None
+    if options.flag(bound, "bound") and stopped == "done":
+        rest = max(seconds - (monotonic() - began), 0.1)
+        most = search.bound(BOUND_PASSES, BOUND_CELLS, rest)
+    return _result(task, search, best, stopped, most)
 
 
-def _result(task: Task, found: list[Found], guesses: int) -> Plan:
-    best = found[0]
-    headings = np.repeat(best.headings, best.counts)
-    lengths = np.repeat(best.lengths, best.counts)
-    moves = lengths[:, None] * np.stack([np.sin(headings), np.cos(headings)], axis=1)
-    path = np.concatenate([task.start[None], task.start + np.cumsum(moves, axis=0)])
-    limits = Limits(task, best.counts)
-    clearance = limits.clearance(best.headings, best.lengths)
-    size = max(task.standoff, task.keep_out[:, 2].max(initial=0.0), 1e-300)
-    kept = clearance >= -1e-9 * size and _turns_kept(task, headings)
-    message = best.message
+def _result(
+    task: Task,
+    search: _core.PlanSearch,
+    best: dict[str, Any],
+    stopped: str,
+    most: float | None,
+) -> Plan:
+    counts = best["counts"]
+    headings = np.repeat(best["headings"], counts, axis=1)
+    speeds = np.repeat(best["speeds"], counts, axis=1)
+    clearance, projected = best["clearance"], best["projected_gradient"]
+    kept = best["broken"] <= 1e-9
+    optimal = projected < FIRST_ORDER
+    message = "first-order optimum"
     if not kept:
         message = (
             f"no path found that keeps all limits: this one breaks one by {brief(-clearance)} m"
             if clearance < 0
-            else "no path found that keeps all limits: this one turns faster than it may"
+            else "no path found that keeps all limits: this one turns faster or goes farther "
+            "than it may"
         )
-    different = _distinct([task.cost(one.value) for one in found if one.converged])
+    elif stopped != "done":
+        message = "the time was up" if stopped == "time" else "interrupted"
+    elif not optimal:
+        message = f"iteration limit: projected gradient {brief(projected, 2)}"
+    starts = sorted(
+        (Start(name if legs == 0 else f"{name}, {legs}", guess, value, gradient, good,
+               np.array(paths))
+         for name, legs, guess, value, gradient, good, paths in search.tried()),
+        key=lambda start: (not start.kept, task.cost(start.value)),
+    )  # fmt: skip
+    costs = [task.cost(start.value) for start in starts if start.converged]
+    one = (lambda values: values[0]) if task.single else np.asarray
     return Plan(
-        path=path,
-        headings=wrap_angles(headings),
-        speeds=lengths / task.dt,
-        turns=np.cumsum(best.counts)[:-1] if task.legs is not None else np.zeros(0, dtype=np.intp),
+        path=one(np.array(best["paths"])),
+        headings=one(wrap_angles(headings)),
+        speeds=one(speeds),
+        turns=np.cumsum(counts)[:-1] if task.legs is not None else np.zeros(0, dtype=np.intp),
         criterion=task.kind,
-        value=best.value,
-        values=task.objective(np.ones(task.moves, dtype=np.intp)).along(headings, lengths),
-        crlb_std=_bounds(task, path),
-        laws=_law_comparisons(task, best.value),
-        starts=tuple(Start(one.name, one.guess, one.value, one.converged) for one in found),
+        value=best["value"],
+        values=best["values"],
+        crlb_std=_bounds(best),
+        covariances=best["covariances"],
+        laws=_law_comparisons(task, search, best["value"]),
+        starts=tuple(starts),
         optimum=1,
-        optima=different,
-        guesses=guesses,
-        converged=best.converged and kept,
+        optima=_distinct(costs),
+        guesses=search.guessed(),
+        projected_gradient=projected,
+        converged=bool(kept and optimal and stopped == "done"),
+        stopped=stopped,
         message=message,
+        bound=np.nan if most is None else most,
         clearance=clearance,
         targets=task.targets,
         weights=task.weights,
         names=task.names,
         dt=task.dt,
-        sigma=task.sigma,
         standoff=task.standoff,
         keep_out=task.keep_out,
+        polygons=tuple(task.polygons),
     )
 
 
-def _bounds(task: Task, path: Array) -> Array:
-    """Return the bounds (targets, states) that the bearings of a path and the prior give."""
-    times = task.dt * np.arange(task.moves + 1)
-    positions = moved(task.targets, times)
-    rows = _core.bearing_rows(times, path, positions, [task.sigma], False)[..., : len(task.names)]
-    return _core.crlb_std(np.concatenate([rows, task.prior], axis=1), None)
-
-
-def _turns_kept(task: Task, headings: Array) -> bool:
-    before = headings[:1] if task.heading is None else np.array([task.heading])
-    turns = wrap_angles(np.diff(np.concatenate([before, headings])))
-    return bool(np.abs(turns).max() <= task.max_turn + 1e-9)
+def _bounds(found: dict[str, Any]) -> Array:
+    """Return the bounds (beliefs, states) that a path and the prior give."""
+    roots = np.array(found["roots"])
+    n = round(roots.shape[1] ** 0.5)
+    return _core.crlb_std(roots.reshape(-1, n, n), None)
 
 
 def _distinct(costs: Sequence[float]) -> int:
@@ -487,39 +611,50 @@ def _distinct(costs: Sequence[float]) -> int:
     return max(1, len(seen))
 
 
-def _law_comparisons(task: Task, planned: float) -> tuple[LawComparison, ...]:
-    counts = np.ones(task.moves, dtype=np.intp)
-    objective = task.objective(counts)
-    lengths = np.full(task.moves, task.fast * task.dt)
-    limits = Limits(task, counts)
+def _law_comparisons(
+    task: Task, search: _core.PlanSearch, planned: float
+) -> tuple[LawComparison, ...]:
+    counts = [1] * task.moves
+    speeds = np.full((len(task.starts), task.moves), task.fast).tolist()
     result = []
     for law in LAWS:
         sides = []
         for side in (1, -1):
-            headings = (
-                _held(task, law, side) if task.legs else task.steered(law, [side], RESTORED)[0]
+            headings = [
+                (
+                    _held(task, law, side, start) if task.legs else task.law(law, side, start)
+                ).tolist()
+                for start in task.starts
+            ]
+            found = search.judge(counts, headings, speeds)
+            kept = found["broken"] <= 1e-9
+            sides.append((task.cost(found["value"]) + (0.0 if kept else 1e6), side, kept, found))
+        _, side, kept, found = min(sides, key=lambda entry: entry[:2])
+        gap = task.cost(found["value"]) - task.cost(planned)
+        result.append(
+            LawComparison(
+                law=law,
+                side=side,
+                value=found["value"],
+                behind=float(np.exp(min(gap, 700.0))) if np.isfinite(gap) else np.inf,
+                kept=kept,
+                path=np.array(found["paths"][0] if task.single else found["paths"]),
+                values=found["values"],
+                crlb_std=_bounds(found),
+                covariances=found["covariances"],
             )
-            value = float(objective.values(headings, lengths))
-            clear = limits.least(headings, lengths) >= -1e-9 and _turns_kept(task, headings)
-            sides.append((task.cost(value) + (0.0 if clear else 1e6), side, value, clear, headings))
-        _, side, value, clear, headings = min(sides, key=lambda entry: entry[:2])
-        gap = task.cost(value) - task.cost(planned)
-        moves = lengths[:, None] * np.stack([np.sin(headings), np.cos(headings)], axis=1)
-        path = np.concatenate([task.start[None], task.start + np.cumsum(moves, axis=0)])
-        behind = float(np.exp(min(gap, 700.0))) if np.isfinite(gap) else np.inf
-        values = objective.along(headings, lengths)
-        bounds = _bounds(task, path)
-        result.append(LawComparison(law, side, value, behind, clear, path, values, bounds))
+        )
     return tuple(sorted(result, key=lambda one: (not one.kept, one.behind)))
 
 
-def _held(task: Task, law: str, side: int) -> Array:
+def _held(task: Task, law: str, side: int, start: Array) -> Array:
     """Ask a law at the start of each of equal legs and hold its heading for the leg."""
-    counts = whole_counts(np.full(task.legs or 1, task.moves / (task.legs or 1)))
-    at, step = task.start, 0
+    legs = task.legs or 1
+    ends = np.round(np.arange(legs + 1) * task.moves / legs).astype(int)
+    at, step = start, 0
     headings: list[float] = []
-    aim = task.weights @ task.targets
-    for count in counts:
+    aim = np.tensordot(task.weights, task.targets, 1).mean(axis=0)
+    for count in np.diff(ends):
         here = aim.copy()
         here[:2] += step * task.dt * here[2:]
         length = task.fast * task.dt
@@ -533,7 +668,7 @@ def _held(task: Task, law: str, side: int) -> Array:
             np.zeros((0, 3)),
             task.max_turn,
             law,
-            [float(side)],
+            float(side),
             here,
         )[0]
         headings += [float(heading)] * int(count)
@@ -543,14 +678,15 @@ def _held(task: Task, law: str, side: int) -> Array:
 
 
 def _why_not(task: Task) -> str:
-    if len(task.names) > task.moves + 1 and not task.known:
+    rows = (task.moves + 1) * len(task.starts) * len(task.sensors) * task.targets.shape[1]
+    if len(task.names) > rows and not task.known:
         return (
-            f"samples = {task.moves + 1}: so few bearings cannot determine "
+            f"samples = {task.moves + 1}: so few readings cannot determine "
             f"{len(task.names)} states without a prior"
         )
-    if task.legs == 1 and len(task.names) == 4:
+    if task.legs == 1 and task.dimension == 4:
         return (
             "legs = 1: bearings from a straight leg at constant speed do not determine the range "
             "of a target at constant velocity; allow 2 legs or give a prior"
         )
-    return "no path was found whose bearings determine all states: give more samples or a prior"
+    return "no path was found whose readings determine all states: give more samples or a prior"

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from gramian.models.maneuver._closed_loop import ClosedLoop
     from gramian.models.maneuver._planner import Plan
 
-__all__ = ["ellipses", "errors", "information", "paths"]
+__all__ = ["accuracy", "candidates", "ellipses", "errors", "information", "paths"]
 
 Array = NDArray[np.float64]
 
@@ -42,19 +42,81 @@ def paths(plan: Plan) -> Figure:
     axes = fig.subplots()
     for law in reversed(plan.laws):
         color, style = _STYLES[law.law]
-        axes.plot(*law.path.T, style, color=color, linewidth=1.2, label=f"law {law.law}")
-    axes.plot(*plan.path.T, ".-", color=COLORS["observer"], markersize=4, label="plan")
-    axes.plot(*plan.path[0], "o", color=COLORS["observer"], markersize=8)
-    for turn in plan.turns:
-        axes.plot(*plan.path[turn], "s", color=COLORS["observer"], markersize=7)
+        for i, path in enumerate(law.path.reshape(-1, *plan.paths.shape[1:])):
+            label = f"law {law.law}" if i == 0 else None
+            axes.plot(*path.T, style, color=color, linewidth=1.2, label=label)
+    for i, path in enumerate(plan.paths):
+        label = "plan" if i == 0 else None
+        axes.plot(*path.T, ".-", color=COLORS["observer"], markersize=4, label=label)
+        axes.plot(*path[0], "o", color=COLORS["observer"], markersize=8)
+        for turn in plan.turns:
+            axes.plot(*path[turn], "s", color=COLORS["observer"], markersize=7)
     _targets(plan, axes)
-    for east, north, radius in plan.keep_out:
-        axes.add_patch(_disc((east, north), radius, COLORS["bad"], 0.25))
+    _areas(plan, axes)
     axes.set_aspect("equal")
     axes.set_xlabel("east, m")
     axes.set_ylabel("north, m")
     axes.grid(alpha=0.3)
     fig.legend(loc="outside upper center", ncols=3, fontsize="small", frameon=False)
+    return fig
+
+
+def candidates(plan: Plan, most: int = 12) -> Figure:
+    """Draw the best different paths that were found, with their values."""
+    from matplotlib.colors import Normalize
+
+    fig = figure(6.4, 6.0)
+    axes = fig.subplots()
+    shown: list[Any] = []
+    for start in plan.starts:
+        alike = any(abs(start.value - one.value) <= 1e-3 * abs(one.value) for one in shown)
+        if start.kept and np.isfinite(start.value) and not alike:
+            shown.append(start)
+    shown = shown[:most]
+    norm = Normalize(0, max(len(shown) - 1, 1))
+    for rank, start in reversed(list(enumerate(shown))):
+        best = rank == 0
+        color = COLORS["observer"] if best else str(0.35 + 0.45 * norm(rank))
+        for i, path in enumerate(start.path):
+            label = f"{start.value:.5g}  {start.name}" if i == 0 else None
+            axes.plot(*path.T, "-", color=color, linewidth=2.2 if best else 1.1, label=label)
+    axes.plot(*plan.paths[:, 0].T, "o", color=COLORS["observer"], markersize=8)
+    _targets(plan, axes)
+    _areas(plan, axes)
+    axes.set_aspect("equal")
+    axes.set_xlabel("east, m")
+    axes.set_ylabel("north, m")
+    axes.grid(alpha=0.3)
+    handles, labels = axes.get_legend_handles_labels()
+    fig.legend(
+        handles[::-1],
+        labels[::-1],
+        loc="outside right upper",
+        fontsize="small",
+        frameon=False,
+        title=_CRITERIA[plan.criterion],
+    )
+    return fig
+
+
+def accuracy(plan: Plan) -> Figure:
+    """Draw the bound on the target's position after each sample, of the plan and the laws."""
+    fig = figure(6.4, 4.0)
+    axes = fig.subplots()
+
+    def draw(covariances: Array, style: str, color: str, name: str) -> None:
+        bound = np.sqrt(np.trace(covariances, axis1=1, axis2=2))
+        _finite(axes, plan.times, bound, style, color, name)
+
+    for law in reversed(plan.laws):
+        color, style = _STYLES[law.law]
+        draw(law.covariances, style, color, f"law {law.law}")
+    draw(plan.covariances, "-", COLORS["observer"], "plan")
+    axes.set_yscale("log")
+    axes.set_xlabel("time, s")
+    axes.set_ylabel("bound on the first position, m (1 sigma)")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize="small", frameon=False)
     return fig
 
 
@@ -80,17 +142,17 @@ def information(plan: Plan) -> Figure:
 def ellipses(plan: Plan) -> Figure:
     """Draw the 95 % ellipses of the first target after parts of the path, plan and best law."""
     fig = figure(7.2, 3.6)
-    count = len(plan.path)
+    count = len(plan.values)
     law = plan.laws[0]
     for axes, part in zip(fig.subplots(1, 3), (1 / 3, 2 / 3, 1.0), strict=True):
         k = max(2, round(part * count))
         reach = 0.0
-        for path, color, style, name in (
-            (plan.path, COLORS["observer"], "-", "plan"),
-            (law.path, *_STYLES[law.law], f"law {law.law}"),
+        for covariances, color, style, name in (
+            (plan.covariances, COLORS["observer"], "-", "plan"),
+            (law.covariances, *_STYLES[law.law], f"law {law.law}"),
         ):
-            covariance = plan.covariance(path[:k])
-            if covariance is None:
+            covariance = covariances[k - 1]
+            if not np.isfinite(covariance).all():
                 axes.plot([], [], style, color=color, label=f"{name}: none")
                 continue
             outline = ellipse(covariance, 0.95)
@@ -151,6 +213,13 @@ def _targets(plan: Plan, axes: Axes) -> None:
             axes.plot(*track[-1], "*", color=COLORS["target"], markersize=13, markerfacecolor="w")
         elif plan.standoff > 0:
             axes.add_patch(_disc(track[0], plan.standoff, COLORS["target"], 0.08))
+
+
+def _areas(plan: Plan, axes: Axes) -> None:
+    for east, north, radius in plan.keep_out:
+        axes.add_patch(_disc((east, north), radius, COLORS["bad"], 0.25))
+    for outline in plan.polygons:
+        axes.fill(*outline.T, facecolor=COLORS["bad"], edgecolor=COLORS["bad"], alpha=0.25)
 
 
 def _disc(center: Array | tuple[float, float], radius: float, color: str, alpha: float) -> Any:

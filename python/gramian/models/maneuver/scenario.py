@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 from gramian._text import brief, number
 from gramian.exceptions import InputError
 from gramian.models.maneuver import _closed_loop, _planner
+from gramian.models.maneuver._sensing import Sensing
 from gramian.report import Picture, Report, Table, Tone
 from gramian.scenario.base import Scenario, Section
 
@@ -48,13 +49,59 @@ class Target(Section):
 
 
 class Observer(Section):
-    """Where the observer starts and how it can move."""
+    """Where the observers start and how they can move."""
 
-    start: Pair
+    start: Pair | None = None
+    starts: list[Pair] | None = Field(default=None, min_length=2)
+    separation: float | None = Field(default=None, ge=0)
+    return_to: Pair | tuple[float, float, Positive] | None = None
+    max_distance: Positive | None = None
+    current: Pair | None = None
     speed: Positive | tuple[Positive, Positive]
     heading_deg: float | None = None
     max_turn_rate_deg: Positive | None = None
     legs: int | None = Field(default=None, ge=1)
+
+    @model_validator(mode="after")
+    def _one_or_several(self) -> Observer:
+        if (self.start is None) == (self.starts is None):
+            raise ValueError("give start, or starts for several observers")
+        return self
+
+
+class SensorSection(Section):
+    """Something else than a bearing that is measured at every sample."""
+
+    kind: Literal["bearing", "range", "range_rate", "frequency", "cone_angle", "signal_strength"]
+    sigma: Positive | None = None
+    sigma_deg: Positive | None = None
+    detection: float = Field(default=1.0, gt=0, le=1)
+    bias: str | None = None
+    blind_deg: list[Pair] = Field(default_factory=list)
+    reach: Positive | None = None
+    parameters: dict[str, float] = Field(default_factory=dict)
+    unknown: dict[str, str] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _one_sigma(self) -> SensorSection:
+        angle = self.kind in ("bearing", "cone_angle")
+        if (self.sigma_deg is None) == angle or (self.sigma is None) != angle:
+            raise ValueError("give sigma_deg for a bearing or cone angle, sigma for all others")
+        return self
+
+    def sensing(self) -> Sensing:
+        """Return it for the planner."""
+        sigma = np.radians(self.sigma_deg or 0.0) if self.sigma is None else self.sigma
+        return Sensing(
+            self.kind,
+            float(sigma),
+            detection=self.detection,
+            bias=self.bias,
+            blind=[(float(np.radians(a)), float(np.radians(b))) for a, b in self.blind_deg],
+            reach=self.reach,
+            parameters=self.parameters,
+            unknown=self.unknown,
+        )
 
 
 class Bearings(Section):
@@ -62,7 +109,7 @@ class Bearings(Section):
 
     count: int = Field(ge=2, le=100_000)
     step: Positive
-    sigma_deg: float = Field(gt=0, lt=90)
+    sigma_deg: float | None = Field(default=None, gt=0, lt=90)
 
 
 class Limits(Section):
@@ -70,6 +117,7 @@ class Limits(Section):
 
     standoff: float | None = Field(default=None, ge=0)
     keep_out: list[tuple[float, float, Positive]] = Field(default_factory=list)
+    polygons: list[list[Pair]] = Field(default_factory=list)
 
 
 class Goal(Section):
@@ -77,7 +125,11 @@ class Goal(Section):
 
     criterion: Literal["D", "A", "E"] = "D"
     combination: str | list[float] | None = None
-    starts: int = Field(default=8, ge=1)
+    over: Literal["expectation", "worst"] = "expectation"
+    starts: int = Field(default=24, ge=1)
+    restarts: int = Field(default=32, ge=0)
+    time_limit: Positive | None = None
+    bound: bool = True
     seed: int = Field(default=0, ge=0)
 
 
@@ -101,6 +153,7 @@ class ManeuverScenario(Scenario):
     target: Target
     observer: Observer
     bearings: Bearings
+    sensors: list[SensorSection] = Field(default_factory=list)
     limits: Limits = Field(default_factory=Limits)
     goal: Goal = Field(default_factory=Goal)
     prior: dict[str, Positive] = Field(default_factory=dict)
@@ -118,22 +171,35 @@ class ManeuverScenario(Scenario):
     def _plan(self) -> Plan:
         observer, limits, goal = self.observer, self.limits, self.goal
         combination = goal.combination
+        sigma_deg = self.bearings.sigma_deg
+        if (sigma_deg is None) != bool(self.sensors):
+            raise InputError("give bearings.sigma_deg, or [[sensors]] and no bearings.sigma_deg")
         return _planner.plan(
             self.target.states(),
-            observer.start,
+            observer.starts or observer.start or (),
             observer.speed,
             self.bearings.step,
             self.bearings.count,
             criterion=goal.criterion if combination is None else {"combination": combination},
-            sigma=float(np.radians(self.bearings.sigma_deg)),
+            sigma=_radians(sigma_deg),
+            sensors=[sensor.sensing() for sensor in self.sensors] or None,
+            over=goal.over,
             standoff=limits.standoff,
             keep_out=limits.keep_out or None,
+            polygons=limits.polygons or None,
+            return_to=observer.return_to,
+            max_distance=observer.max_distance,
+            separation=observer.separation,
+            current=observer.current,
             max_turn_rate=_radians(observer.max_turn_rate_deg),
             heading=_radians(observer.heading_deg),
             legs=observer.legs,
             prior=self.prior or None,
             weights=self.target.weights,
             starts=goal.starts,
+            restarts=goal.restarts,
+            time_limit=goal.time_limit,
+            bound=goal.bound,
             seed=goal.seed,
         )
 
@@ -145,6 +211,8 @@ class ManeuverScenario(Scenario):
             raise InputError("closed_loop needs one fixed target: target.position alone")
         if not isinstance(self.observer.speed, float):
             raise InputError("closed_loop needs one speed, not a range")
+        if self.observer.start is None or self.bearings.sigma_deg is None:
+            raise InputError("closed_loop needs one observer that takes bearings")
         return _closed_loop.closed_loop(
             self.target.position,
             self.observer.start,
@@ -196,6 +264,12 @@ def _report(title: str, plan: Plan, loop: ClosedLoop | None) -> Report:
     ]  # fmt: skip
     if np.isfinite(plan.clearance):
         facts.append(("nearest to a limit", f"{number(max(plan.clearance, 0.0), 3)} m"))
+    facts.append(("first-order optimum", f"projected gradient {brief(plan.projected_gradient, 2)}"))
+    if np.isfinite(plan.gap):
+        facts.append(
+            ("of any path", f"no path is better by more than {brief(100 * (plan.gap - 1), 2)} %"
+             + (" in det^(1/n)" if plan.criterion == "D" else ""))
+        )  # fmt: skip
     if plan.turns.size:
         times = ", ".join(f"{plan.times[turn]:.6g} s" for turn in plan.turns)
         facts.append(("turns at", times))
@@ -214,13 +288,23 @@ def _report(title: str, plan: Plan, loop: ClosedLoop | None) -> Report:
             lambda: _pictures().paths(plan),
         ),
         Picture(
+            "Candidate paths",
+            "The best different paths that the search found, with the criterion of each.",
+            lambda: _pictures().candidates(plan),
+        ),
+        Picture(
             "Information along the paths",
             "What is known after each bearing; a plan may lose at first to win in the end.",
             lambda: _pictures().information(plan),
         ),
         Picture(
+            "Accuracy against time",
+            "The bound on the target's first position after each sample, plan and laws.",
+            lambda: _pictures().accuracy(plan),
+        ),
+        Picture(
             "Error ellipses",
-            "The region that holds 95 % of the errors at the bound, without the prior.",
+            "The region that holds 95 % of the errors at the bound.",
             lambda: _pictures().ellipses(plan),
         ),
     ]
@@ -238,8 +322,7 @@ def _report(title: str, plan: Plan, loop: ClosedLoop | None) -> Report:
         )
     return Report(
         title=title,
-        subtitle=f"{len(plan.path)} bearings over {plan.times[-1]:.6g} s, "
-        f"sigma {brief(np.degrees(plan.sigma))} deg",
+        subtitle=f"{len(plan.values)} samples over {plan.times[-1]:.6g} s",
         tone=tone,
         headline=headline,
         verdict=verdict,
@@ -288,7 +371,11 @@ def _bounds_table(plan: Plan) -> Table:
         "standard deviation"
     ]  # fmt: skip
     rows = [
-        [name, UNITS[name], *(number(value) for value in plan.crlb_std[:, i])]
+        [
+            name,
+            UNITS.get(name.rsplit("_", 1)[0], ""),
+            *(number(value) for value in plan.crlb_std[:, i]),
+        ]
         for i, name in enumerate(plan.names)
     ]
     return Table("How accurately, at best, at the end", columns, rows)
@@ -298,13 +385,13 @@ def _starts_table(plan: Plan) -> Table:
     rows = [
         [
             start.name,
-            number(start.guess, 5),
+            "" if np.isnan(start.guess) else number(start.guess, 5),
             number(start.value, 5),
             "yes" if start.converged else "no",
         ]
-        for start in plan.starts
+        for start in plan.starts[:12]
     ]
-    note = "Only the most promising are carried to the end."
+    note = f"The best of {len(plan.starts)}; only the most promising are carried to the end."
     return Table("Starts", ["first guess", "guess", "path", "converged"], rows, note)
 
 

@@ -6,6 +6,8 @@ pub mod angle;
 pub mod chi_square;
 #[cfg(feature = "std")]
 pub mod derivative;
+#[cfg(feature = "std")]
+pub mod dual;
 pub mod errors;
 pub mod lane;
 pub mod scalar;

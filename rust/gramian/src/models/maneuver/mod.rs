@@ -12,6 +12,8 @@
 #[cfg(feature = "std")]
 pub mod batch;
 pub mod plan;
+#[cfg(feature = "std")]
+pub mod planner;
 #[cfg(any(feature = "std", test))]
 mod sides;
 pub mod steer;

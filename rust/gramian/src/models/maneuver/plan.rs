@@ -313,7 +313,7 @@ fn accumulate<T: Real, const N: usize>(
 
 /// The criterion and its derivative G by the information on the scaled states:
 /// a change dJ changes the value by the trace of G dJ.
-fn differentiate<T: Real, const N: usize>(
+pub(super) fn differentiate<T: Real, const N: usize>(
     root: &SquareRootInformation<T, N>,
     scale: &[T; N],
     criterion: &Criterion<T, N>,

@@ -1,0 +1,604 @@
+//! What a set of paths tells of its targets, as a cost with its gradient.
+
+use alloc::sync::Arc;
+use alloc::vec;
+use alloc::vec::Vec;
+
+use super::paths::{Pull, Track};
+use super::{Aim, Criterion, Over, Problem, Sensor};
+use crate::maneuver::plan::{self, differentiate};
+use crate::numbers::dual::Dual;
+use crate::numbers::lane::Lane;
+use crate::scalar::wrapped;
+use crate::square_root::SquareRootInformation;
+use crate::tracks::scene::Kind;
+use crate::tracks::sensors::{
+    Bearing, ConeAngle, Frequency, Range, RangeRate, Reading, Sensor as _, Sight, SignalStrength,
+};
+
+/// States at most: of all targets together, and of the sensors.
+pub const MOST_STATES: usize = 12;
+
+/// How sharp the smooth stand-ins of corners are: of the smallest eigenvalue, of the
+/// worst of several beliefs, of the edges of a field of view. Infinite: the corners
+/// themselves.
+pub(super) type Sharpness = f64;
+
+/// What the bound of any path needs of a criterion, at one information matrix for each
+/// belief: its value there, and its gradient G by the information in physical states.
+#[derive(Clone, Debug)]
+pub(super) struct Tangent {
+    /// Of each belief: the value of the criterion.
+    pub values: Vec<f64>,
+    /// Of each belief: row-major n x n.
+    pub gradients: Vec<Vec<f64>>,
+}
+
+/// A criterion of the information for one number of states.
+pub(super) trait Objective: Send + Sync + core::fmt::Debug {
+    /// The cost, and its derivatives added to `pulls`; infinite where the states are
+    /// not determined.
+    fn cost(&self, tracks: &[Track], sharpness: Sharpness, pulls: Option<&mut [Pull]>) -> f64;
+    /// The cost after each sample.
+    fn along(&self, tracks: &[Track]) -> Vec<f64>;
+    /// The bound on the covariance (xx, xy, yy) of the first two states of the first
+    /// belief after each sample; NaN while there is none.
+    fn covariances(&self, tracks: &[Track]) -> Vec<[f64; 3]>;
+    /// A square root of the information of each belief in physical states, row-major,
+    /// prior included.
+    fn roots(&self, tracks: &[Track]) -> Vec<Vec<f64>>;
+    /// Value and gradient of the criterion at these matrices; `None` where one is singular.
+    fn tangent(&self, informations: &[Vec<f64>]) -> Option<Tangent>;
+}
+
+/// The objective of a problem; `None` for more states than [`MOST_STATES`].
+pub(super) fn objective(problem: &Problem) -> Option<Arc<dyn Objective>> {
+    macro_rules! sized {
+        ($($n:literal)*) => {
+            match problem.states() {
+                $($n => Some(Arc::new(Sized::<$n>::new(problem)) as Arc<dyn Objective>),)*
+                _ => None,
+            }
+        };
+    }
+    sized!(2 3 4 5 6 7 8 9 10 11 12)
+}
+
+/// Cost, value, and derivative of the value by the scaled information.
+type Judged<const N: usize> = (f64, f64, [[f64; N]; N]);
+
+#[derive(Clone, Debug)]
+struct Sized<const N: usize> {
+    dt: f64,
+    dimension: usize,
+    aim: Aim,
+    scale: [f64; N],
+    sensors: Vec<Vec<Sensor>>,
+    beliefs: Vec<Belief<N>>,
+    /// First state of the sensors.
+    nuisance: usize,
+}
+
+#[derive(Clone, Debug)]
+struct Belief<const N: usize> {
+    targets: Vec<[f64; 4]>,
+    weight: f64,
+    prior: Vec<[f64; N]>,
+    combination: [f64; N],
+}
+
+impl<const N: usize> Sized<N> {
+    fn new(problem: &Problem) -> Self {
+        let array = |values: &[f64]| -> [f64; N] {
+            core::array::from_fn(|i| values.get(i).copied().unwrap_or(0.0))
+        };
+        Self {
+            dt: problem.dt,
+            dimension: problem.dimension,
+            aim: problem.aim,
+            scale: core::array::from_fn(|i| problem.scale.get(i).copied().unwrap_or(1.0)),
+            sensors: problem
+                .observers
+                .iter()
+                .map(|observer| observer.sensors.clone())
+                .collect(),
+            beliefs: problem
+                .beliefs
+                .iter()
+                .map(|belief| Belief {
+                    targets: belief.targets.clone(),
+                    weight: belief.weight,
+                    prior: belief.prior.chunks_exact(N).map(array).collect(),
+                    combination: array(&belief.combination),
+                })
+                .collect(),
+            nuisance: problem.dimension * problem.targets(),
+        }
+    }
+
+    fn criterion(&self, belief: &Belief<N>, sharpness: Sharpness) -> plan::Criterion<f64, N> {
+        match self.aim.criterion {
+            Criterion::Determinant => plan::Criterion::LogDet,
+            Criterion::Trace => plan::Criterion::Trace,
+            Criterion::Eigenvalue => plan::Criterion::SmallestEigenvalue { sharpness },
+            Criterion::Combination => plan::Criterion::Combination(belief.combination),
+        }
+    }
+
+    fn start(&self, belief: &Belief<N>) -> SquareRootInformation<f64, N> {
+        let mut root = SquareRootInformation::new();
+        for line in &belief.prior {
+            root.absorb(&core::array::from_fn(|i| line[i] * self.scale[i]));
+        }
+        root
+    }
+
+    /// Adds what one sample of all observers tells.
+    fn absorb(
+        &self,
+        root: &mut SquareRootInformation<f64, N>,
+        belief: &Belief<N>,
+        tracks: &[Track],
+        sample: usize,
+        sharpness: Sharpness,
+    ) {
+        let time = self.dt * sample as f64;
+        for (track, sensors) in tracks.iter().zip(&self.sensors) {
+            let (at, velocity, axis) = track.sample(sample);
+            for (target, state) in belief.targets.iter().enumerate() {
+                for sensor in sensors {
+                    let sight = sight_of(state, time, at, velocity, axis);
+                    let seen = Seen::of(sensor, &sight, time, sharpness);
+                    if seen.weight <= 0.0 {
+                        continue;
+                    }
+                    let root_weight = seen.weight.sqrt() / sensor.sigma;
+                    let row = self.row(&seen, sensor, target);
+                    root.absorb(&core::array::from_fn(|i| {
+                        row[i] * self.scale[i] * root_weight
+                    }));
+                }
+            }
+        }
+    }
+
+    /// The row of all states, in physical units and not whitened.
+    fn row(&self, seen: &Seen<f64>, sensor: &Sensor, target: usize) -> [f64; N] {
+        let mut row = [0.0; N];
+        let first = target * self.dimension;
+        row[first..first + self.dimension].copy_from_slice(&seen.by_state[..self.dimension]);
+        for (parameter, state) in sensor.parameter_states.iter().enumerate() {
+            if let Some(state) = state {
+                row[self.nuisance + state] += seen.by_parameter[parameter];
+            }
+        }
+        if let Some(state) = sensor.bias {
+            row[self.nuisance + state] += 1.0;
+        }
+        row
+    }
+
+    /// Adds the derivatives of one sample of one belief; `by` is the derivative of the
+    /// cost by the information on the scaled states.
+    fn pull(
+        &self,
+        belief: &Belief<N>,
+        by: &[[f64; N]; N],
+        tracks: &[Track],
+        sample: usize,
+        sharpness: Sharpness,
+        pulls: &mut [Pull],
+    ) {
+        let time = self.dt * sample as f64;
+        for (index, (track, sensors)) in tracks.iter().zip(&self.sensors).enumerate() {
+            for (target, state) in belief.targets.iter().enumerate() {
+                for sensor in sensors {
+                    let plain = matches!(
+                        sensor.kind,
+                        Kind::Bearing | Kind::Range | Kind::SignalStrength
+                    ) && sensor.blind.is_empty();
+                    let found = if plain {
+                        self.by_path::<2>(sensor, state, target, by, track, sample, time, sharpness)
+                    } else {
+                        self.by_path::<6>(sensor, state, target, by, track, sample, time, sharpness)
+                    };
+                    pulls[index].add(sample, &found);
+                }
+            }
+        }
+    }
+
+    /// The derivatives by the offset of the target, the velocity of the carrier and its
+    /// axis.
+    #[allow(clippy::too_many_arguments)]
+    fn by_path<const K: usize>(
+        &self,
+        sensor: &Sensor,
+        state: &[f64; 4],
+        target: usize,
+        by: &[[f64; N]; N],
+        track: &Track,
+        sample: usize,
+        time: f64,
+        sharpness: Sharpness,
+    ) -> [f64; 6] {
+        let (at, velocity, axis) = track.sample(sample);
+        let variable = |value: f64, k: usize| {
+            if k < K {
+                Dual::<K>::variable(value, k)
+            } else {
+                Dual::constant(value)
+            }
+        };
+        let plain = sight_of(state, time, at, velocity, axis);
+        let pair = |values: [f64; 2], first: usize| {
+            [variable(values[0], first), variable(values[1], first + 1)]
+        };
+        let sight = Sight {
+            offset: pair(plain.offset, 0),
+            target: plain.target.map(Dual::constant),
+            carrier: pair(plain.carrier, 2),
+            axis: pair(plain.axis, 4),
+        };
+        let seen = Seen::of(sensor, &sight, time, sharpness);
+        if seen.weight.value <= 0.0 {
+            return [0.0; 6];
+        }
+        let row = self.row(&seen.values(), sensor, target);
+        // G h on the scaled states, back in physical ones.
+        let mut through = [0.0; N];
+        let mut square = 0.0;
+        for i in 0..N {
+            let mut sum = 0.0;
+            for j in 0..N {
+                sum += by[i][j] * row[j] * self.scale[j];
+            }
+            through[i] = sum * self.scale[i];
+            square += through[i] * row[i];
+        }
+        let first = target * self.dimension;
+        let mut change = Dual::<K>::constant(0.0);
+        for (entry, factor) in seen
+            .by_state
+            .iter()
+            .zip(&through[first..first + self.dimension])
+        {
+            change = change + entry.times(*factor);
+        }
+        for (parameter, state) in sensor.parameter_states.iter().enumerate() {
+            if let Some(state) = state {
+                let factor = through[self.nuisance + state];
+                change = change + seen.by_parameter[parameter].times(factor);
+            }
+        }
+        let whitening = 1.0 / (sensor.sigma * sensor.sigma);
+        let mut out = [0.0; 6];
+        for (k, out) in out.iter_mut().enumerate().take(K) {
+            *out =
+                whitening * (2.0 * seen.weight.value * change.by[k] + seen.weight.by[k] * square);
+        }
+        out
+    }
+
+    /// Of each belief: the cost, the value, and its derivative by the scaled information.
+    fn costs(&self, tracks: &[Track], sharpness: Sharpness) -> Option<Vec<Judged<N>>> {
+        let samples = tracks.first().map_or(0, |track| track.at.len());
+        let mut out = Vec::with_capacity(self.beliefs.len());
+        for belief in &self.beliefs {
+            let mut root = self.start(belief);
+            for sample in 0..samples {
+                self.absorb(&mut root, belief, tracks, sample, sharpness);
+            }
+            if !root.is_sound() {
+                return None;
+            }
+            let (value, by) = differentiate(&root, &self.scale, &self.criterion(belief, sharpness));
+            out.push((self.to_cost(value), value, by));
+        }
+        Some(out)
+    }
+
+    fn to_cost(&self, value: f64) -> f64 {
+        let cost = match self.aim.criterion {
+            Criterion::Determinant => -value,
+            Criterion::Eigenvalue => -value.ln(),
+            _ => value.ln(),
+        };
+        if cost.is_nan() { f64::INFINITY } else { cost }
+    }
+
+    /// The cost over all beliefs and its derivatives by the cost of each.
+    fn together(&self, costs: &[f64], sharpness: Sharpness) -> (f64, Vec<f64>) {
+        let weights: Vec<f64> = self.beliefs.iter().map(|b| b.weight).collect();
+        let worst = costs.iter().fold(f64::NEG_INFINITY, |m, &c| m.max(c));
+        if !worst.is_finite() {
+            return (worst, vec![0.0; costs.len()]);
+        }
+        match self.aim.over {
+            Over::Expectation => match self.aim.criterion {
+                Criterion::Determinant => {
+                    let sum = costs.iter().zip(&weights).map(|(c, w)| c * w).sum();
+                    (sum, weights)
+                }
+                Criterion::Eigenvalue => soft(costs, &weights, -1.0),
+                _ => soft(costs, &weights, 1.0),
+            },
+            Over::Worst if sharpness.is_finite() && costs.len() > 1 => {
+                let even = vec![1.0 / costs.len() as f64; costs.len()];
+                soft(costs, &even, sharpness)
+            }
+            Over::Worst => {
+                let by = costs
+                    .iter()
+                    .map(|&c| f64::from(u8::from(c == worst)))
+                    .collect();
+                (worst, by)
+            }
+        }
+    }
+}
+
+/// (1 / p) log sum w exp(p c), and its derivatives by c.
+fn soft(costs: &[f64], weights: &[f64], p: f64) -> (f64, Vec<f64>) {
+    let top = costs.iter().fold(f64::NEG_INFINITY, |m, &c| m.max(p * c));
+    let terms: Vec<f64> = costs
+        .iter()
+        .zip(weights)
+        .map(|(c, w)| w * (p * c - top).exp())
+        .collect();
+    let sum: f64 = terms.iter().sum();
+    (
+        (top + sum.ln()) / p,
+        terms.iter().map(|term| term / sum).collect(),
+    )
+}
+
+impl<const N: usize> Objective for Sized<N> {
+    fn cost(&self, tracks: &[Track], sharpness: Sharpness, pulls: Option<&mut [Pull]>) -> f64 {
+        let Some(found) = self.costs(tracks, sharpness) else {
+            return f64::INFINITY;
+        };
+        let costs: Vec<f64> = found.iter().map(|(cost, ..)| *cost).collect();
+        let (cost, shares) = self.together(&costs, sharpness);
+        let Some(pulls) = pulls.filter(|_| cost.is_finite()) else {
+            return cost;
+        };
+        let samples = tracks.first().map_or(0, |track| track.at.len());
+        for ((belief, (_, value, by)), share) in self.beliefs.iter().zip(&found).zip(shares) {
+            if share == 0.0 {
+                continue;
+            }
+            let mut by = *by;
+            let slope = share
+                * match self.aim.criterion {
+                    Criterion::Determinant => -1.0,
+                    Criterion::Eigenvalue => -1.0 / value,
+                    _ => 1.0 / value,
+                };
+            for entry in by.as_flattened_mut() {
+                *entry *= slope;
+            }
+            for sample in 0..samples {
+                self.pull(belief, &by, tracks, sample, sharpness, pulls);
+            }
+        }
+        cost
+    }
+
+    fn along(&self, tracks: &[Track]) -> Vec<f64> {
+        let samples = tracks.first().map_or(0, |track| track.at.len());
+        let mut roots: Vec<_> = self.beliefs.iter().map(|b| self.start(b)).collect();
+        let mut out = Vec::with_capacity(samples);
+        for sample in 0..samples {
+            let costs: Vec<f64> = self
+                .beliefs
+                .iter()
+                .zip(&mut roots)
+                .map(|(belief, root)| {
+                    self.absorb(root, belief, tracks, sample, f64::INFINITY);
+                    let criterion = self.criterion(belief, f64::INFINITY);
+                    self.to_cost(differentiate(root, &self.scale, &criterion).0)
+                })
+                .collect();
+            out.push(self.together(&costs, f64::INFINITY).0);
+        }
+        out
+    }
+
+    fn covariances(&self, tracks: &[Track]) -> Vec<[f64; 3]> {
+        let samples = tracks.first().map_or(0, |track| track.at.len());
+        let Some(belief) = self.beliefs.first() else {
+            return Vec::new();
+        };
+        let mut root = self.start(belief);
+        (0..samples)
+            .map(|sample| {
+                self.absorb(&mut root, belief, tracks, sample, f64::INFINITY);
+                root.crlb().map_or([f64::NAN; 3], |bound| {
+                    [(0, 0), (0, 1), (1, 1)]
+                        .map(|(i, j)| bound[i][j] * self.scale[i] * self.scale[j])
+                })
+            })
+            .collect()
+    }
+
+    fn roots(&self, tracks: &[Track]) -> Vec<Vec<f64>> {
+        let samples = tracks.first().map_or(0, |track| track.at.len());
+        self.beliefs
+            .iter()
+            .map(|belief| {
+                let mut root = self.start(belief);
+                for sample in 0..samples {
+                    self.absorb(&mut root, belief, tracks, sample, f64::INFINITY);
+                }
+                let lines = root.factor().iter();
+                lines
+                    .flat_map(|line| (0..N).map(|i| line[i] / self.scale[i]))
+                    .collect()
+            })
+            .collect()
+    }
+
+    fn tangent(&self, informations: &[Vec<f64>]) -> Option<Tangent> {
+        let mut out = Tangent {
+            values: Vec::new(),
+            gradients: Vec::new(),
+        };
+        for (belief, information) in self.beliefs.iter().zip(informations) {
+            // A square root of the scaled matrix, row by row.
+            let mut scaled = [[0.0; N]; N];
+            for i in 0..N {
+                for j in 0..N {
+                    scaled[i][j] = information[i * N + j] * self.scale[i] * self.scale[j];
+                }
+            }
+            let root = SquareRootInformation::of_factor(
+                cholesky(&scaled)?,
+                u32::try_from(N).unwrap_or(u32::MAX),
+            );
+            let criterion = self.criterion(belief, f64::INFINITY);
+            let (value, mut by) = differentiate(&root, &self.scale, &criterion);
+            if self.aim.criterion == Criterion::Eigenvalue {
+                // Any matrix of trace 1 bounds the smallest eigenvalue: that of a smooth
+                // stand-in is better where two are close.
+                let smooth = plan::Criterion::SmallestEigenvalue { sharpness: 12.0 };
+                by = differentiate(&root, &self.scale, &smooth).1;
+                let trace: f64 = (0..N).map(|i| by[i][i]).sum();
+                for entry in by.as_flattened_mut() {
+                    *entry /= trace;
+                }
+            }
+            if !self.to_cost(value).is_finite() {
+                return None;
+            }
+            let mut gradient = vec![0.0; N * N];
+            for i in 0..N {
+                for j in 0..N {
+                    gradient[i * N + j] = by[i][j] * self.scale[i] * self.scale[j];
+                }
+            }
+            out.values.push(value);
+            out.gradients.push(gradient);
+        }
+        Some(out)
+    }
+}
+
+/// The upper triangle R with R^T R = matrix; `None` where it is not positive definite.
+fn cholesky<const N: usize>(matrix: &[[f64; N]; N]) -> Option<[[f64; N]; N]> {
+    let mut root = [[0.0; N]; N];
+    for i in 0..N {
+        let mut rest = matrix[i][i];
+        for line in &root[..i] {
+            rest -= line[i] * line[i];
+        }
+        if !(rest > 1e-14 * matrix[i][i]) {
+            return None;
+        }
+        let pivot = rest.sqrt();
+        root[i][i] = pivot;
+        for j in i + 1..N {
+            let mut sum = matrix[i][j];
+            for line in &root[..i] {
+                sum -= line[i] * line[j];
+            }
+            root[i][j] = sum / pivot;
+        }
+    }
+    Some(root)
+}
+
+fn sight_of(
+    state: &[f64; 4],
+    time: f64,
+    at: [f64; 2],
+    velocity: [f64; 2],
+    axis: [f64; 2],
+) -> Sight<f64, 2> {
+    let [x, y, u, v] = *state;
+    Sight {
+        offset: [x + time * u - at[0], y + time * v - at[1]],
+        target: [u, v],
+        carrier: velocity,
+        axis,
+    }
+}
+
+/// A reading: its derivatives by the states of its target and by the sensor's own
+/// parameters, and how much it counts.
+struct Seen<L> {
+    by_state: [L; 4],
+    by_parameter: [L; 2],
+    weight: L,
+}
+
+impl<L: Lane> Seen<L> {
+    fn of(sensor: &Sensor, sight: &Sight<L, 2>, time: f64, sharpness: Sharpness) -> Self {
+        let like = sight.offset[0];
+        let parameters = sensor.parameters.map(|value| like.splat(value));
+        let reading: Reading<L, 2> = match sensor.kind {
+            Kind::Range => Range { factor: 1.0 }.read(sight, &parameters),
+            Kind::RangeRate => RangeRate.read(sight, &parameters),
+            Kind::Frequency(speed) => Frequency { speed }.read(sight, &parameters),
+            Kind::ConeAngle => ConeAngle.read(sight, &parameters),
+            Kind::SignalStrength => SignalStrength.read(sight, &parameters),
+            _ => Bearing.read(sight, &parameters),
+        };
+        let [x, y] = reading.by_place;
+        let [u, v] = reading.by_velocity;
+        Self {
+            by_state: [x, y, x.times(time) + u, y.times(time) + v],
+            by_parameter: reading.by_parameter,
+            weight: weight(sensor, sight, sharpness),
+        }
+    }
+}
+
+impl<const K: usize> Seen<Dual<K>> {
+    fn values(&self) -> Seen<f64> {
+        Seen {
+            by_state: self.by_state.map(|x| x.value),
+            by_parameter: self.by_parameter.map(|x| x.value),
+            weight: self.weight.value,
+        }
+    }
+}
+
+/// The probability of a reading: what the field of view and the reach leave of it. The
+/// smooth stand-in of an edge lies inside it, so that it never counts too much.
+fn weight<L: Lane>(sensor: &Sensor, sight: &Sight<L, 2>, sharpness: Sharpness) -> L {
+    let [x, y] = sight.offset;
+    let like = x;
+    let mut weight = like.splat(sensor.detection);
+    let smooth = sharpness.is_finite();
+    if sensor.reach.is_finite() {
+        let range = x.mul_add(x, y * y).sqrt();
+        let inside = like.splat(1.0) - range.times(1.0 / sensor.reach);
+        weight = weight * edge(inside, 0.02, smooth);
+    }
+    if !sensor.blind.is_empty() {
+        let [sin, cos] = sight.axis;
+        let relative = (x * cos - y * sin).atan2(x * sin + y * cos);
+        let turn = like.splat(core::f64::consts::TAU);
+        for &(from, to) in &sensor.blind {
+            let width = (to - from).rem_euclid(core::f64::consts::TAU);
+            let middle = wrapped(from + 0.5 * width);
+            let off = relative - like.splat(middle);
+            let off = off - (off / turn).round() * turn;
+            weight = weight * edge(off.abs() - like.splat(0.5 * width), 0.05, smooth);
+        }
+    }
+    weight
+}
+
+/// 0 outside an edge, 1 from `width` inside it on; sharp: 1 from the edge on.
+fn edge<L: Lane>(inside: L, width: f64, smooth: bool) -> L {
+    let (zero, one) = (inside.splat(0.0), inside.splat(1.0));
+    if !smooth {
+        return zero.select_greater(inside, zero, one);
+    }
+    let u = inside.times(1.0 / width);
+    let rise = u * u * (inside.splat(3.0) - u.times(2.0));
+    let upper = u.select_greater(one, one, rise);
+    zero.select_greater(u, zero, upper)
+}
