@@ -191,6 +191,7 @@ Map.quantity | | the degree eta, or the bound on a bias | "A.range"
 ManeuverScenario.target | | where the target is, or may be |
 ManeuverScenario.observer | | where the observer starts and how it can move |
 ManeuverScenario.bearings | | how many, how often, how good |
+ManeuverScenario.sensors | | what is measured instead of bearings alone |
 ManeuverScenario.limits | | what the path keeps clear of |
 ManeuverScenario.goal | | what is to be made best |
 ManeuverScenario.prior | m, m/s | what is known of the target, standard deviations | { x = 1000.0, y = 1000.0 }
@@ -200,18 +201,37 @@ Target.positions | m | several possible places instead | [[0.0, 1000.0], [500.0,
 Target.weights | | how likely each place is | [0.7, 0.3]
 Target.velocity | m/s | of a target that moves | [-5.0, 5.0]
 Observer.start | m | at the first bearing: east, north | [0.0, 0.0]
+Observer.starts | m | of several observers instead | [[0.0, 0.0], [600.0, 0.0]]
+Observer.separation | m | how near to each other they measure at least | 300.0
+Observer.return_to | m | where the path ends: east, north, and within which radius | [0.0, 0.0, 100.0]
+Observer.max_distance | m | the longest path through the water | 5000.0
+Observer.current | m/s | velocity of the water | [0.5, 0.0]
 Observer.speed | m/s | one, or the lowest and the highest | [10.0, 20.0]
 Observer.heading_deg | deg | before the first leg, clockwise from north | 45.0
 Observer.max_turn_rate_deg | deg/s | the fastest turn | 12.0
 Observer.legs | | a path of so many straight legs | 2
+SensorSection.kind | | what it measures | "range_rate"
+SensorSection.sigma | unit of the kind: m, m/s, Hz, dB | standard deviation of a reading | 0.5
+SensorSection.sigma_deg | deg | the same for an angle | 1.0
+SensorSection.detection | | probability of a reading | 0.8
+SensorSection.bias | | name of an unknown bias | "compass"
+SensorSection.blind_deg | deg | arcs from the heading in which nothing is seen | [[150.0, 210.0]]
+SensorSection.reach | m | nothing is seen beyond | 8000.0
+SensorSection.parameters | | tonal and wave; power and exponent | { tonal = 300.0 }
+SensorSection.unknown | | which of them are states, and their names | { tonal = "f0" }
 Bearings.count | | how many, the first at the start | 100
 Bearings.step | s | from one to the next | 1.0
 Bearings.sigma_deg | deg | standard deviation of a bearing | 1.8
 Limits.standoff | m | bearings are taken no closer to the target | 500.0
 Limits.keep_out | m | discs that are not entered: east, north, radius | [[-350.0, 450.0, 120.0]]
+Limits.polygons | m | outlines of areas that are not entered | [[[0.0, 500.0], [100.0, 500.0], [50.0, 600.0]]]
 Goal.criterion | | determinant, trace or largest axis of the covariance | "A"
 Goal.combination | | what is to be known best: "range", "bearing", "speed", "course", or a number for each state | "range"
-Goal.starts | | how many starts the search has | 8
+Goal.over | | the expectation over several possible targets, or the worst of them | "worst"
+Goal.starts | | how many starts the search has | 24
+Goal.restarts | | how often the best paths are disturbed and refined again | 32
+Goal.time_limit | s | after which the best path so far is taken | 10.0
+Goal.bound | | whether to compute what no path can exceed | false
 Goal.seed | | of the starts | 0
 Loop.first_range | m | what is thought of the range: mean, standard deviation | [1500.0, 500.0]
 Loop.methods | | what flies | ["plan", "max_det"]
