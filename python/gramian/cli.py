@@ -12,6 +12,7 @@ from functools import partial
 from importlib.resources import as_file, files
 from importlib.util import find_spec
 from json import dumps, loads
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
 
@@ -306,6 +307,15 @@ def import_(
     duration: Duration = None,
     step: Step = None,
     dates: Dates = None,
+    pass_: Annotated[
+        str | None, typer.Option("--pass", help="The pass in a table of a magnetic field.")
+    ] = None,
+    sensor_at: Annotated[
+        list[str],
+        typer.Option(
+            metavar="X,Y,Z", help="Where a magnetometer is, m: once for each.", show_default=False
+        ),
+    ] = [],  # noqa: B006  (typer copies it)
     size_limit: SizeLimit = 512,
     scenario: Annotated[
         Path | None,
@@ -316,22 +326,31 @@ def import_(
 ) -> None:
     """Show what is in files of tracks and measurements, and write a scenario to start from."""
     from gramian.io import read
+    from gramian.io.fields import field_table
+    from gramian.io.fields import report as field_report
     from gramian.io.report import report as import_report
-    from gramian.scenario import Choices, draft
+    from gramian.scenario import Choices, draft, draft_of_field
 
+    if scenario is not None and scenario.exists():
+        raise StorageError(f"{scenario}: is there already; choose another name or remove it")
     with files_up_to(size_limit << 20), _spinner("reading"):
-        recording = read(*file, dates=dates)
+        field = field_table(file[0]) if len(file) == 1 else None
+        recording = None if field is not None else read(*file, dates=dates)
     if scenario is not None:
-        if scenario.exists():
-            raise StorageError(f"{scenario}: is there already; choose another name or remove it")
-        choices = Choices(observer, target, sensor, sigma_deg, start, duration, step, dates)
-        text = draft(recording, choices, scenario.parent)
+        if field is not None:
+            text = draft_of_field(field, pass_, [_place(at) for at in sensor_at], scenario.parent)
+        elif recording is not None:
+            choices = Choices(observer, target, sensor, sigma_deg, start, duration, step, dates)
+            text = draft(recording, choices, scenario.parent)
         try:
             write_whole(scenario, text.encode())
         except OSError as error:
             raise StorageError(f"cannot write {scenario}: {error}") from error
     answers = _Answers(json, strict=False)
-    answers.add("import", import_report(recording), out)
+    if field is not None:
+        answers.add("import", field_report(field), out)
+    elif recording is not None:
+        answers.add("import", import_report(recording), out)
     if scenario is not None and not json:
         Console(emoji=False).print(f"\n{_plain(str(scenario))} written", highlight=False)
     answers.close(one=True)
@@ -388,6 +407,15 @@ def _in(file: Path) -> Iterator[None]:
         raise
     except InputError as error:
         raise ScenarioError(f"{file}: {error}") from error
+
+
+def _place(text: str) -> tuple[float, float, float]:
+    """Return a position that was given as X,Y,Z."""
+    with suppress(ValueError):
+        x, y, z = map(float, text.split(","))
+        if isfinite(x + y + z):
+            return x, y, z
+    raise InputError(f"--sensor-at {text}: must be three numbers in metres, such as 0,0.5,0")
 
 
 def _spinner(what: str) -> Status:

@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -182,3 +183,74 @@ def test_recorded_ships_and_aircraft(recorded):
         "--sigma-deg", 0.5, "--start", 1000, "--duration", 900, "--json",
     )  # fmt: skip
     assert json.loads(done.stdout)["observability"]["rank"] == 4
+
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def test_a_table_of_a_magnetic_field_goes_to_an_answer(tmp_path):
+    toml = tmp_path / "pass.toml"
+    places = ["--sensor-at", "0,0,0", "--sensor-at", "0,0.5,0"]
+    done = run("import", EXAMPLES / "dipole_pass.csv", *places, "--scenario", toml)
+    assert "2 sensors in 1 pass" in done.stdout
+    ours = json.loads(run("localize", toml, "--json").stdout)
+    shipped = json.loads(run("localize", EXAMPLES / "dipole_two_sensors.toml", "--json").stdout)
+    assert ours["localization"]["explained"] > 0.85
+    assert ours["localization"] == shipped["localization"]
+
+
+def test_a_pass_is_chosen_by_its_word(tmp_path):
+    path = tmp_path / "two.csv"
+    path.write_text(
+        "run;time (s);Bx (nT);By (nT);Bz (nT)\n"
+        + "".join(f"{name};{t};{t},5;1,0;2,0\n" for name in ("north", "south") for t in range(8))
+    )
+    answer = json.loads(run("import", path, "--json").stdout)
+    assert answer["unit"] == "nT"
+    assert answer["passes"] == {"north": 8, "south": 8}
+    run("import", path, "--pass", "south", "--scenario", tmp_path / "south.toml")
+    scenario = load(tmp_path / "south.toml")
+    assert scenario.record.select.value == "south"
+    assert scenario.sensors == [(0.0, 0.0, 0.0)]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ([], "2 sensors: give the place of each"),
+        (["--sensor-at", "0,0"], "must be three numbers"),
+        (["--sensor-at", "0,0,nan"], "must be three numbers"),
+        (["--pass", "car_1"], "one pass and no name"),
+    ],
+)
+def test_what_a_table_of_a_field_leaves_open_is_asked(options, message, tmp_path):
+    toml = tmp_path / "pass.toml"
+    with pytest.raises(gm.InputError, match=message):
+        run("import", EXAMPLES / "dipole_pass.csv", *options, "--scenario", toml)
+    assert not toml.exists()
+
+
+@pytest.mark.recorded
+@pytest.mark.parametrize(("one", "speed"), [("car_20", 20 / 3.6), ("car_32", 32 / 3.6)])
+def test_the_recorded_car_goes_from_file_to_answer(one, speed, recorded, tmp_path):
+    toml = tmp_path / "car.toml"
+    places = ["--sensor-at", "0,0,0", "--sensor-at", "0,0.5,0"]
+    path = recorded("car_magnetometer.csv")
+    done = run("import", path, "--pass", one, *places, "--scenario", toml)
+    assert "2 sensors in 2 passes" in done.stdout
+    found = json.loads(run("localize", toml, "--json").stdout)["localization"]
+    assert found["speed"][0] == pytest.approx(speed, rel=0.15)
+    assert found["explained"] > 0.85
+
+
+def test_a_report_carries_the_digest_of_each_file(tmp_path):
+    own, _ = made(tmp_path)
+    other = tmp_path / "other.csv"
+    other.write_text(own.read_text())
+    toml = tmp_path / "two.toml"
+    toml.write_text(
+        'model = "bearings"\n[tracks]\nfile = "own.csv"\ntarget_file = "other.csv"\n'
+        'observer = "own"\ntarget = "other"\n'
+        "[window]\nduration = 600.0\nstep = 30.0\n[noise]\nbearing_deg = 0.5\n"
+    )
+    assert [path.name for path in load(toml).inputs] == ["two.toml", "own.csv", "other.csv"]

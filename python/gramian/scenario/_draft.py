@@ -13,10 +13,11 @@ import numpy as np
 
 from gramian.exceptions import InputError
 from gramian.io import Detections, Recording, Track, read, unix_seconds
+from gramian.io.fields import FieldTable
 from gramian.scenario._load import parsed
 from gramian.scenario.base import Scenario
 
-__all__ = ["Choices", "draft", "from_files"]
+__all__ = ["Choices", "draft", "draft_of_field", "from_files"]
 
 
 @dataclass(frozen=True)
@@ -116,6 +117,70 @@ def draft(recording: Recording, choices: Choices, folder: Path | None = None) ->
         "[noise]",
         f"bearing_deg = {_number(choices.sigma_deg)}  # standard deviation",
     ]
+    return "\n".join(lines) + "\n"
+
+
+def draft_of_field(
+    found: FieldTable,
+    one: str | None,
+    positions: Sequence[tuple[float, float, float]],
+    folder: Path | None = None,
+) -> str:
+    """Return the text of a scenario for a pass in a table of a magnetic field.
+
+    Parameters
+    ----------
+    found : FieldTable
+    one : str or None
+        The pass; may be None where there is only one.
+    positions : sequence of (float, float, float)
+        Where each sensor is, m; may be empty for one sensor, which is the origin then.
+    folder : Path, optional
+        Where the scenario will be; its files are named relative to it.
+
+    Raises
+    ------
+    InputError
+        Where the pass or the places of the sensors are open.
+    """
+    where, passes = found.cells.path, list(found.passes)
+    if one is not None and found.by is None:
+        raise InputError(f"--pass {one}: {where} has one pass and no name for it")
+    if one is None and len(passes) == 1:
+        one = passes[0]
+    if one is None or one not in passes:
+        there = ", ".join(map(repr, passes))
+        raise InputError(
+            f"{where} has the passes {there}: which one? (--pass)"
+            if one is None
+            else f"{where} has no pass {one!r}: there are {there}"
+        )
+    count = len(found.sensors)
+    places = list(positions) or ([(0.0, 0.0, 0.0)] if count == 1 else [])
+    if len(places) != count:
+        raise InputError(
+            f"{where} has {count} sensors: give the place of each in metres, {count} times "
+            f"--sensor-at X,Y,Z, not {len(places)}"
+        )
+    lines = [
+        'model = "dipole"',
+        f"sensors = {json.dumps([list(place) for place in places])}  # m",
+        "",
+        "[record]",
+        f"file = {json.dumps(_relative(where, folder))}",
+        f"unit = {json.dumps(found.unit)}",
+        f"columns = {{ time = {json.dumps(found.time)}, "
+        f"field = {json.dumps([list(names) for names in found.sensors])} }}",
+    ]
+    if found.by is not None:
+        lines.append(f"select = {{ column = {json.dumps(found.by)}, value = {json.dumps(one)} }}")
+    if count == 1:
+        lines += [
+            "",
+            "# One sensor cannot tell the scale: something must be known.",
+            "# [known]",
+            "# speed = 10.0  # m/s",
+        ]
     return "\n".join(lines) + "\n"
 
 

@@ -119,13 +119,15 @@ class Scenario(Section):
 
 
 def _files(section: BaseModel) -> Iterator[str]:
-    """Yield what every key `file` or `files` of a section says, at any depth."""
+    """Yield what every key `file`, `files` or `*_file` of a section says, at any depth."""
     for key in type(section).model_fields:
         value = getattr(section, key)
         for item in value if isinstance(value, list) else [value]:
             if isinstance(item, BaseModel):
                 yield from _files(item)
-            elif key in {"file", "files"} and isinstance(item, (str, Path)):
+            elif (key in {"file", "files"} or key.endswith("_file")) and isinstance(
+                item, (str, Path)
+            ):
                 yield str(item)
 
 
