@@ -7,7 +7,7 @@ export CARGO_TERM_COLOR ?= auto
 # As maturin sets it: else pyo3 is compiled anew whenever cargo and maturin take turns.
 export PYO3_PYTHON ?= $(abspath $(BIN)/python)
 
-.PHONY: demo test lint format rust-test python-test no-std-check fuzz attack bench bench-quick bench-check bench-record embedded-size package wheel docs site clean
+.PHONY: demo test lint format rust-test python-test no-std-check fuzz attack bench bench-quick bench-check bench-record embedded-size package wheel docs site explorer clean
 
 # What the demo needs and no more, unless everything is there already.
 demo: $(if $(wildcard $(VENV)/.installed),$(VENV)/.installed,$(VENV)/.demo)
@@ -32,7 +32,7 @@ format: $(VENV)/.installed
 	$(BIN)/ruff check --fix .
 
 rust-test:
-	cargo test -p gramian -p gramian-capi -p embedded-examples --features gramian/parallel,gramian/large
+	cargo test -p gramian -p gramian-capi -p gramian-explorer -p embedded-examples --features gramian/parallel,gramian/large
 	cargo test -p gramian --no-default-features --features libm --lib --tests
 
 no-std-check:
@@ -96,7 +96,13 @@ site: $(VENV)/.site docs
 	rm -rf docs/gallery  # whose cache would not see that the package changed
 	$(BIN)/python -m sphinx --builder html --fresh-env --jobs auto --fail-on-warning --keep-going --quiet --doctree-dir target/site/doctrees docs target/site/html
 	rm -rf site && cp -r target/site/html site && cp -r target/doc site/rust
+	$(PYTHON) explorer/build.py --or-say-why
 	$(BIN)/python docs/_site/check.py site
+
+# One page, site/explorer.html, that opens from the folder: the crate as WebAssembly. Needs the
+# target wasm32-unknown-unknown, and says how to get it where it is missing.
+explorer:
+	$(PYTHON) explorer/build.py
 
 # By name, so that the extension is not built a second time.
 SITE = import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["site"])

@@ -1,0 +1,81 @@
+//! A magnetic dipole that passes at constant velocity.
+
+use gramian::dipole::{Pass, Sensing, measure, push_rows};
+use gramian::observability::Observability;
+
+use crate::{Answer, Question};
+
+/// What a pass tells of itself: of its state (position, velocity, moment), the times, the
+/// noise (T), the places of the sensors, the combinations of the states that are known
+/// exactly (rows of nine), others that might be (rows of nine), and the size u of a pass
+/// of another size.
+///
+/// The answer: (rank, states, tolerance, logarithm of the determinant); singular values;
+/// null space; bounds; for each combination that might be known, the rank with it; for
+/// each state what would be useless; the fields of the pass, of its mirror image, and of the pass of another size; the states
+/// of these two.
+///
+/// # Errors
+/// What is wrong, in words.
+pub fn analyze(mut question: Question<'_>) -> Result<Answer, String> {
+    let pass = Pass::of(&question.array()?);
+    let times = question.list()?;
+    let [sigma] = question.array()?;
+    let sensors = question.list()?.as_chunks::<3>().0;
+    let (known, others) = (question.list()?, question.list()?);
+    let [size] = question.array()?;
+    if times.is_empty() {
+        return Err(String::from("no sample sees the dipole"));
+    }
+    let mut rows: Vec<[f64; 9]> = Vec::new();
+    push_rows(times, &pass, sensors, &Sensing::Vector, &[sigma], &mut rows)
+        .map_err(|error| error.to_string())?;
+    let found = Observability::constrained(rows.as_flattened(), known, 9, None)
+        .map_err(|error| error.to_string())?;
+    let null_space = found.null_space().map_err(|error| error.to_string())?;
+    let mut repaired = Vec::new();
+    for other in others.as_chunks::<9>().0 {
+        let (rank, _) = found
+            .knowing(other, 0.0)
+            .map_err(|error| error.to_string())?;
+        repaired.push(rank as f64);
+    }
+    let (mirrored, scaled) = (
+        pass.mirrored(),
+        pass.scaled(size).map_err(|error| error.to_string())?,
+    );
+    let mut answer = Answer::default();
+    answer.list(&[found.rank() as f64, 9.0, found.rtol(), found.log_det()]);
+    answer.list(found.singular_values());
+    answer.list(&null_space.concat());
+    answer.list(&found.crlb_std());
+    answer.list(&repaired);
+    answer.list(&scale(&pass, times, sensors));
+    for pass in [pass, mirrored, scaled] {
+        let mut fields = vec![0.0; 3 * times.len() * sensors.len()];
+        measure(times, &pass, sensors, &Sensing::Vector, &mut fields)
+            .map_err(|error| error.to_string())?;
+        answer.list(&fields);
+    }
+    answer.list(&mirrored.state());
+    answer.list(&scaled.state());
+    Ok(answer)
+}
+
+/// The deviation of each state that would be useless, as `gm.dipole.problem` has it: the
+/// least distance, the speed (or that distance over the time), the size of the moment.
+fn scale(pass: &Pass<f64>, times: &[f64], sensors: &[[f64; 3]]) -> [f64; 9] {
+    let size = |v: [f64; 3]| v[0].hypot(v[1]).hypot(v[2]);
+    let reach = sensors
+        .iter()
+        .flat_map(|sensor| times.iter().map(move |time| (sensor, time - times[0])))
+        .filter_map(|(sensor, time)| pass.seen_from(sensor, time).ok())
+        .map(size)
+        .fold(f64::INFINITY, f64::min);
+    let span = times[times.len() - 1] - times[0];
+    let rate = if span > 0.0 { reach / span } else { 0.0 };
+    let mut scale = [reach; 9];
+    scale[3..6].fill(size(pass.velocity).max(rate));
+    scale[6..].fill(size(pass.moment));
+    scale
+}

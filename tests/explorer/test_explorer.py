@@ -1,0 +1,404 @@
+"""The explorer's page in a browser: its numbers are the library's, and it does what it says.
+
+Skipped where the Rust target wasm32-unknown-unknown, playwright or Chromium is missing;
+GRAMIAN_REQUIRE_EXPLORER=1 makes them required.
+"""
+
+import importlib.util
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gramian as gm
+from gramian import _core
+
+ROOT = Path(__file__).parents[2]
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+
+
+def load_build():
+    spec = importlib.util.spec_from_file_location("explorer_build", ROOT / "explorer/build.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def absent(reason):
+    if os.environ.get("GRAMIAN_REQUIRE_EXPLORER") == "1":
+        pytest.fail(reason)
+    pytest.skip(reason)
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    build = load_build()
+    if not build.target_is_there():
+        absent(build.MISSING)
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        absent("the explorer's tests need playwright: pip install playwright")
+    program = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if program is None:
+        absent("the explorer's tests need Chromium: apt-get install chromium")
+    page = build.build(tmp_path_factory.mktemp("explorer") / "explorer.html")
+    with sync_playwright() as driver:
+        # A container has no user namespaces, and the page is ours.
+        started = driver.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        yield started, page.as_uri()
+        started.close()
+
+
+@pytest.fixture
+def page(browser):
+    started, address = browser
+    yield from opened(started, address, viewport={"width": 1280, "height": 900})
+
+
+def opened(started, address, **options):
+    context = started.new_context(**options)
+    page = context.new_page()
+    said = []
+    page.on("console", lambda message: said.append(message.text))
+    page.on("pageerror", lambda error: said.append(str(error)))
+    page.on(
+        "request", lambda request: said.append(request.url) if request.url[:4] == "http" else None
+    )
+    page.goto(address)
+    settle(page)
+    yield page
+    context.close()
+    assert said == []  # no error, no warning, nothing loaded
+
+
+def settle(page):
+    page.wait_for_function("window.explorer && explorer.ready && explorer.tookMore !== undefined")
+    page.wait_for_timeout(300)
+
+
+def numbers(page, expression):
+    # JSON has no infinity.
+    text = page.evaluate(
+        f"JSON.stringify({expression}, (k, v) => typeof v === 'number' && !isFinite(v) ? String(v) : v)"
+    )
+    return np.array(eval_json(text), dtype=float)
+
+
+def eval_json(text):
+    def plain(value):
+        if isinstance(value, list):
+            return [plain(one) for one in value]
+        return float({"Infinity": "inf", "-Infinity": "-inf", "NaN": "nan"}.get(value, value))
+
+    return plain(json.loads(text))
+
+
+def status(page):
+    return page.inner_text("#status").lower()
+
+
+def example(page, name):
+    page.select_option("#control-0", name)
+    settle(page)
+
+
+def code(page, kind):
+    page.click(f"#copy-{kind}")
+    return page.inner_text("#code")
+
+
+def run_python(text):
+    """Run copied Python and give what it has made."""
+    made = {}
+    exec(compile(re.sub(r"^print\(", "_ = (", text, flags=re.M), "copied", "exec"), made)
+    return made
+
+
+def tab(page, name):
+    page.click(f"#tab-{name}")
+    settle(page)
+
+
+EXAMPLES = (
+    "A turn",
+    "Straight: unobservable",
+    "A slight turn: weak",
+    "Straight, speed known",
+    "Straight, with ranges",
+    "Fixed observer",
+)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_track_equals_the_library(page, name):
+    example(page, name)
+    made = run_python(code(page, "python"))
+    answer = made["answer"]
+    assert status(page) == answer.status
+    assert page.inner_text("#reason") == answer.reason
+    # Sorted out by rounding alone where the bound is infinite.
+    np.testing.assert_allclose(numbers(page, "explorer.answer.bound"), answer.crlb_std, rtol=1e-9)
+    np.testing.assert_allclose(numbers(page, "explorer.answer.data"), answer.data_std, rtol=1e-9)
+    values = made["scene"].values(made["state"])
+    np.testing.assert_allclose(
+        numbers(page, "explorer.answer.values"), values, rtol=1e-9, atol=1e-12
+    )
+    scale = made["problem"].scale
+    np.testing.assert_allclose(numbers(page, "explorer.answer.scale"), scale, rtol=1e-12)
+    null = numbers(page, "explorer.answer.nullSpace").reshape(-1, 4).T
+    np.testing.assert_allclose(null, answer.null_space, rtol=1e-9, atol=1e-12)
+    for text in answer.null_combinations:
+        assert text in page.inner_text("#facts")
+
+
+def test_bound_against_time_and_next_heading(page):
+    made = run_python(code(page, "python"))
+    along = numbers(page, "explorer.answer.along")
+    scene, state, times = made["scene"], made["state"], made["times"]
+    rows = gm.tracks.rows(scene, state)
+    assert np.isinf(along[20]).all()  # before the turn
+    for k in (40, 59):
+        so_far = _core.Analysis(rows[: k + 1], None)
+        for axis in range(2):
+            place = np.zeros(4)
+            place[axis], place[axis + 2] = 1.0, times[k]
+            assert along[k, axis] == pytest.approx(so_far.combination_std(place), rel=1e-9)
+    # The best heading: one more leg of a third of the time, 20 bearings, at the same speed.
+    headings = numbers(page, "explorer.more.headings")
+    end = np.array([1500.0, 2600.0])
+    leg = times[-1] / 3
+    later = times[-1] + leg * np.arange(1, 21) / 20
+    length = np.hypot(1500, 600) + 2000
+    for k in (0, 3, 17):
+        way = leg * length / times[-1] * np.array([np.sin(k * np.pi / 18), np.cos(k * np.pi / 18)])
+        ship = gm.tracks.Carrier([end, end + way], [times[-1], later[-1]])
+        sensor = gm.tracks.Sensor.bearing(ship, later, sigma=np.radians(0.5))
+        more = gm.tracks.Scene(scene.motion, [sensor], reference=0.0)
+        answer = _core.Analysis(np.vstack([rows, gm.tracks.rows(more, state)]), None)
+        std = [
+            answer.combination_std([1, 0, later[-1], 0]),
+            answer.combination_std([0, 1, 0, later[-1]]),
+        ]
+        assert headings[k] == pytest.approx(np.hypot(*std), rel=1e-9)
+    assert f"{10 * int(np.argmin(headings))}°" in page.inner_text("#facts")
+
+
+def test_region_is_the_likelihoods(page):
+    """Where the page's contour is, the profile of chi-square has risen by the critical value."""
+    made = run_python(code(page, "python"))
+    scene, state = made["scene"], np.array(list(made["state"].values()))
+    exact = scene.values(state)
+    sigma = np.radians(0.5)
+
+    def field(x):
+        return scene.values(x)
+
+    model = gm.from_function(field, state, sigma=sigma, names=["x0", "y0", "vx", "vy"])
+    found = gm.estimate(model, exact, start=state)
+    region = found.region(("x0", "y0"))
+    ours = numbers(page, "explorer.more.regions[0].points")
+    theirs = np.vstack(region.contours)
+    # The same curve, by its extremes and by its distance from the other's polygon.
+    size = np.ptp(theirs, axis=0)
+    np.testing.assert_allclose(ours.max(axis=0), theirs.max(axis=0), atol=2e-3 * size.max())
+    np.testing.assert_allclose(ours.min(axis=0), theirs.min(axis=0), atol=2e-3 * size.max())
+    assert page.evaluate("explorer.more.regions.every((r) => r.closed && r.complete)")
+
+
+def test_null_tracks_fit(page):
+    example(page, "Straight: unobservable")
+    made = run_python(code(page, "python"))
+    exact = made["scene"].values(made["state"])
+    states = numbers(page, "explorer.more.tracks.map((t) => t.state)")
+    assert len(states) == 8
+    for state in states:
+        np.testing.assert_allclose(made["scene"].values(state), exact, atol=1e-9)
+    assert "exactly the same measurements" in page.inner_text("#facts")
+
+
+def test_dragging_changes_the_verdict(page):
+    example(page, "Straight: unobservable")
+    assert status(page) == "unobservable"
+    page.click("text=Add waypoint")
+    settle(page)
+    assert status(page) == "observable"
+    page.click("text=Remove waypoint")
+    settle(page)
+    before = page.evaluate("explorer.scenes.track.target.slice()")
+    target = page.locator('[data-name="target at the first measurement"]').bounding_box()
+    x, y = target["x"] + target["width"] / 2, target["y"] + target["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 60, y + 40, steps=5)
+    page.mouse.up()
+    settle(page)
+    assert page.evaluate("explorer.scenes.track.target[0]") > before[0]
+    # A waypoint is dragged out of line: the middle one of a straight path.
+    page.evaluate(
+        "() => { explorer.scenes.track.path.splice(1, 0, [750, 1000]); explorer.update(); }"
+    )
+    settle(page)
+    assert status(page) == "unobservable"
+    middle = page.locator('[data-name="observer waypoint 2"]').bounding_box()
+    x, y = middle["x"] + middle["width"] / 2, middle["y"] + middle["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 120, y + 10, steps=8)
+    page.mouse.up()
+    settle(page)
+    assert status(page) == "observable"
+
+
+def test_keyboard(page):
+    example(page, "Straight: unobservable")
+    page.evaluate(
+        "() => { explorer.scenes.track.path.splice(1, 0, [750, 1000]); explorer.update({controls: true}); }"
+    )
+    page.locator('[data-name="observer waypoint 2"]').focus()
+    for _ in range(8):
+        page.keyboard.press("Shift+ArrowRight")
+    settle(page)
+    assert status(page) == "observable"
+    page.keyboard.press("Delete")
+    settle(page)
+    assert status(page) == "unobservable"
+
+
+def test_link_carries_the_scene(browser, page):
+    example(page, "Straight, with ranges")
+    page.locator("#control-1").press("ArrowRight")
+    page.wait_for_timeout(400)
+    scene, address = page.evaluate("explorer.scenes.track"), page.url
+    assert "#track=" in address
+    for other in opened(browser[0], address):
+        assert other.evaluate("explorer.scenes.track") == scene
+    # What is no scene is not taken.
+    for other in opened(browser[0], browser[1] + "#track=eyJwYXRoIjoiPGI-In0"):
+        assert status(other) == "observable"
+
+
+@pytest.mark.parametrize("name", ["track", "dipole", "radars"])
+def test_copied_files_run(page, tmp_path, name):
+    tab(page, name)
+    said = status(page)
+    (tmp_path / "scene.py").write_text(code(page, "python"))
+    (tmp_path / "scene.toml").write_text(code(page, "toml"))
+    run = {"cwd": tmp_path, "capture_output": True, "text": True}
+    done = subprocess.run([sys.executable, "scene.py"], **run, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.lower().startswith(said)
+    done = subprocess.run(
+        [sys.executable, "-m", "gramian", "analyze", "scene.toml"], **run, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert said in done.stdout.lower()
+
+
+def test_dipole_equals_the_library(page):
+    tab(page, "dipole")
+    made = run_python(code(page, "python"))
+    for known in (None, "its speed"):
+        if known:
+            page.select_option("#control-0", known)
+            settle(page)
+            made = run_python(code(page, "python"))
+        answer = gm.analyze(made["problem"])
+        assert status(page) == answer.status
+        np.testing.assert_allclose(
+            numbers(page, "explorer.answer.bound"), answer.crlb_std, rtol=1e-9
+        )
+        np.testing.assert_allclose(
+            numbers(page, "explorer.answer.scale"), made["problem"].scale, rtol=1e-12
+        )
+    state = numbers(page, "explorer.answer.state")
+    field = gm.dipole.measure(state[:3], state[3:6], state[6:], made["times"])
+    np.testing.assert_allclose(
+        numbers(page, "explorer.answer.field"), np.ravel(field), rtol=1e-9, atol=1e-20
+    )
+    assert "mirror image gives the same field" in page.inner_text("#facts")
+
+
+def test_radars_equal_the_library(page):
+    tab(page, "radars")
+    for name in ("Across", "Along the baseline: unobservable"):
+        example(page, name)
+        made = run_python(code(page, "python"))
+        args = made["positions"], made["sensors"], made["sigma"]
+        answer = gm.analyze(gm.registration.problem(*args))
+        assert status(page) == answer.status
+        np.testing.assert_allclose(
+            numbers(page, "explorer.answer.bound"), answer.crlb_std, rtol=1e-9
+        )
+        degrees = gm.registration.degree(*args)
+        np.testing.assert_allclose(
+            numbers(page, "explorer.answer.degrees"), degrees, rtol=1e-9, atol=1e-12
+        )
+    here = numbers(
+        page,
+        'explorer.ask("radars_map", [[0, 0, 60000, 0], [50, 0.002, 50, 0.002], [30000, 31000], [40000], [2000]])',
+    )
+    theirs = gm.registration.field(
+        [[0, 0], [60e3, 0]], (50, 0.002), (30e3, 31e3, 40e3, 41e3), points=2
+    )
+    np.testing.assert_allclose(here.ravel(), theirs.values[0], rtol=1e-9)
+
+
+CSV = "time,x,y,bearing_deg\n"
+
+
+def test_measured_bearings(page, tmp_path):
+    made = run_python(code(page, "python"))
+    bearings = gm.tracks.simulate(made["scene"], made["state"], seed=3)
+    place = made["observer"].at(made["times"])[0]
+    rows = [
+        f"{t},{x!r},{y!r},{float(np.degrees(b))!r}"
+        for t, (x, y), b in zip(
+            made["times"].tolist(), place.tolist(), bearings.tolist(), strict=True
+        )
+    ]
+    file = tmp_path / "bearings.csv"
+    file.write_text(CSV + "\n".join(rows))
+    page.set_input_files("#csv", file)
+    settle(page)
+    made = run_python(code(page, "python"))
+    found = gm.tracks.estimate(made["scene"], [made["bearings"]])
+    np.testing.assert_allclose(
+        numbers(page, "explorer.scenes.track.target"), found.state, rtol=1e-6
+    )
+    assert page.evaluate("explorer.scenes.track.measured.status") == found.status == "determined"
+    file.write_text(CSV + "0,0,0,10\n1,5,0,eleven\n2,9,0,12\n3,12,0,13\n")
+    page.set_input_files("#csv", file)
+    page.wait_for_timeout(200)
+    assert page.inner_text("#reason") == 'bearing_deg, row 3 = "eleven": must be a number'
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_telephone(browser, scheme):
+    options = {"viewport": {"width": 390, "height": 844}, "color_scheme": scheme, "has_touch": True}
+    for page in opened(*browser, **options):
+        for name in ("track", "dipole", "radars"):
+            tab(page, name)
+            assert page.evaluate("document.documentElement.scrollWidth") == 390
+            assert page.locator("#map").bounding_box()["width"] > 330
+            assert (
+                page.evaluate("getComputedStyle(document.body).backgroundColor")
+                == {"light": "rgb(247, 248, 250)", "dark": "rgb(17, 22, 28)"}[scheme]
+            )
+
+
+def test_missing_target_is_said(tmp_path, monkeypatch, capsys):
+    build = load_build()
+    monkeypatch.setattr(build, "target_is_there", lambda: False)
+    page = tmp_path / "explorer.html"
+    assert build.main([str(page)]) == 3
+    assert not page.exists()
+    assert build.main([str(page), "--or-say-why"]) == 0
+    for text in (page.read_text(), capsys.readouterr().err):
+        assert "rustup target add wasm32-unknown-unknown" in text
