@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian import _options as options
 from gramian._answers import Answer, Columns, columns_of_states
 from gramian._arrays import SEED_MOST, finite, whole
 from gramian._handle import EstimationModel, handle_of
@@ -498,7 +499,7 @@ class Estimate(Answer):
             # A model that holds its knowledge keeps it.
             prior={} if hasattr(self.model, "prior") else self.prior,
             known={} if hasattr(self.model, "known") else self.known,
-            starts=0,
+            search=False,
             alpha=self.alpha,
             chance=self.chance,
             weak_ratio=self.weak_ratio,
@@ -863,6 +864,7 @@ def estimate(
     prior: Mapping[str, Any] | ArrayLike | tuple[ArrayLike, ArrayLike] | None = None,
     known: Mapping[str, float] | None = None,
     box: Mapping[str, tuple[float, float]] | None = None,
+    search: bool = True,
     starts: int = 32,
     seed: int = 0,
     loss: Literal["squares", "huber", "tukey"] = "squares",
@@ -889,6 +891,9 @@ def estimate(
         States that are known exactly.
     box : mapping of str to (low, high), optional
         Where states without a prior may be: there further solutions are looked for.
+    search : bool
+        Whether to look for other solutions: without, the one that is found may be one of
+        several.
     starts : int
         How many points of prior and box are followed in search of other solutions.
     seed : int
@@ -934,6 +939,7 @@ def estimate(
     if loss not in _LOSSES:
         raise InputError(f"loss = {loss!r}: must be one of {', '.join(_LOSSES)}")
     levels(alpha, chance, weak_ratio)
+    search = options.flag(search, "search")
     starts = whole(starts, "starts", 0, 2**31)
     seed = whole(seed, "seed", 0, SEED_MOST)
     max_iterations = whole(max_iterations, "max_iterations", 1, 2**31)
@@ -949,7 +955,7 @@ def estimate(
     best = found[0]
     others: tuple[Solution, ...] = ()
     unseen = 1.0
-    if best["converged"] and loss == "squares":
+    if search and best["converged"] and loss == "squares":
         searched = handle.others(best["x"], spread, starts, seed)
         unseen = searched["unseen"]
         best = best | {"x": searched["x"], "chi2": searched["chi2"]}

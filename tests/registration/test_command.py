@@ -25,7 +25,7 @@ def test_analyze_and_localize_the_example(tmp_path):
     assert found.headline == "ESTIMATED"
     estimate = found.data["estimates"]["all targets"]
     truth = [300.0, np.radians(0.5), -200.0, np.radians(-0.4)]
-    error = (np.array(estimate["biases"]) - truth) / np.array(estimate["std"])
+    error = (np.array(estimate["state"]) - truth) / np.array(estimate["std"])
     assert np.abs(error).max() < 4
     assert "best 2" in found.data["estimates"]
     found.write(tmp_path / "localize")
@@ -86,8 +86,11 @@ columns = { target = "target", time = "t", sensor = "radar", range = "r", azimut
     found = load(scenario_file(tmp_path, SENSORS + section)).localize()
     assert found.headline == "ESTIMATED"
     estimate = found.data["estimates"]["all targets"]
-    assert abs(estimate["biases"][2] + 150) < 4 * estimate["std"][2]
+    assert abs(estimate["state"][2] + 150) < 4 * estimate["std"][2]
     (tmp_path / "r.csv").write_text("\n".join(lines[:-1]), encoding="utf-8")
+    less = load(scenario_file(tmp_path, SENSORS + section)).localize()
+    assert dict(less.facts)["left out"] == "1 report of looks of one sensor"
+    section += 'missing = "raise"\n'
     with pytest.raises(gm.InputError, match="different length"):
         load(scenario_file(tmp_path, SENSORS + section)).localize()
 

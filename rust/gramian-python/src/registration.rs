@@ -6,7 +6,7 @@ use gramian::registration::estimate::{Method, Question};
 use gramian::registration::measured::Measured;
 use gramian::registration::{Dimension, Layout};
 use gramian::solve::Model;
-use numpy::{PyArray1, PyArrayDyn};
+use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -469,21 +469,63 @@ impl PyRecord {
         sensors: &Bound<'_, PyAny>,
         sigma: &Bound<'_, PyAny>,
         extras: Extras,
+        truth: Option<(Bound<'_, PyAny>, Bound<'_, PyAny>)>,
+        velocity: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let sensors = Input::new(sensors, "sensors", 2)?;
         let layout = layout_of(&sensors, extras)?;
         let shape = [Some(layout.sensors), Some(layout.size())];
         let sigma = Input::new(sigma, "sigma", 2)?;
         sigma.expect(&shape, "one line for each sensor")?;
-        let reports = Input::new(reports, "reports", 3)?;
+        // NaN where a report is missing.
+        let reports = Input::unchecked(reports, "reports", 3)?;
         let wanted = [None, shape[0], shape[1]];
         reports.expect(&wanted, "for each look one line from each sensor")?;
+        let looks = [Some(reports.core_shape()[0]), shape[1]];
+        let of_looks = |value: &Bound<'_, PyAny>, name: &'static str| {
+            let value = Input::unchecked(value, name, 2)?;
+            value.expect(&looks, "one line for each look")?;
+            PyResult::Ok(value.slice()?.to_vec())
+        };
+        let truth = match truth {
+            None => None,
+            Some((places, spread)) => {
+                let spread = Input::new(&spread, "truth_sigma", 1)?;
+                spread.expect(&[shape[1]], "one for each coordinate")?;
+                Some((of_looks(&places, "truth")?, spread.slice()?.to_vec()))
+            }
+        };
+        let velocity = velocity.map(|v| of_looks(v, "velocity")).transpose()?;
         Ok(Self(Measured {
             layout,
             sensors: sensors.slice()?.to_vec(),
             sigma: sigma.slice()?.to_vec(),
             reports: reports.slice()?.to_vec(),
+            truth,
+            velocity,
         }))
+    }
+
+    /// The likeliest positions (K, d); NaN where nothing places a target.
+    #[allow(clippy::needless_pass_by_value)]
+    fn positions<'py>(&self, py: Python<'py>, x: Vec<f64>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        self.expect_states(&x)?;
+        let d = self.0.layout.size();
+        let places = self
+            .0
+            .positions(&x)
+            .map_err(|error| InputError::new_err(error.to_string()))?;
+        let looks = places.len() / d;
+        PyArray1::from_vec(py, places).reshape([looks, d])
+    }
+
+    /// How many lines each look has with its position eliminated; 0 where nothing places
+    /// the target.
+    fn lines(&self) -> Vec<usize> {
+        let looks = self.0.reports.len() / (self.0.layout.sensors * self.0.layout.size());
+        (0..looks)
+            .map(|k| self.0.lines_of(k).unwrap_or(0))
+            .collect()
     }
 
     /// The reports as a model of the biases.
@@ -496,23 +538,35 @@ impl PyRecord {
     fn alternatives<'py>(
         &self,
         py: Python<'py>,
-        biases: Vec<f64>,
+        x: Vec<f64>,
+        velocity: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Vec<(&'static str, usize, Bound<'py, PyArray1<f64>>)>> {
-        if biases.len() != self.0.states() {
-            return Err(InputError::new_err(format!(
-                "biases has {} entries: must have {}",
-                biases.len(),
-                self.0.states()
-            )));
-        }
+        self.expect_states(&x)?;
+        let velocity = match velocity {
+            None => None,
+            Some(v) => Some(Input::new(v, "velocity", 2)?.slice()?.to_vec()),
+        };
         let found = self
             .0
-            .alternatives(&biases)
+            .alternatives(&x, velocity.as_deref())
             .map_err(|error| InputError::new_err(error.to_string()))?;
         Ok(found
             .into_iter()
             .map(|(kind, index, column)| (kind, index, PyArray1::from_vec(py, column)))
             .collect())
+    }
+}
+
+impl PyRecord {
+    fn expect_states(&self, x: &[f64]) -> PyResult<()> {
+        let n = self.0.states();
+        if x.len() == n {
+            return Ok(());
+        }
+        Err(InputError::new_err(format!(
+            "biases has {} entries: must have {n}",
+            x.len()
+        )))
     }
 }
 

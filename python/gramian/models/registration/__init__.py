@@ -16,7 +16,13 @@ Metres and radians; x is east, y is north; azimuths clockwise from north.
 """
 
 from gramian.models.registration._degree import degree, eta
-from gramian.models.registration._estimate import Estimate, estimate, estimate_trials
+from gramian.models.registration._estimate import (
+    Estimate,
+    Estimates,
+    RegistrationModel,
+    estimate,
+    estimate_trials,
+)
 from gramian.models.registration._field import Field, field
 from gramian.models.registration._model import fisher, gauges, problem, rows
 from gramian.models.registration._reports import Reports, match, simulate
@@ -30,7 +36,9 @@ from gramian.models.registration._tracks import (
 
 __all__ = [
     "Estimate",
+    "Estimates",
     "Field",
+    "RegistrationModel",
     "Reports",
     "Selection",
     "SingularTrack",

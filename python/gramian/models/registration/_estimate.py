@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -14,6 +15,10 @@ from gramian import _options as options
 from gramian._answers import Answer, Columns, columns_of_states
 from gramian._arrays import SEED_MOST, as_float_array, number, whole
 from gramian._text import brief, describe_direction
+from gramian._values import Value
+from gramian.estimate import Estimate as General
+from gramian.estimate import Status, levels
+from gramian.estimate import estimate as estimate_model
 from gramian.exceptions import ConvergenceError, InputError, UnobservableError
 from gramian.models.registration._model import gauges
 from gramian.models.registration._reports import Reports, report_array
@@ -21,7 +26,7 @@ from gramian.models.registration._setup import Array, Extra, SensorsLike, Setup,
 from gramian.models.registration._tracks import singular_tracks
 
 Method = Literal["ls", "gls", "ml"]
-STATUSES = ("determined", "not converged", "unobservable")
+STATUSES = ("determined", "not_converged", "unobservable")
 
 #: Information of which more than this share is made by the noise of the positions is none.
 NOISE_SHARE = 0.5
@@ -29,9 +34,210 @@ NOISE_SHARE = 0.5
 BEND = 0.05
 
 
+@dataclass(frozen=True, eq=False)
+class RegistrationModel(Value):
+    """Reports as a model of the biases: each target is where it is likeliest.
+
+    Attributes
+    ----------
+    sensors : Setup
+        Names, places, noise and kinds of biases.
+    reports : ndarray, shape (K, N, d)
+        Reports near which the model is asked, NaN where one is missing: `h` says what is
+        measured of their targets.
+    truth : ndarray, shape (K, d), optional
+        Positions reported without bias, NaN where there is none.
+    truth_sigma : ndarray, shape (d,), optional
+        Their deviations, m.
+    times : ndarray, shape (K,), optional
+        Of the looks, s, starting anew with each target: with them the clocks are tested.
+    clocks : bool
+        Whether the clocks are states.
+    """
+
+    sensors: Setup
+    reports: Array
+    truth: Array | None = None
+    truth_sigma: Array | None = None
+    times: Array | None = None
+    clocks: bool = False
+
+    @cached_property
+    def velocity(self) -> Array | None:
+        """Velocities (K, d) of the targets, m/s; None without times."""
+        if self.times is None:
+            return None
+        still = replace(self, times=None, clocks=False)
+        return _velocities(self.times, still.record(self.reports).positions(still.x.tolist()))
+
+    @property
+    def _clock_names(self) -> tuple[str, ...]:
+        if not self.clocks:
+            return ()
+        # Without truth all clocks are compared to the first.
+        labels = self.sensors.labels[1 if self.truth is None else 0 :]
+        return tuple(f"{label}.clock" for label in labels)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the biases, and of the clocks: "B.clock"."""
+        return self.sensors.names + self._clock_names
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Their units."""
+        return self.sensors.units + ("s",) * len(self._clock_names)
+
+    @property
+    def x(self) -> Array:
+        """No bias at all."""
+        return np.zeros(len(self.names))
+
+    def measured(self, z: ArrayLike) -> Array:
+        """Return reports as they are taken, flat; NaN where one is missing."""
+        values = as_float_array(z, "reports")
+        if values.size != self.reports.size:
+            raise InputError(
+                f"reports has {values.size} numbers: must have {self.reports.size}, those of "
+                f"{len(self.reports)} looks"
+            )
+        return values.reshape(-1)
+
+    def record(self, z: ArrayLike) -> _core.RegistrationRecord:
+        """Return the extension's record of these reports, (K, N, d) or flat."""
+        known = self.sensors
+        values = np.reshape(np.asarray(z, dtype=float), self.reports.shape)
+        truth = None
+        if self.truth is not None and self.truth_sigma is not None:
+            truth = (self.truth, self.truth_sigma)
+        return _core.RegistrationRecord(
+            values,
+            known.places,
+            known.sigma,
+            known.flags,
+            truth,
+            self.velocity if self.clocks else None,
+        )
+
+    def handle(self, z: Array) -> _core.Model:
+        """Return the extension's model of these reports."""
+        return self.record(z).model()
+
+    def starts(self, z: Array) -> Array:
+        """Return where to start: no bias at all."""
+        return np.zeros((1, len(self.names)))
+
+    def residuals(self, x: ArrayLike, z: ArrayLike) -> Array:
+        """Return what is left of reports, whitened, positions eliminated."""
+        return self.handle(np.asarray(z, dtype=float)).linearize(x)[0]
+
+    def rows(self, x: ArrayLike) -> Array:
+        """Return the whitened rows on the biases, positions eliminated."""
+        return self.handle(self.reports).linearize(x)[1]
+
+    def h(self, x: ArrayLike) -> Array:
+        """Return the exact reports (K N d,) of the targets, with these biases."""
+        known, values = self.sensors, np.asarray(x, dtype=float)
+        places = self.record(self.reports).positions(self.x.tolist())
+        exact = np.full(self.reports.shape, np.nan)
+        placed = np.isfinite(places).all(axis=1)
+        late = dict(zip(self._clock_names, values[known.n :].tolist(), strict=True))
+        for s, label in enumerate(known.labels):
+            where = places[placed]
+            if self.velocity is not None and (offset := late.get(f"{label}.clock", 0.0)):
+                where = where - offset * self.velocity[placed]
+            exact[placed, s] = _core.registration_reports(
+                where, known.places, known.sigma, values[: known.n], known.flags
+            )[:, s]
+        exact[np.isnan(self.reports)] = np.nan
+        return exact.ravel()
+
+    def alternatives(self, x: Array, z: Array) -> dict[str, Array]:
+        """Return what else may be true, as whitened columns: drifts of biases, gains, clocks."""
+        known = self.sensors
+        found = self.record(z).alternatives(np.asarray(x).tolist(), self.velocity)
+        return {
+            f"drift of {known.names[index]}"
+            if kind == "drift"
+            else f"{kind} of {known.labels[index]}": column
+            for kind, index, column in found
+        }
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Estimate(General):
+    """The answer of `estimate` to one set of reports: a `gramian.Estimate` of the biases.
+
+    Attributes
+    ----------
+    method : {"ls", "gls", "ml"}
+    positions : ndarray, shape (K, d)
+        The targets.
+    held_by_prior : tuple of str
+        The combinations that the reports do not determine and only the prior does.
+    noise_share : float
+        Share of the weakest direction's information that noise would make alone.
+    bend : float
+        Its growth within the direction's own deviation.
+    """
+
+    method: Method
+    positions: Array
+    held_by_prior: tuple[str, ...]
+    noise_share: float
+    bend: float
+    _found: tuple[Array, Array] | None = None
+    _refused: str = ""
+
+    _not_in_dict = General._not_in_dict | {"positions"}
+
+    @property
+    def biases(self) -> Array:
+        """The biases (n,): `state`."""
+        return self.state
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Of the method, (n, n); where something is not determined, on the rest."""
+        return super().covariance if self._found is None else self._found[0]
+
+    @cached_property
+    def std(self) -> Array:
+        """Standard deviations (n,); `inf` for a bias that is not determined."""
+        return super().std if self._found is None else self._found[1]
+
+    @cached_property
+    def _misfit(self) -> str:
+        # Unweighted least squares are not at the least chi2.
+        return "" if self.method == "ls" else super()._misfit
+
+    @cached_property
+    def _verdict(self) -> tuple[Status, str]:
+        if self._refused:
+            return "unobservable", f"the reports do not determine {self._refused}"
+        return super()._verdict
+
+    def summary(self, level: float = 0.95) -> str:
+        """Return the answer as text; angles in degrees."""
+        lines = [f"{self.status.upper()}: {self.reason} ({self.method.upper()})"]
+        width = max(len(name) for name in self.names)
+        columns = (self.names, self.units, self.state, self.std)
+        for name, unit, value, std in zip(*columns, strict=True):
+            if np.isinf(std):
+                lines.append(f"  {name:<{width}}  not observable")
+            elif unit == "rad":
+                degrees = np.degrees([value, std])
+                lines.append(f"  {name:<{width}}  {degrees[0]:.5g} +- {brief(degrees[1], 2)} deg")
+            else:
+                lines.append(f"  {name:<{width}}  {value:.5g} +- {brief(std, 2)} {unit}".rstrip())
+        lines += [f"  held by the prior alone: {text}" for text in self.held_by_prior]
+        lines += ["  " + line for line in self._fit_lines()]
+        return "\n".join(lines)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Estimate(Answer):
-    """What `estimate` found; arrays have the leading axes of the reports.
+class Estimates(Answer):
+    """What `estimate` makes of many sets of reports; arrays have their leading axes.
 
     Attributes
     ----------
@@ -42,10 +248,8 @@ class Estimate(Answer):
     covariance : ndarray, shape (..., n, n)
         Where something is not determined, on the rest.
     status : ndarray of str, shape (...)
-        "determined", "not converged" or "unobservable".
-    held_by_prior : tuple of str
-        The combinations that the reports do not determine and only the prior
-        does; told for one set of reports, without trials.
+        "determined", "not_converged" or "unobservable"; whether the model fits is in
+        `p_value`.
     iterations : ndarray of int, shape (...)
         Linearisations made.
     chi_square : ndarray, shape (...)
@@ -69,7 +273,6 @@ class Estimate(Answer):
     std: Array
     covariance: Array
     status: NDArray[np.str_]
-    held_by_prior: tuple[str, ...]
     iterations: NDArray[np.int_]
     chi_square: Array
     dof: int
@@ -101,29 +304,9 @@ class Estimate(Answer):
         return value
 
     def summary(self) -> str:
-        """Return one estimate as text; of many, their number and states."""
-        if self.biases.ndim > 1:
-            counts = [f"{int((self.status == name).sum())} {name}" for name in STATUSES]
-            return f"{self.status.size} estimates: {', '.join(counts)}"
-        lines = [f"{self.method.upper()}: {self.status}"]
-        width = max(len(name) for name in self.names)
-        for name, unit, value, std in zip(
-            self.names, self.units, self.biases, self.std, strict=True
-        ):
-            if np.isinf(std):
-                lines.append(f"  {name:<{width}}  not observable")
-            elif unit == "rad":
-                degrees = np.degrees([value, std])
-                lines.append(f"  {name:<{width}}  {degrees[0]:.5g} +- {brief(degrees[1], 2)} deg")
-            else:
-                lines.append(f"  {name:<{width}}  {value:.5g} +- {brief(std, 2)} {unit}".rstrip())
-        lines += [f"  held by the prior alone: {text}" for text in self.held_by_prior]
-        if self.dof > 0:
-            lines.append(
-                f"  chi-square {brief(self.chi_square, 4)} of {self.dof} (p = "
-                f"{brief(self.p_value, 2)})"
-            )
-        return "\n".join(lines)
+        """Return how many there are, and their states, as text."""
+        counts = [f"{int((self.status == name).sum())} {name}" for name in STATUSES]
+        return f"{self.status.size} estimates: {', '.join(counts)}"
 
     def _as_table(self) -> Columns:
         others = {"status": self.status, "chi2": self.chi_square, "p_value": self.p_value}
@@ -143,14 +326,21 @@ def estimate(
     iterations: int | None = None,
     tolerance: float = 1e-6,
     on_failure: Literal["raise", "report"] = "raise",
-) -> Estimate:
+    loss: Literal["squares", "huber", "tukey"] = "squares",
+    truth: ArrayLike | None = None,
+    truth_sigma: ArrayLike | None = None,
+    clocks: bool = False,
+    fixed: Mapping[str, float] | None = None,
+    alpha: float = 0.001,
+) -> Estimate | Estimates:
     """Estimate the biases from reports alone: the targets' positions are not needed.
 
     Parameters
     ----------
     reports : array_like, shape (..., K, N, d), or Reports
         For each look and sensor range (m), azimuth and, with d = 3, elevation
-        (rad). Leading axes are trials.
+        (rad); NaN where one is missing, in one set of reports with "ml". Leading axes are
+        trials.
     sensors, sigma, extras
         As for `rows`.
     method : {"ls", "gls", "ml"}
@@ -169,10 +359,27 @@ def estimate(
     on_failure : {"raise", "report"}
         Raise when biases are not determined or the iteration did not end; or say
         so in `status` and `std`. With trials the first failure counts.
+    loss : {"squares", "huber", "tukey"}
+        How residuals count: the others bear gross reports. Of one set of reports, with "ml".
+    truth : array_like, shape (K, d), optional
+        Positions reported without bias (a transponder, GNSS), metres, NaN where there is
+        none: with them one sensor is enough, and no track is singular.
+    truth_sigma : array_like, shape (d,) or scalar
+        Their deviations, metres.
+    clocks : bool
+        Whether the clocks of the sensors may be off: the states "B.clock", .. (s), how late
+        the stamps are, against the first sensor's or against the truth. Needs the times of
+        the looks and targets that move.
+    fixed : mapping of str to float, optional
+        Biases that are known: an extra that only some sensors have is fixed at 0 for the
+        others.
+    alpha : float
+        Level of the tests of the fit of one set of reports: "misfit" below it.
 
     Returns
     -------
-    Estimate
+    Estimate or Estimates
+        Of one set of reports, a `gramian.Estimate`; of trials, `Estimates`.
 
     Raises
     ------
@@ -218,21 +425,42 @@ def estimate(
     True
     """
     options.choice(method, "method", ("ls", "gls", "ml"))
-    known = setup(sensors, sigma, extras)
+    known = setup(sensors, sigma, extras, 2 if truth is None else 1)
     values = reports.values if isinstance(reports, Reports) else report_array(reports)
     if method == "ls" and prior is not None:
         raise InputError('method "ls" is not weighted: a prior needs "gls" or "ml"')
     options.choice(on_failure, "on_failure", ("raise", "report"))
+    options.choice(loss, "loss", ("squares", "huber", "tukey"))
+    times = reports.times if isinstance(reports, Reports) else None
+    general = {
+        "missing reports": bool(np.isnan(values).any()),
+        "loss": loss != "squares",
+        "truth": truth is not None or truth_sigma is not None,
+        "clocks": bool(clocks),
+        "fixed": bool(fixed),
+    }
     count = _iterations(iterations, method)
     if not number(tolerance, "tolerance") > 0:
         raise InputError(f"tolerance = {tolerance}: must be > 0")
-    deviations = _prior(known, prior)
+    limits = levels(alpha, 0.01, 0.25)
+    asked = [name for name, given in general.items() if given]
+    if asked:
+        if method != "ml" or values.ndim > 3:
+            what = f'method "{method}"' if method != "ml" else f"{values.shape} reports"
+            raise InputError(
+                f'{asked[0]} with {what}: is for one set of reports (K, N, d), with method "ml"'
+            )
+        model = _model(known, values, times, truth, truth_sigma, bool(clocks))
+        return _general(model, prior, fixed, loss, on_failure, limits)
+    deviations = _prior(known.names, prior)
     found = _core.registration_estimate(
         values, known.places, known.sigma, known.flags, deviations, method,
         (count, tolerance, NOISE_SHARE, BEND), True,
     )  # fmt: skip
     looks = values.shape[-3]
-    return _unpacked(known, found, looks, method, deviations, on_failure)
+    if values.ndim > 3:
+        return _many(known, found, looks, method, deviations, on_failure)
+    return _one(known, values, times, found, method, deviations, on_failure, limits)
 
 
 def estimate_trials(
@@ -249,7 +477,7 @@ def estimate_trials(
     extras: Sequence[Extra] = (),
     iterations: int | None = None,
     tolerance: float = 1e-6,
-) -> Estimate:
+) -> Estimates:
     """Simulate and estimate in one pass: what `estimate` makes of `simulate`, for many trials.
 
     Parameters
@@ -263,7 +491,7 @@ def estimate_trials(
 
     Returns
     -------
-    Estimate
+    Estimates
         Failures are in `status`. Positions are not kept: shape (trials, 0, d).
 
     Examples
@@ -272,7 +500,7 @@ def estimate_trials(
     >>> path = np.stack([np.linspace(-20e3, 60e3, 100), np.full(100, 25e3)], axis=1)
     >>> sensors, sigma = {"A": (0, 0), "B": (60e3, 0)}, (50.0, np.radians(0.1))
     >>> estimate_trials(path, sensors, sigma, {"A.range": 300}, seed=1, trials=50).summary()
-    '50 estimates: 50 determined, 0 not converged, 0 unobservable'
+    '50 estimates: 50 determined, 0 not_converged, 0 unobservable'
     """
     known = setup(sensors, sigma, extras)
     seed, first = whole(seed, "seed", 0, SEED_MOST), whole(first, "first")
@@ -281,13 +509,13 @@ def estimate_trials(
     if method == "ls" and prior is not None:
         raise InputError('method "ls" is not weighted: a prior needs "gls" or "ml"')
     count = _iterations(iterations, method)
-    deviations = _prior(known, prior)
+    deviations = _prior(known.names, prior)
     found = _core.registration_estimate_trials(
         positions, known.places, known.sigma, known.biases(biases), known.flags, deviations,
         method, (count, tolerance, NOISE_SHARE, BEND), seed, first, trials,
     )  # fmt: skip
     looks = as_float_array(positions, "positions").shape[0]
-    return _unpacked(known, found, looks, method, deviations, "report")
+    return _many(known, found, looks, method, deviations, "report")
 
 
 def _iterations(given: int | None, method: str) -> int:
@@ -296,39 +524,184 @@ def _iterations(given: int | None, method: str) -> int:
     return whole(given, "iterations", 1, 100_000)
 
 
-def _prior(known: Setup, prior: ArrayLike | Mapping[str, float] | None) -> Array | None:
+def _prior(names: tuple[str, ...], prior: ArrayLike | Mapping[str, float] | None) -> Array | None:
     if prior is None:
         return None
-    deviations = np.full(known.n, np.inf)
+    deviations = np.full(len(names), np.inf)
     if isinstance(prior, Mapping):
         for name, value in options.mapping(prior, "prior").items():
-            deviations[known.index(name)] = as_float_array(value, f"prior of {name}")
+            if name not in names:
+                raise InputError(
+                    f"no bias is named {options.given(name)}: there are {', '.join(names)}"
+                )
+            deviations[names.index(name)] = as_float_array(value, f"prior of {name}")
     else:
-        deviations = known.biases(prior, "prior").copy()
-    for name, value in zip(known.names, deviations, strict=True):
+        given = as_float_array(prior, "prior")
+        if given.shape != deviations.shape:
+            raise InputError(
+                f"prior has shape {given.shape}: must be ({len(names)},), for {', '.join(names)}"
+            )
+        deviations = given.copy()
+    for name, value in zip(names, deviations, strict=True):
         if not value > 0:
             raise InputError(f"prior of {name} = {value}: must be > 0, or inf for none")
     return deviations
 
 
-def _unpacked(
+def _model(
+    known: Setup,
+    values: Array,
+    times: Array | None,
+    truth: ArrayLike | None,
+    truth_sigma: ArrayLike | None,
+    clocks: bool,
+) -> RegistrationModel:
+    """Return the model of looks that say something: those of two sensors, or with a truth."""
+    shape = (len(values), len(known.labels), known.d)
+    if values.shape != shape:
+        raise InputError(
+            f"reports has shape {values.shape}: must be {shape}, for each look one line from "
+            "each sensor"
+        )
+    if np.isinf(values).any():
+        k, s, q = np.argwhere(np.isinf(values))[0].tolist()
+        raise InputError(
+            f"reports[{k}, {s}, {q}] = {values[k, s, q]}: must be finite, or NaN where one is "
+            "missing"
+        )
+    places, spread = None, None
+    if truth is not None:
+        places = as_float_array(truth, "truth")
+        if places.shape != (len(values), known.d):
+            raise InputError(
+                f"truth has shape {places.shape}: must be {(len(values), known.d)}, one position "
+                "for each look"
+            )
+        if truth_sigma is None:
+            raise InputError("truth needs truth_sigma, its deviation in metres")
+        spread = np.broadcast_to(as_float_array(truth_sigma, "truth_sigma"), (known.d,)).copy()
+        if not ((spread > 0) & np.isfinite(spread)).all():
+            raise InputError(f"truth_sigma = {truth_sigma}: must be > 0 and finite")
+    elif truth_sigma is not None:
+        raise InputError("truth_sigma was given without truth")
+    model = RegistrationModel(known, values, places, spread)
+    record = model.record(values)
+    use = np.array(record.lines()) > 0
+    if not use.any():
+        raise InputError(
+            "reports: no look has whole reports of two sensors, or of one and a true position"
+        )
+    if clocks and times is None:
+        raise InputError("clocks need the times of the looks: give Reports(values, times)")
+    return RegistrationModel(
+        known,
+        values[use],
+        None if places is None else places[use],
+        spread,
+        None if times is None else times[use],
+        clocks,
+    )
+
+
+#: Velocities are the slopes of parabolas through so many looks or so many seconds.
+_WINDOW_LOOKS, _WINDOW_TIME = 15, 60.0
+
+
+def _velocities(times: Array, places: Array) -> Array:
+    """Return velocities (K, d) of targets at `places`: one after another, as times start anew."""
+    out = np.zeros_like(places)
+    starts = np.flatnonzero(~(np.diff(times) > 0)) + 1
+    for part in np.split(np.arange(len(times)), starts):
+        t, p = times[part], places[part]
+        if len(part) < 2:
+            continue
+        for i, now in enumerate(t):
+            near = np.abs(t - now)
+            reach = max(_WINDOW_TIME / 2, np.sort(near)[min(_WINDOW_LOOKS, len(t)) - 1])
+            chosen = near <= reach
+            order = min(2, int(chosen.sum()) - 1)
+            powers = np.vander((t[chosen] - now) / reach, order + 1, increasing=True)
+            out[part[i]] = np.linalg.lstsq(powers, p[chosen], rcond=None)[0][1] / reach
+    return out
+
+
+def _general(
+    model: RegistrationModel,
+    prior: ArrayLike | Mapping[str, float] | None,
+    fixed: Mapping[str, float] | None,
+    loss: Literal["squares", "huber", "tukey"],
+    on_failure: Literal["raise", "report"],
+    limits: tuple[float, float, float],
+) -> Estimate:
+    """Estimate by the one solver: whatever is missing, robust, or more than biases."""
+    known, values = model.sensors, model.reports
+    deviations = _prior(model.names, prior)
+    texts: tuple[str, ...] = ()
+    noise_share, bend, refused = np.nan, np.nan, ""
+    whole_looks = np.isfinite(values).all(axis=(1, 2))
+    if model.truth is None and len(known.labels) > 1 and whole_looks.any():
+        # Whether the noise of the positions makes the information: see `estimate`.
+        first = _core.registration_estimate(
+            values[whole_looks], known.places, known.sigma, known.flags,
+            None if deviations is None else deviations[: known.n], "ml",
+            (100, 1e-6, NOISE_SHARE, BEND), True,
+        )  # fmt: skip
+        fails = "report" if fixed else on_failure
+        _, status, texts = _judged(known, first, deviations, fails, settle=False)
+        if status == "unobservable" and not fixed:
+            refused = "; ".join(texts)
+        noise_share, bend = float(first["noise_share"]), float(first["bend"])
+    given = {}
+    if deviations is not None:
+        pairs = zip(model.names, deviations.tolist(), strict=True)
+        given = {name: (0.0, value) for name, value in pairs if np.isfinite(value)}
+    found = estimate_model(
+        model,
+        values,
+        prior=given,
+        known=None if fixed is None else options.mapping(fixed, "fixed"),
+        search=False,
+        loss=loss,
+        alpha=limits[0],
+        chance=limits[1],
+        weak_ratio=limits[2],
+    )
+    if on_failure == "raise":
+        if found.status == "unobservable":
+            space = found._analysis.null_space()
+            names = tuple(describe_direction(column, found.names) for column in space.T)
+            raise UnobservableError(f"{found.reason}: take other targets or give a prior", names)
+        if not found.converged:
+            raise ConvergenceError(f"no minimum within {found.iterations} linearisations")
+    parts = {name: value for name, value in vars(found).items() if name in found._stored()}
+    return Estimate(
+        **parts,
+        method="ml",
+        positions=model.record(values).positions(found._whole.tolist()),
+        held_by_prior=texts if given else (),
+        noise_share=noise_share,
+        bend=bend,
+        _refused=refused,
+    )
+
+
+def _judged(
     known: Setup,
     found: _core._Registered,
-    looks: int,
-    method: Method,
     prior: Array | None,
     on_failure: Literal["raise", "report"],
-) -> Estimate:
-    n, d = known.n, known.d
-    biases, covariance, directions = found["biases"], found["covariance"], found["directions"]
+    settle: bool = True,
+) -> tuple[Array, NDArray[np.str_], tuple[str, ...]]:
+    """Return deviations, statuses and the combinations that the reports do not determine."""
+    n = known.n
+    covariance, directions = found["covariance"], found["directions"]
     # Numbers where there is one estimate.
     code, nullity, iterations = (
         found["status"][()],
         found["nullity"][()],
         found["iterations"][()],
     )
-    lead = biases.shape[:-1]
-    status = np.array(STATUSES)[code.astype(int)]
+    lead = found["biases"].shape[:-1]
     std = np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 0))
     # The directions are orthonormal on the scale of what each bias alone would be known to.
     scale = np.linalg.norm(directions, axis=-2)
@@ -336,13 +709,11 @@ def _unpacked(
     touched = np.abs(directions) / scale[..., None, :] > 0.05
     free = (touched & (np.arange(n)[:, None] < nullity[..., None, None])).any(axis=-2)
     std = np.where(free & (code == 2)[..., None], np.inf, std)
-    held: tuple[str, ...] = ()
+    texts: tuple[str, ...] = ()
     if (nullity > 0).any():
         first = np.unravel_index(int(np.argmax(nullity > 0)), nullity.shape) if lead else ()
         m = int(nullity[first])
         texts, where = _named(known, directions[first][:m], scale[first])
-        if prior is not None and not lead:
-            held = texts
         if on_failure == "raise" and (code == 2).any():
             place = f"at batch index {list(map(int, first))}: " if lead else ""
             advice = "take other targets or give a prior"
@@ -351,32 +722,85 @@ def _unpacked(
             raise UnobservableError(
                 f"{place}these reports do not determine {'; '.join(texts)}{where}: {advice}", texts
             )
-    if on_failure == "raise" and (code == 1).any():
+    if on_failure == "raise" and settle and (code == 1).any():
         raise ConvergenceError(
             f"{int((code == 1).sum())} of {code.size} estimates did not settle in "
             f"{int(iterations.max())} linearisations: the geometry is weak or the reports are "
             "far from the model"
         )
-    dof = looks * (len(known.labels) - 1) * d - n
-    if prior is not None:
-        dof += int(np.isfinite(prior).sum())
-    given = {} if prior is None else dict(zip(known.names, prior.tolist(), strict=True))
+    return std, np.array(STATUSES)[code.astype(int)], texts
+
+
+def _known_spreads(known: Setup, prior: Array | None) -> dict[str, float]:
+    if prior is None:
+        return {}
+    pairs = zip(known.names, prior.tolist(), strict=True)
+    return {name: value for name, value in pairs if np.isfinite(value)}
+
+
+def _one(
+    known: Setup,
+    reports: Array,
+    times: Array | None,
+    found: _core._Registered,
+    method: Method,
+    prior: Array | None,
+    on_failure: Literal["raise", "report"],
+    limits: tuple[float, float, float],
+) -> Estimate:
+    std, status, texts = _judged(known, found, prior, on_failure)
+    given = _known_spreads(known, prior)
+    refused = status == "unobservable"
     return Estimate(
+        model=_model(known, reports, times, None, None, False),
+        measurements=reports.ravel(),
         names=known.names,
         units=known.units,
-        biases=biases,
+        state=found["biases"],
+        converged=bool(status != "not_converged"),
+        iterations=int(found["iterations"]),
+        prior={name: (0.0, value) for name, value in given.items()},
+        known={},
+        others=(),
+        unseen=1.0,
+        alpha=limits[0],
+        chance=limits[1],
+        weak_ratio=limits[2],
+        method=method,
+        positions=found["positions"],
+        held_by_prior=texts if prior is not None else (),
+        noise_share=float(found["noise_share"]),
+        bend=float(found["bend"]),
+        _found=(found["covariance"], std),
+        _refused="; ".join(texts) if refused else "",
+    )
+
+
+def _many(
+    known: Setup,
+    found: _core._Registered,
+    looks: int,
+    method: Method,
+    prior: Array | None,
+    on_failure: Literal["raise", "report"],
+) -> Estimates:
+    std, status, _ = _judged(known, found, prior, on_failure)
+    given = _known_spreads(known, prior)
+    return Estimates(
+        names=known.names,
+        units=known.units,
+        biases=found["biases"],
         std=std,
-        covariance=covariance,
+        covariance=found["covariance"],
         status=status,
-        held_by_prior=held,
-        iterations=iterations.astype(int),
-        chi_square=found["chi_square"][()],
-        dof=dof,
-        noise_share=found["noise_share"][()],
-        bend=found["bend"][()],
+        iterations=found["iterations"].astype(int),
+        chi_square=found["chi_square"],
+        dof=looks * (len(known.labels) - 1) * known.d - known.n + len(given),
+        noise_share=found["noise_share"],
+        bend=found["bend"],
         positions=found["positions"],
         method=method,
-        prior={name: value for name, value in given.items() if np.isfinite(value)},
+        prior=given,
     )
 
 

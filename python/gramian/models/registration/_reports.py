@@ -88,10 +88,10 @@ def report_array(value: ArrayLike | Sequence[ArrayLike]) -> Array:
             f"reports has shape {array.shape}: must be (..., K, N, d), for each look and sensor "
             "range, azimuth and, in space, elevation"
         )
-    angles = np.abs(array[..., 1:])
-    if angles.size and np.nanmax(angles) > 2 * np.pi:
+    largest = np.fmax.reduce(np.abs(array[..., 1:]), axis=None, initial=0.0)
+    if largest > 2 * np.pi:
         warnings.warn(
-            f"reports have an angle of {brief(np.nanmax(angles), 4)} rad, more than a whole turn: "
+            f"reports have an angle of {brief(largest, 4)} rad, more than a whole turn: "
             "are they in degrees? Angles are in radians here",
             UserWarning,
             stacklevel=3,
@@ -208,6 +208,7 @@ def match(
     recordings: Mapping[str, tuple[ArrayLike, ArrayLike]],
     *,
     interpolate: Literal["none", "linear"] = "none",
+    missing: Literal["raise", "drop", "keep"] = "raise",
     tolerance: float = 1e-3,
     max_gap: float = np.inf,
 ) -> Reports:
@@ -222,6 +223,10 @@ def match(
         What to do where instants differ by more than the tolerance: refuse, or
         interpolate all reports to the instants of the first sensor that lie
         within every recording.
+    missing : {"raise", "drop", "keep"}
+        What to do, without interpolation, with instants at which not every sensor has a
+        report: refuse; leave them out; or keep them, with NaN where a report is missing,
+        as `estimate` takes them.
     tolerance : float
         Seconds by which instants may differ and be the same.
     max_gap : float
@@ -251,6 +256,7 @@ def match(
     (2, 2, 2)
     """
     options.choice(interpolate, "interpolate", ("none", "linear"))
+    options.choice(missing, "missing", ("raise", "drop", "keep"))
     tolerance, max_gap = number(tolerance, "tolerance [s]"), real(max_gap, "max_gap")
     if tolerance < 0:
         raise InputError(f"tolerance = {tolerance} s: must be >= 0")
@@ -260,12 +266,14 @@ def match(
     if len(clean) < 2:
         raise InputError(f"recordings has {len(clean)} entries: registration needs 2 or more")
     (first, (t, _)), *others = clean.items()
+    if interpolate == "none" and missing != "raise":
+        return _together(clean, tolerance, missing == "keep")
     if interpolate == "none":
         for name, (other, _) in others:
             if len(other) != len(t):
                 raise InputError(
                     f"reports of different length: {first!r} has {len(t)}, {name!r} {len(other)}; "
-                    'interpolate="linear" matches them'
+                    'interpolate="linear" matches them, missing="drop" leaves out what one lacks'
                 )
             apart = np.abs(other - t)
             if (late := np.flatnonzero(apart > tolerance)).size:
@@ -295,6 +303,39 @@ def match(
     joined = np.stack(columns, axis=1)
     joined[..., 1] = wrap_angles(joined[..., 1])
     return Reports(joined, chosen)
+
+
+def _together(recordings: dict[str, tuple[Array, Array]], tolerance: float, keep: bool) -> Reports:
+    """Return the looks at which all sensors report, or any."""
+    times = np.concatenate([t for t, _ in recordings.values()])
+    order = np.argsort(times, kind="stable")
+    look = np.empty(len(times), dtype=int)
+    start, count = -np.inf, -1
+    for i in order:
+        if times[i] - start > tolerance:
+            start, count = times[i], count + 1
+        look[i] = count
+    widths = {name: v.shape[1] for name, (_, v) in recordings.items()}
+    if len(set(widths.values())) > 1:
+        told = ", ".join(f"{name!r} {width}" for name, width in widths.items())
+        raise InputError(f"reports have different numbers of columns: {told}")
+    values = np.full((count + 1, len(recordings), next(iter(widths.values()))), np.nan)
+    at, first = np.full(count + 1, np.nan), 0
+    for s, (name, (t, v)) in enumerate(recordings.items()):
+        own = look[first : first + len(t)]
+        if (twice := np.flatnonzero(np.diff(own) == 0)).size:
+            k = int(twice[0])
+            raise InputError(
+                f"recording {name!r}: reports at {t[k]} s and {t[k + 1]} s are within the "
+                f"tolerance of {brief(tolerance)} s: it must be smaller"
+            )
+        values[own, s] = v
+        at[own] = np.where(np.isnan(at[own]), t, at[own])
+        first += len(t)
+    use = np.isfinite(values).all(axis=(1, 2)) | keep
+    if not use.any():
+        raise InputError("the recordings have no common time")
+    return Reports(values[use], at[use])
 
 
 def _recordings(

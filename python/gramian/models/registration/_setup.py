@@ -107,8 +107,10 @@ class Setup(Value):
         return self.places.shape == (2, 2) and not self.extras
 
 
-def setup(sensors: SensorsLike, sigma: ArrayLike | None, extras: Sequence[Extra] = ()) -> Setup:
-    """Check sensors and deviations; `sigma` None stands for deviations of 1."""
+def setup(
+    sensors: SensorsLike, sigma: ArrayLike | None, extras: Sequence[Extra] = (), least: int = 2
+) -> Setup:
+    """Check sensors, `least` or more, and deviations; `sigma` None stands for deviations of 1."""
     # Small calls are common: what is an array is told first, which is quickest.
     if not isinstance(sensors, np.ndarray) and isinstance(sensors, Mapping):
         labels = tuple(str(key) for key in sensors)
@@ -132,8 +134,10 @@ def setup(sensors: SensorsLike, sigma: ArrayLike | None, extras: Sequence[Extra]
     numbers = places.ravel().tolist()
     if not isfinite(sum(numbers)):
         finite(places, "sensors")
-    if len(places) < 2:
-        raise InputError(f"sensors has {len(places)} entries: registration needs 2 or more sensors")
+    if len(places) < least:
+        raise InputError(
+            f"sensors has {len(places)} entries: registration needs {least} or more sensors"
+        )
     ordered = () if isinstance(extras, tuple) and not extras else _ordered(extras)
     if (
         max(numbers) - min(numbers) > 1e100

@@ -133,7 +133,7 @@ class Registration(Experiment):
             extras=self.extras,
         )
         status = np.select(
-            [found.status == "not converged", found.status == "unobservable"], [1, 2], 0
+            [found.status == "not_converged", found.status == "unobservable"], [1, 2], 0
         )
         errors = found.biases - self.truth
         nees = squared_over(errors, found.covariance)

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gramian.plot import COLORS, Figure, figure
+from gramian.plot import COLORS, Figure, estimate, figure
 
 if TYPE_CHECKING:
     from gramian.models.registration._field import Field
 
-__all__ = ["bars", "degrees", "field", "geometry", "selection"]
+__all__ = ["bars", "degrees", "estimate", "field", "geometry", "selection"]
 
 Array = NDArray[np.float64]
 #: Line colours for several targets that colour-blind readers can distinguish.

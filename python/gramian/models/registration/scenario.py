@@ -111,6 +111,7 @@ class Reported(Section):
     file: str
     columns: ReportColumns
     interpolate: Literal["none", "linear"] = "none"
+    missing: Literal["raise", "drop"] = "drop"
     tolerance: float = Field(default=1e-3, gt=0)
     max_gap: float = Field(default=60.0, gt=0)
 
@@ -119,6 +120,8 @@ class Estimation(Section):
     """How biases are estimated, and what is known of them: deviations about 0."""
 
     method: Literal["ls", "gls", "ml"] = "ml"
+    loss: Literal["squares", "huber", "tukey"] = "squares"
+    clocks: bool = False
     prior: dict[str, dict[Kind, float]] = Field(default_factory=dict)
 
 
@@ -269,14 +272,20 @@ class RegistrationScenario(Scenario):
     @cached_property
     def measured(self) -> dict[str, Reports]:
         """Reports of each target: recorded, or simulated with the biases put in."""
+        return self._matched[0]
+
+    @cached_property
+    def _matched(self) -> tuple[dict[str, Reports], int]:
+        """The same, and how many reports were left out: of looks that not all sensors have."""
         if self.reports is None:
-            return {
+            simulated = {
                 name: _reports.simulate(
                     places, self.places, self.sigma, self.truth, seed=self.seed + i,
                     extras=self.extras, times=times,
                 )
                 for i, (name, (times, places)) in enumerate(self.seen.items())
             }  # fmt: skip
+            return simulated, 0
         columns = self.reports.columns
         numbers = {
             "time": columns.time, "range": columns.range, "azimuth": columns.azimuth_deg,
@@ -288,7 +297,7 @@ class RegistrationScenario(Scenario):
         texts = {"target": columns.target, "sensor": columns.sensor}
         path = self.beside(self.reports.file)
         values, words = read_columns(path, numbers, texts)
-        found = {}
+        found, left_out = {}, 0
         for name in dict.fromkeys(words["target"].tolist()):
             recordings = {}
             for sensor in self.sensors:
@@ -307,10 +316,14 @@ class RegistrationScenario(Scenario):
             found[name] = _reports.match(
                 recordings,
                 interpolate=self.reports.interpolate,
+                missing=self.reports.missing,
                 tolerance=self.reports.tolerance,
                 max_gap=self.reports.max_gap,
             )
-        return found
+            if self.reports.interpolate == "none":
+                given = sum(len(times) for times, _ in recordings.values())
+                left_out += given - len(self.sensors) * len(found[name].values)
+        return found, left_out
 
     @cached_property
     def all_positions(self) -> Array:
@@ -507,8 +520,9 @@ class RegistrationScenario(Scenario):
             if isinstance(outcome, Estimate):
                 tables.append(self._estimate_table(label, groups[label], outcome))
                 if self.truth:
-                    errors = outcome.biases - self._truth_array()
-                    shown[label] = (errors, outcome.std)
+                    errors = np.array([outcome[name] for name in self.names])
+                    errors -= self._truth_array()
+                    shown[label] = (errors, outcome.std[: len(errors)])
         data: dict[str, Any] = {
             "model": self.model,
             "selection": chosen.to_dict(),
@@ -519,11 +533,13 @@ class RegistrationScenario(Scenario):
         }
         tone: Tone
         if isinstance(first, Estimate):
-            fits = bool(first.p_value > 1e-3) or first.dof <= 0
+            fits = first.status != "misfit"
             held = first.held_by_prior
-            tone = "good" if fits and not held else "weak"
+            tone = "bad" if not fits else "weak" if held else "good"
             headline = "ESTIMATED" if not held else "ESTIMATED, IN PART FROM THE PRIOR"
-            verdict = "; ".join(
+            if not fits:
+                headline = "THE REPORTS DO NOT FIT"
+            verdict = ("" if fits else f"{first.reason}; ") + "; ".join(
                 f"{name} {_cell(value, unit)} +- {_cell(std, unit)}"
                 for name, value, std, unit in zip(
                     first.names, first.biases, first.std, first.units, strict=True
@@ -532,10 +548,15 @@ class RegistrationScenario(Scenario):
             facts = [
                 (
                     "do the reports agree with the model?",
-                    f"{'yes' if fits else 'NO'} (chi-square {brief(first.chi_square, 4)} of "
-                    f"{first.dof}, p = {brief(float(first.p_value), 2)})",
+                    f"{'yes' if fits else 'NO'} (chi-square {brief(first.fit.chi2, 4)} of "
+                    f"{first.fit.dof}, p = {brief(first.fit.p_value, 2)})",
                 ),
                 *(("held by the prior alone", text) for text in held),
+                *(
+                    [("left out", f"{count(self._matched[1], 'report')} of looks of one sensor")]
+                    if self._matched[1]
+                    else []
+                ),
                 ("best targets", ", ".join(chosen.chosen)),
             ]
         else:
@@ -576,18 +597,26 @@ class RegistrationScenario(Scenario):
         return np.array([self.truth.get(name, 0.0) for name in self.names])
 
     def _estimate(self, names: tuple[str, ...]) -> Estimate | UnobservableError | ConvergenceError:
-        values = np.concatenate([self.measured[name].values for name in names])
+        measured = [self.measured[name] for name in names]
+        values = np.concatenate([one.values for one in measured])
+        # One target after another: their times start anew.
+        times = [one.times - one.times[0] for one in measured if one.times is not None]
+        together = np.concatenate(times) if len(times) == len(measured) else None
         try:
-            return _estimate.estimate(
-                values,
+            found = _estimate.estimate(
+                Reports(values, together),
                 self.places,
                 self.sigma,
                 method=self.estimate.method,
                 prior=self.prior,
                 extras=self.extras,
+                loss=self.estimate.loss,
+                clocks=self.estimate.clocks,
             )
         except (UnobservableError, ConvergenceError) as error:
             return error
+        assert isinstance(found, Estimate)
+        return found
 
     def _estimate_table(self, label: str, names: tuple[str, ...], found: Estimate) -> Table:
         columns = ["bias", "estimate", "standard deviation"]

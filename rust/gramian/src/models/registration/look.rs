@@ -284,21 +284,37 @@ pub(crate) fn fill<T: Real>(
         .map_err(|error| error.on(s))?;
         for q in 0..d {
             let line = &mut out[(s * d + q) * c..(s * d + q + 1) * c];
-            line.fill(T::zero());
-            line[..d].copy_from_slice(&linear.position[q][..d]);
-            line[d + s * per..d + (s + 1) * per].copy_from_slice(&linear.bias[q][..per]);
-            if let Some(report) = report {
-                let difference = report[s * d + q] - linear.measured[q];
-                let difference = if q == 0 {
-                    difference
-                } else {
-                    wrapped(difference)
-                };
-                line[c - 1] = difference / sigma[s * d + q];
-            }
+            let given = report.map(|report| report[s * d + q]);
+            write_line(layout, s, q, &linear, given, sigma[s * d + q], line);
         }
     }
     Ok(())
+}
+
+/// Writes the line of quantity `q` of sensor `s`: see [`fill`]. Columns between the biases
+/// and the residual are left 0.
+pub(crate) fn write_line<T: Real>(
+    layout: &Layout,
+    s: usize,
+    q: usize,
+    linear: &Linear<T>,
+    given: Option<T>,
+    sigma: T,
+    line: &mut [T],
+) {
+    let (d, per) = (layout.size(), layout.per_sensor());
+    line.fill(T::zero());
+    line[..d].copy_from_slice(&linear.position[q][..d]);
+    line[d + s * per..d + (s + 1) * per].copy_from_slice(&linear.bias[q][..per]);
+    if let (Some(given), Some(last)) = (given, line.last_mut()) {
+        let difference = given - linear.measured[q];
+        let difference = if q == 0 {
+            difference
+        } else {
+            wrapped(difference)
+        };
+        *last = difference / sigma;
+    }
 }
 
 /// Eliminates the target's position from the lines of a look: the first d lines
@@ -419,7 +435,7 @@ pub(crate) fn unchecked_rows<T: Real>(
 impl Error {
     /// The same error at another sensor.
     #[must_use]
-    fn on(mut self, index: usize) -> Self {
+    pub(super) fn on(mut self, index: usize) -> Self {
         if let Self::OnSensor { sensor, .. } | Self::Overhead { sensor, .. } = &mut self {
             *sensor = index;
         }

@@ -4,15 +4,23 @@
 //! place for the given biases, so that (N - 1) d residuals and rows are left of a look.
 //! Sum of squares and gradient are those of biases and positions together.
 //!
+//! Reports may be missing, positions may be known (a transponder's, say), and clocks may be
+//! off: a stamp that is late by c seconds is of a target that was c v before.
+//!
 //! # Source
 //! Golub & Pereyra 1973, in the form of Kaufman 1975.
 
 use alloc::vec;
 use alloc::vec::Vec;
 
-use super::look::{eliminate, fill, unchecked_place, width};
+use super::look::{unchecked_linearise, unchecked_place, write_line};
 use super::{Error, Layout};
+use crate::scalar::{NumberError, wrapped};
 use crate::solve::Model;
+use crate::square_root::reflect;
+
+/// Biases of angles are within half a turn, and a little: beyond, the same come again.
+const TURN: f64 = 3.5;
 
 /// What else may be true: its kind, of which bias or sensor, and its whitened column.
 pub type Alternative = (&'static str, usize, Vec<f64>);
@@ -34,6 +42,8 @@ pub type Alternative = (&'static str, usize, Vec<f64>);
 ///     sensors: vec![0.0, 0.0, 60e3, 0.0],
 ///     sigma: vec![50.0, 2e-3, 50.0, 2e-3],
 ///     reports,
+///     truth: None,
+///     velocity: None,
 /// };
 /// let found = solve::minimize(&record, &[10.0, 0.0, 0.0, 1e-3], &[], solve::Options::default());
 /// assert!(found.converged && found.x.iter().all(|bias| bias.abs() < 1e-4));
@@ -46,8 +56,24 @@ pub struct Measured {
     pub sensors: Vec<f64>,
     /// Deviations, d numbers each.
     pub sigma: Vec<f64>,
-    /// Reports (K, N, d).
+    /// Reports (K, N, d); NaN where one is missing.
     pub reports: Vec<f64>,
+    /// Positions (K, d) that are reported without bias, NaN where none is, and their
+    /// deviations (d), m.
+    pub truth: Option<(Vec<f64>, Vec<f64>)>,
+    /// Velocities (K, d) of the targets, m/s, where clocks may be off: each sensor's clock
+    /// is then one more state after the biases; without truth all but the first, to which
+    /// the others are compared.
+    pub velocity: Option<Vec<f64>>,
+}
+
+/// One look with its position eliminated.
+struct Look<'a> {
+    /// Which.
+    index: usize,
+    /// The first d lines give the position, the others are free of it.
+    lines: &'a [f64],
+    place: [f64; 3],
 }
 
 impl Measured {
@@ -55,45 +81,134 @@ impl Measured {
         self.reports.len() / (self.layout.sensors * self.layout.size()).max(1)
     }
 
-    /// Calls `each` with every look, its reduced lines (position, biases, residual) and
-    /// its likeliest place.
+    /// How many clocks are states.
+    pub fn clocks(&self) -> usize {
+        match (&self.velocity, &self.truth) {
+            (None, _) => 0,
+            (Some(_), None) => self.layout.sensors.saturating_sub(1),
+            (Some(_), Some(_)) => self.layout.sensors,
+        }
+    }
+
+    /// The states that are the same after a whole turn: azimuths and headings.
+    fn angles(&self) -> impl Iterator<Item = usize> + use<> {
+        let (per, attitude) = (self.layout.per_sensor(), self.layout.attitude);
+        (0..self.layout.sensors).flat_map(move |s| {
+            let heading = attitude.then_some(s * per + per - 1);
+            core::iter::once(s * per + 1).chain(heading)
+        })
+    }
+
+    /// Width of a line: position, biases, clocks, residual.
+    fn width(&self) -> usize {
+        self.layout.size() + self.states() + 1
+    }
+
+    /// The state that is the clock of sensor `s`.
+    fn clock(&self, s: usize) -> Option<usize> {
+        let first = self.layout.sensors - self.clocks();
+        (self.velocity.is_some() && s >= first).then(|| self.layout.states() + s - first)
+    }
+
+    /// The truth of look `k`.
+    fn truth_of(&self, k: usize) -> Option<&[f64]> {
+        let d = self.layout.size();
+        let truth = &self.truth.as_ref()?.0[k * d..][..d];
+        truth.iter().all(|x| x.is_finite()).then_some(truth)
+    }
+
+    /// How many lines look `k` has with its position eliminated; `None` where nothing
+    /// places the target: there must be a whole report or a position.
+    pub fn lines_of(&self, k: usize) -> Option<usize> {
+        let d = self.layout.size();
+        let reports = &self.reports[k * self.layout.sensors * d..][..self.layout.sensors * d];
+        let truth = self.truth_of(k).map_or(0, <[f64]>::len);
+        let placed = truth > 0
+            || reports
+                .chunks_exact(d)
+                .any(|report| report.iter().all(|x| x.is_finite()));
+        let given = reports.iter().filter(|x| x.is_finite()).count();
+        placed.then(|| given + truth - d)
+    }
+
+    /// Calls `each` with every look, its position eliminated at its likeliest place.
     fn over(
         &self,
-        biases: &[f64],
+        x: &[f64],
         reports: &[f64],
-        mut each: impl FnMut(usize, &[f64], &[f64]),
+        mut each: impl FnMut(Look<'_>),
     ) -> Result<(), Error> {
         let layout = self.layout;
-        let (d, count, c) = (layout.size(), layout.sensors, width(&layout));
+        let (d, count, c) = (layout.size(), layout.sensors, self.width());
         let per = layout.per_sensor();
-        let mut lines = vec![0.0; count * d * c];
+        if let Some(i) = self.angles().find(|&i| !(x[i].abs() <= TURN)) {
+            return Err(NumberError::OutOfRange {
+                name: "azimuth bias",
+                given: x[i],
+                allowed: "within 3.5 rad",
+            }
+            .into());
+        }
+        let mut lines = vec![0.0; (count + 1) * d * c];
         let mut work = vec![0.0; c];
         for k in 0..self.looks() {
+            let Some(left) = self.lines_of(k) else {
+                continue;
+            };
+            let size = (left + d) * c;
             let report = &reports[k * count * d..][..count * d];
-            let mut place = [0.0; 3];
-            let mut one = [0.0; 3];
-            for s in 0..count {
-                let sensor = &self.sensors[s * d..][..d];
-                let bias = &biases[s * per..][..per];
-                unchecked_place(&layout, sensor, bias, &report[s * d..][..d], &mut one);
-                for i in 0..d {
-                    place[i] += one[i] / count as f64;
-                }
-            }
+            let velocity = self.velocity.as_deref().map(|v| &v[k * d..][..d]);
+            let mut place = self.first_place(k, x, report);
             for _ in 0..30 {
-                let given = Some(report);
-                let (sensors, sigma) = (&self.sensors, &self.sigma);
-                fill(
-                    &layout,
-                    sensors,
-                    sigma,
-                    biases,
-                    &place[..d],
-                    given,
-                    &mut lines,
-                )
-                .map_err(|error| error.at(k))?;
-                eliminate(&layout, &mut lines, &mut work);
+                let mut at = 0;
+                for s in 0..count {
+                    let own = s * d..(s + 1) * d;
+                    let given = &report[own.clone()];
+                    if given.iter().all(|x| x.is_nan()) {
+                        continue;
+                    }
+                    let clock = self.clock(s);
+                    let mut target = place;
+                    if let (Some(clock), Some(velocity)) = (clock, velocity) {
+                        for i in 0..d {
+                            target[i] -= velocity[i] * x[clock];
+                        }
+                    }
+                    let linear = unchecked_linearise(
+                        &layout,
+                        &self.sensors[own.clone()],
+                        &self.sigma[own],
+                        &x[s * per..][..per],
+                        &target[..d],
+                    )
+                    .map_err(|error| error.on(s).at(k))?;
+                    for (q, value) in given.iter().enumerate() {
+                        if value.is_nan() {
+                            continue;
+                        }
+                        let line = &mut lines[at..at + c];
+                        let sigma = self.sigma[s * d + q];
+                        write_line(&layout, s, q, &linear, Some(*value), sigma, line);
+                        if let (Some(clock), Some(velocity)) = (clock, velocity) {
+                            let along = linear.position[q].iter().zip(velocity);
+                            line[d + clock] = -along.map(|(a, v)| a * v).sum::<f64>();
+                        }
+                        at += c;
+                    }
+                }
+                if let (Some(truth), Some((_, sigma))) = (self.truth_of(k), &self.truth) {
+                    for i in 0..d {
+                        let line = &mut lines[at..at + c];
+                        line.fill(0.0);
+                        line[i] = 1.0 / sigma[i];
+                        line[c - 1] = (truth[i] - place[i]) / sigma[i];
+                        at += c;
+                    }
+                }
+                let lines = &mut lines[..size];
+                for j in 0..d {
+                    reflect(lines, c, j, j, &mut work);
+                }
                 let mut step = [0.0; 3];
                 let mut left = 0.0;
                 for i in (0..d).rev() {
@@ -110,67 +225,127 @@ impl Measured {
                     place[i] += step[i];
                 }
             }
-            each(k, &lines, &place[..d]);
+            each(Look {
+                index: k,
+                lines: &lines[..size],
+                place,
+            });
         }
         Ok(())
     }
 
-    /// The likeliest places (K, d).
+    /// Where to start with the position of look `k`: the truth, or the mean of the places
+    /// that whole reports give.
+    fn first_place(&self, k: usize, x: &[f64], report: &[f64]) -> [f64; 3] {
+        let layout = self.layout;
+        let (d, per) = (layout.size(), layout.per_sensor());
+        let (mut place, mut one) = ([0.0; 3], [0.0; 3]);
+        if let Some(truth) = self.truth_of(k) {
+            place[..d].copy_from_slice(truth);
+            return place;
+        }
+        let mut count = 0.0;
+        for (s, report) in report.chunks_exact(d).enumerate() {
+            if report.iter().any(|x| x.is_nan()) {
+                continue;
+            }
+            let sensor = &self.sensors[s * d..][..d];
+            unchecked_place(&layout, sensor, &x[s * per..][..per], report, &mut one);
+            for i in 0..d {
+                place[i] += one[i];
+            }
+            count += 1.0;
+        }
+        place.map(|x| x / count)
+    }
+
+    /// The likeliest places (K, d); NaN where nothing places a target.
     ///
     /// # Errors
     /// Where a target would be on a sensor.
-    pub fn positions(&self, biases: &[f64]) -> Result<Vec<f64>, Error> {
-        let mut out = Vec::with_capacity(self.looks() * self.layout.size());
-        self.over(biases, &self.reports, |_, _, place| {
-            out.extend_from_slice(place);
+    pub fn positions(&self, x: &[f64]) -> Result<Vec<f64>, Error> {
+        let d = self.layout.size();
+        let mut out = vec![f64::NAN; self.looks() * d];
+        self.over(x, &self.reports, |look| {
+            out[look.index * d..][..d].copy_from_slice(&look.place[..d]);
         })?;
         Ok(out)
     }
 
     /// What else may be true, as whitened columns: a drift over the looks of each bias,
-    /// and of each sensor a gain, if it is not among the biases.
+    /// and of each sensor a gain, if it is not among the biases. With `velocity` (K, d), the
+    /// clock of each sensor, if it is not a state.
     ///
     /// # Errors
     /// Where a target would be on a sensor.
-    pub fn alternatives(&self, biases: &[f64]) -> Result<Vec<Alternative>, Error> {
-        let (m, n, looks) = (self.measurements(), self.states(), self.looks());
+    pub fn alternatives(
+        &self,
+        x: &[f64],
+        velocity: Option<&[f64]>,
+    ) -> Result<Vec<Alternative>, Error> {
+        let (m, n, states) = (self.measurements(), self.states(), self.layout.states());
         let mut rows = vec![0.0; m * n];
-        self.linearize(biases, &mut vec![0.0; m], Some(&mut rows))?;
-        let each = m / looks.max(1);
-        let middle = 0.5 * (looks.max(1) - 1) as f64;
-        let mut found: Vec<_> = (0..n)
+        self.linearize(x, &mut vec![0.0; m], Some(&mut rows))?;
+        let middle = 0.5 * (self.looks().max(1) - 1) as f64;
+        let time: Vec<f64> = (0..self.looks())
+            .flat_map(|k| {
+                let lines = self.lines_of(k).unwrap_or(0);
+                core::iter::repeat_n(k as f64 - middle, lines)
+            })
+            .collect();
+        let mut found: Vec<_> = (0..states)
             .map(|j| {
-                let column = (0..m).map(|i| ((i / each) as f64 - middle) * rows[i * n + j]);
+                let column = time.iter().enumerate().map(|(i, t)| t * rows[i * n + j]);
                 ("drift", j, column.collect::<Vec<f64>>())
             })
             .collect();
-        if self.layout.gain {
-            return Ok(found);
+        if !self.layout.gain {
+            let layout = Layout {
+                gain: true,
+                ..self.layout
+            };
+            let record = Self {
+                layout,
+                ..self.clone()
+            };
+            let (per, more) = (self.layout.per_sensor(), layout.per_sensor());
+            let d = layout.size();
+            let mut wide = vec![0.0; record.states()];
+            for s in 0..layout.sensors {
+                wide[s * more..][..d].copy_from_slice(&x[s * per..][..d]);
+                wide[s * more + d + 1..][..per - d].copy_from_slice(&x[s * per + d..][..per - d]);
+            }
+            wide[layout.states()..].copy_from_slice(&x[states..]);
+            let at = |s| s * more + d;
+            found.extend(record.columns(&wide, "gain", layout.sensors, at)?);
         }
-        let layout = Layout {
-            gain: true,
-            ..self.layout
-        };
-        let (per, more) = (self.layout.per_sensor(), layout.per_sensor());
-        let d = layout.size();
-        let mut wide = vec![0.0; layout.states()];
-        for s in 0..layout.sensors {
-            wide[s * more..][..d].copy_from_slice(&biases[s * per..][..d]);
-            wide[s * more + d + 1..][..per - d].copy_from_slice(&biases[s * per + d..][..per - d]);
-        }
-        let record = Self {
-            layout,
-            ..self.clone()
-        };
-        let total = layout.states();
-        let mut rows = vec![0.0; m * total];
-        record.linearize(&wide, &mut vec![0.0; m], Some(&mut rows))?;
-        for s in 0..layout.sensors {
-            let at = s * more + d;
-            let column = (0..m).map(|i| rows[i * total + at]).collect();
-            found.push(("gain", s, column));
+        if let (None, Some(velocity)) = (&self.velocity, velocity) {
+            let record = Self {
+                velocity: Some(velocity.to_vec()),
+                ..self.clone()
+            };
+            let mut wide = x.to_vec();
+            wide.resize(record.states(), 0.0);
+            let first = record.layout.sensors - record.clocks();
+            let columns = record.columns(&wide, "clock", record.clocks(), |i| states + i)?;
+            found.extend(columns.into_iter().map(|(kind, i, c)| (kind, i + first, c)));
         }
         Ok(found)
+    }
+
+    /// Columns of the rows by these states.
+    fn columns(
+        &self,
+        x: &[f64],
+        kind: &'static str,
+        count: usize,
+        at: impl Fn(usize) -> usize,
+    ) -> Result<Vec<Alternative>, Error> {
+        let (m, n) = (self.measurements(), self.states());
+        let mut rows = vec![0.0; m * n];
+        self.linearize(x, &mut vec![0.0; m], Some(&mut rows))?;
+        let column = |i: usize| (0..m).map(|row| rows[row * n + at(i)]).collect();
+        Ok((0..count).map(|i| (kind, i, column(i))).collect())
     }
 }
 
@@ -178,15 +353,21 @@ impl Model for Measured {
     type Error = Error;
 
     fn states(&self) -> usize {
-        self.layout.states()
+        self.layout.states() + self.clocks()
     }
 
     fn measurements(&self) -> usize {
-        self.looks() * self.layout.rows()
+        (0..self.looks()).filter_map(|k| self.lines_of(k)).sum()
     }
 
     fn channels(&self) -> usize {
-        self.layout.rows()
+        // Looks of different length are one sequence.
+        let each = self.lines_of(0).unwrap_or(0);
+        if each > 0 && (1..self.looks()).all(|k| self.lines_of(k) == Some(each)) {
+            each
+        } else {
+            1
+        }
     }
 
     fn linearize(
@@ -195,10 +376,10 @@ impl Model for Measured {
         residuals: &mut [f64],
         mut rows: Option<&mut [f64]>,
     ) -> Result<(), Error> {
-        let (d, n, c) = (self.layout.size(), x.len(), width(&self.layout));
+        let (d, n, c) = (self.layout.size(), x.len(), self.width());
         let mut at = 0;
-        self.over(x, &self.reports, |_, lines, _| {
-            for line in lines[d * c..].chunks_exact(c) {
+        self.over(x, &self.reports, |look| {
+            for line in look.lines[d * c..].chunks_exact(c) {
                 residuals[at] = line[c - 1];
                 if let Some(rows) = rows.as_deref_mut() {
                     rows[at * n..][..n].copy_from_slice(&line[d..d + n]);
@@ -208,23 +389,51 @@ impl Model for Measured {
         })
     }
 
+    fn change(&self, a: &[f64], b: &[f64], out: &mut [f64]) {
+        for ((out, a), b) in out.iter_mut().zip(a).zip(b) {
+            *out = b - a;
+        }
+        for i in self.angles() {
+            out[i] = wrapped(out[i]);
+        }
+    }
+
     fn difference(&self, a: &[f64], b: &[f64], out: &mut [f64]) -> Result<(), Error> {
         // The exact reports of `a`, as `b` would explain them.
         let layout = self.layout;
         let (d, per) = (layout.size(), layout.per_sensor());
-        let mut exact = vec![0.0; self.reports.len()];
-        let mut next = 0;
-        for place in self.positions(a)?.chunks_exact(d) {
+        let mut exact = self.reports.clone();
+        let mut truth = self.truth.clone();
+        for (k, place) in self.positions(a)?.chunks_exact(d).enumerate() {
+            if let Some((truth, _)) = &mut truth {
+                if self.truth_of(k).is_some() {
+                    truth[k * d..][..d].copy_from_slice(place);
+                }
+            }
             for s in 0..layout.sensors {
+                let given = &mut exact[(k * layout.sensors + s) * d..][..d];
+                if given.iter().all(|x| x.is_nan()) || place[0].is_nan() {
+                    continue;
+                }
+                let mut target = place.to_vec();
+                if let (Some(clock), Some(velocity)) = (self.clock(s), &self.velocity) {
+                    for i in 0..d {
+                        target[i] -= velocity[k * d + i] * a[clock];
+                    }
+                }
                 let (sensor, sigma) = (&self.sensors[s * d..][..d], &self.sigma[s * d..][..d]);
                 let bias = &a[s * per..][..per];
-                let seen = super::look::unchecked_linearise(&layout, sensor, sigma, bias, place)?;
-                exact[next..next + d].copy_from_slice(&seen.measured[..d]);
-                next += d;
+                let seen = unchecked_linearise(&layout, sensor, sigma, bias, &target)?;
+                for (x, measured) in given.iter_mut().zip(seen.measured) {
+                    if !x.is_nan() {
+                        *x = measured;
+                    }
+                }
             }
         }
         let record = Self {
             reports: exact,
+            truth,
             ..self.clone()
         };
         record.linearize(b, out, None)?;
@@ -241,51 +450,104 @@ mod tests {
     use super::*;
     use crate::batch::Stream;
 
-    #[test]
-    fn the_gradient_of_chi2_is_that_of_rows_and_residuals() {
+    /// Looks with some reports missing, some positions known, and all clocks off.
+    fn everything() -> Measured {
         let mut random = Stream::new(3, 0);
         let layout = Layout::simple(super::super::Dimension::Plane, 3);
         let sensors = vec![0.0, 0.0, 60e3, 5e3, 20e3, -40e3];
-        let mut reports = Vec::new();
-        for _ in 0..6 {
+        let (mut reports, mut truth, mut velocity) = (vec![], vec![], vec![]);
+        for k in 0..6 {
             let (x, y) = (30e3 * random.normal(), 60e3 + 5e3 * random.normal());
             for s in sensors.chunks(2) {
                 let (dx, dy) = (x - s[0], y - s[1]);
                 reports.push(f64::hypot(dx, dy) + 50.0 * random.normal());
                 reports.push(f64::atan2(dx, dy) + 2e-3 * random.normal());
             }
+            velocity.extend([200.0, 30.0 * k as f64]);
+            truth.extend([x + 20.0 * random.normal(), y]);
         }
-        let record = Measured {
+        reports[1] = f64::NAN;
+        reports[8..10].fill(f64::NAN);
+        truth[4..8].fill(f64::NAN);
+        Measured {
             layout,
             sensors,
             sigma: [50.0, 2e-3].repeat(3),
             reports,
-        };
-        let x = [100.0, 1e-3, -50.0, 2e-3, 0.0, -1e-3];
-        let (m, n) = (record.measurements(), record.states());
-        assert_eq!((m, n), (24, 6));
-        let chi2 = |x: &[f64]| -> f64 {
-            let mut r = vec![0.0; m];
-            record.linearize(x, &mut r, None).unwrap();
-            r.iter().map(|r| r * r).sum()
-        };
-        let (mut r, mut rows) = (vec![0.0; m], vec![0.0; m * n]);
-        record.linearize(&x, &mut r, Some(&mut rows)).unwrap();
-        for j in 0..n {
-            let analytic: f64 = -2.0 * (0..m).map(|i| r[i] * rows[i * n + j]).sum::<f64>();
-            let step = if j % 2 == 0 { 0.1 } else { 1e-6 };
-            let mut moved = x;
-            moved[j] += step;
-            let plus = chi2(&moved);
-            moved[j] -= 2.0 * step;
-            let numeric = (plus - chi2(&moved)) / (2.0 * step);
-            assert!((analytic - numeric).abs() < 1e-5 * (1.0 + numeric.abs()));
+            truth: Some((truth, vec![20.0, 30.0])),
+            velocity: Some(velocity),
         }
-        let mut difference = vec![1.0; m];
-        record.difference(&x, &x, &mut difference).unwrap();
-        assert!(difference.iter().all(|d| d.abs() < 1e-8));
-        let alternatives = record.alternatives(&x).unwrap();
-        assert_eq!(alternatives.len(), 9);
-        assert!(alternatives.iter().all(|(_, _, c)| c.len() == m));
+    }
+
+    #[test]
+    fn the_gradient_of_chi2_is_that_of_rows_and_residuals() {
+        let x = [100.0, 1e-3, -50.0, 2e-3, 0.0, -1e-3, 0.5, -0.3, 0.1];
+        let step = |j: usize| match j {
+            0 | 2 | 4 => 0.1,
+            1 | 3 | 5 => 1e-6,
+            _ => 1e-3,
+        };
+        let whole = everything();
+        let plain = Measured {
+            truth: None,
+            velocity: None,
+            ..everything()
+        };
+        let late = Measured {
+            truth: None,
+            ..everything()
+        };
+        for (record, states, lines) in [(whole, 9, 33 + 8 - 12), (late, 8, 33 - 12), (plain, 6, 21)]
+        {
+            let (m, n) = (record.measurements(), record.states());
+            assert_eq!((m, n), (lines, states));
+            let x = &x[..n];
+            let chi2 = |x: &[f64]| -> f64 {
+                let mut r = vec![0.0; m];
+                record.linearize(x, &mut r, None).unwrap();
+                r.iter().map(|r| r * r).sum()
+            };
+            let (mut r, mut rows) = (vec![0.0; m], vec![0.0; m * n]);
+            record.linearize(x, &mut r, Some(&mut rows)).unwrap();
+            for j in 0..n {
+                let analytic: f64 = -2.0 * (0..m).map(|i| r[i] * rows[i * n + j]).sum::<f64>();
+                let mut moved = x.to_vec();
+                moved[j] += step(j);
+                let plus = chi2(&moved);
+                moved[j] -= 2.0 * step(j);
+                let numeric = (plus - chi2(&moved)) / (2.0 * step(j));
+                assert!((analytic - numeric).abs() < 1e-5 * (1.0 + numeric.abs()));
+            }
+            let mut difference = vec![1.0; m];
+            record.difference(x, x, &mut difference).unwrap();
+            assert!(difference.iter().all(|d| d.abs() < 1e-7));
+            let alternatives = record.alternatives(x, None).unwrap();
+            assert_eq!(alternatives.len(), 9);
+            assert!(alternatives.iter().all(|(_, _, c)| c.len() == m));
+        }
+    }
+
+    #[test]
+    fn a_clock_is_an_alternative_until_it_is_a_state() {
+        let late = Measured {
+            truth: None,
+            ..everything()
+        };
+        let plain = Measured {
+            velocity: None,
+            ..late.clone()
+        };
+        let x = [100.0, 1e-3, -50.0, 2e-3, 0.0, -1e-3, 0.0, 0.0];
+        let found = plain
+            .alternatives(&x[..6], late.velocity.as_deref())
+            .unwrap();
+        let (m, n) = (late.measurements(), late.states());
+        let mut rows = vec![0.0; m * n];
+        late.linearize(&x, &mut vec![0.0; m], Some(&mut rows))
+            .unwrap();
+        for (i, (kind, sensor, column)) in found[9..].iter().enumerate() {
+            assert_eq!((*kind, *sensor), ("clock", i + 1));
+            assert!((0..m).all(|row| (rows[row * n + 6 + i] - column[row]).abs() < 1e-9));
+        }
     }
 }
