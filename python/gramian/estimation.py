@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -101,6 +101,8 @@ class Alternative(Answer):
         Alternatives that the residuals cannot tell from it (correlation above 0.9).
     dof : int
         Parameters that leave a trace outside the model's columns.
+    unit : str
+        Of the parameters and of `detectable`; empty where the model gives none.
     """
 
     name: str
@@ -111,6 +113,7 @@ class Alternative(Answer):
     effect: Array
     alike: tuple[str, ...]
     dof: int = 1
+    unit: str = ""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -283,7 +286,8 @@ class _Extended:
         self._states = len(model.names)
         more = [name] if self.count == 1 else [f"{name} {k + 1}" for k in range(self.count)]
         self.names = (*model.names, *more)
-        self.units = (*model.units, *[""] * self.count)
+        unit = getattr(model, "alternative_unit", lambda _: "")(name)
+        self.units = (*model.units, *[unit] * self.count)
 
     def handle(self, z: Array) -> _core.Model:
         inner, n = handle_of(self._model, z), self._states
@@ -452,7 +456,9 @@ class Estimate(Answer):
         made = getattr(self.model, "alternatives", None)
         if made is None:
             return ()
-        return self.test(made(self._whole, self.measurements))
+        unit = getattr(self.model, "alternative_unit", lambda _: "")
+        found = self.test(made(self._whole, self.measurements))
+        return tuple(replace(alternative, unit=unit(alternative.name)) for alternative in found)
 
     @property
     def _whole(self) -> Array:
@@ -819,8 +825,9 @@ class Estimate(Answer):
         hidden.sort(key=lambda item: -item[0])
         for size, alternative, name in hidden[:3]:
             lines.append(
-                f"{alternative.name} up to {readable(alternative.detectable, 3)} would go unseen "
-                f"and move {name} by {brief(size)} standard deviations"
+                f"{alternative.name} up to "
+                f"{f'{readable(alternative.detectable, 3)} {alternative.unit}'.rstrip()} would go "
+                f"unseen and move {name} by {brief(size)} standard deviations"
             )
         return lines
 

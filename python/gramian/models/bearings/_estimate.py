@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import factorial
 from typing import Any
 
 import numpy as np
@@ -112,7 +113,7 @@ class BearingsModel(Value):
         }
         power = self.order + 1
         found["acceleration" if power == 2 else f"motion of order {power}"] = (
-            place * (t**power)[:, None]
+            place * (t**power / factorial(power))[:, None]
         )
         if t.size >= 8 and self.order == 1:
             for share in (0.25, 0.5, 0.75):
@@ -121,6 +122,13 @@ class BearingsModel(Value):
             velocity = np.gradient(self.observer, self.times, axis=0)
             found["clock offset of the path"] = -(place * velocity).sum(axis=1)
         return found
+
+    def alternative_unit(self, name: str) -> str:
+        """Return the unit of an alternative's parameters."""
+        if name.startswith("turn"):
+            return "m/s"
+        fixed = {"bias": "rad", "clock offset of the path": "s"}
+        return fixed.get(name, f"m/s^{self.order + 1}" if self.order else "m/s")
 
     def faults(self, z: Array) -> tuple[str, ...]:
         """Return where the bearings are stuck, in words."""

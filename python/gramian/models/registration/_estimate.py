@@ -163,6 +163,13 @@ class RegistrationModel(Value):
             for kind, index, column in found
         }
 
+    def alternative_unit(self, name: str) -> str:
+        """Return the unit of an alternative's parameter: a drift is a change a look."""
+        kind, _, what = name.partition(" of ")
+        if kind == "drift":
+            return f"{self.units[self.names.index(what)]} a look".strip()
+        return "s" if kind == "clock" else ""
+
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Estimate(General):
