@@ -163,7 +163,9 @@ def registration():
     sensors, sigma = [[0.0, 0.0], [50_000.0, 0.0]], [50.0, 0.003]
     positions = np.stack([np.linspace(5e3, 40e3, 12), np.linspace(20e3, 45e3, 12)], axis=1)
     reports = gm.registration.simulate(positions, sensors, sigma, [100, 0.01, -50, 0.02], seed=1)
-    yield gm.registration.estimate(reports, sensors, sigma)
+    found = gm.registration.estimate(reports, sensors, sigma)
+    yield from (found, found.model)
+    yield gm.registration.estimate(np.stack([reports.values] * 2), sensors, sigma)
     yield reports
     yield gm.registration.field(sensors, sigma, [0.0, 5e4, 1e4, 5e4], points=4)
     yield gm.registration.select({"one": positions}, sensors, sigma, budget=1)

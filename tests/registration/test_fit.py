@@ -86,7 +86,7 @@ def test_a_clock_that_is_off_is_named_and_then_estimated():
     assert found.std[-1] < 0.2
     # Half of it is at the limit of what shows, and then the answer says what it could do.
     half = reg.estimate(reported(turning(), circling(), 5, late=0.5), SENSORS, SIGMA)
-    assert "clock of B up to 0.487 would go unseen and move A.range by 3.5" in half.summary()
+    assert "clock of B up to 0.487 s would go unseen and move A.range by 3.5" in half.summary()
 
 
 def test_clocks_are_estimated_at_their_bound():

@@ -175,9 +175,12 @@ ReportColumns.elevation_deg | | the column of elevations, degrees | "elevation_d
 Reported.file | | a table, CSV or Parquet | "reports.csv"
 Reported.columns | | what the columns are called |
 Reported.interpolate | | whether reports are brought to the times of the first sensor | "linear"
+Reported.missing | | looks that not every sensor reports are left out, or refused | "raise"
 Reported.tolerance | s | times closer than this are the same | 0.01
 Reported.max_gap | s | reports further apart are not interpolated between | 30.0
 Estimation.method | | least squares, weighted, or maximum likelihood | "gls"
+Estimation.loss | | how residuals count: the others bear gross reports | "huber"
+Estimation.clocks | | whether the sensors' clocks may be off | true
 Estimation.prior | m, deg | standard deviations about 0: a sensor -> its biases | { A = { range = 100.0 } }
 Map.west | m | edge | -50000.0
 Map.east | m | edge | 110000.0

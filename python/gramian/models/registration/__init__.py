@@ -5,8 +5,8 @@ elevation, of a target: truth + constant bias + noise. The targets' positions ar
 not known and not needed: they are eliminated look by look.
 
 - `problem`, `rows`, `fisher`: what a set of looks can tell; `gauges`, what none can.
-- `estimate`: the biases, as an `Estimate`, or why there are none; `estimate_trials` of
-  simulated reports.
+- `estimate`: the biases, as an `Estimate` (of many sets of reports as `Estimates`), or why
+  there are none; `estimate_trials` of simulated reports; `RegistrationModel`, what they fit.
 - `degree`, `eta`, `field` with `Field`: where the biases are determined well.
 - `singular_tracks` with `SingularTrack`, `check_track` with `TrackCheck`: where not at all.
 - `select`, with `Selection`: which targets of a crowd tell most.

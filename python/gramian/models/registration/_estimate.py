@@ -16,9 +16,9 @@ from gramian._answers import Answer, Columns, columns_of_states
 from gramian._arrays import SEED_MOST, as_float_array, number, whole
 from gramian._text import brief, describe_direction
 from gramian._values import Value
-from gramian.estimate import Estimate as General
-from gramian.estimate import Status, levels
-from gramian.estimate import estimate as estimate_model
+from gramian.estimation import Estimate as General
+from gramian.estimation import Status, levels
+from gramian.estimation import estimate as estimate_model
 from gramian.exceptions import ConvergenceError, InputError, UnobservableError
 from gramian.models.registration._model import gauges
 from gramian.models.registration._reports import Reports, report_array
