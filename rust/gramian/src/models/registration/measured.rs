@@ -405,10 +405,8 @@ impl Model for Measured {
         let mut exact = self.reports.clone();
         let mut truth = self.truth.clone();
         for (k, place) in self.positions(a)?.chunks_exact(d).enumerate() {
-            if let Some((truth, _)) = &mut truth {
-                if self.truth_of(k).is_some() {
-                    truth[k * d..][..d].copy_from_slice(place);
-                }
+            if let (Some((truth, _)), Some(_)) = (&mut truth, self.truth_of(k)) {
+                truth[k * d..][..d].copy_from_slice(place);
             }
             for s in 0..layout.sensors {
                 let given = &mut exact[(k * layout.sensors + s) * d..][..d];
@@ -463,7 +461,7 @@ mod tests {
                 reports.push(f64::hypot(dx, dy) + 50.0 * random.normal());
                 reports.push(f64::atan2(dx, dy) + 2e-3 * random.normal());
             }
-            velocity.extend([200.0, 30.0 * k as f64]);
+            velocity.extend([200.0, 30.0 * f64::from(k)]);
             truth.extend([x + 20.0 * random.normal(), y]);
         }
         reports[1] = f64::NAN;
