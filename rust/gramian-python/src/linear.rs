@@ -1,6 +1,9 @@
 //! Linear systems.
 
+use std::sync::Arc;
+
 use gramian::batch::simd::Path;
+use gramian::batch::{Items, Threads};
 use gramian::linear::analysis::Analysis;
 use gramian::linear::batch::{self, Span};
 use gramian::linear::infinite;
@@ -34,6 +37,11 @@ fn system<'py>(
     c.expect(&[None, Some(n)], "a column for each state of A")?;
     let p = c.core_shape()[0];
     Ok((a, c, n, p))
+}
+
+/// About what it takes to factorise `count` matrices (n, n), nanoseconds.
+fn cubes(n: usize, count: usize) -> f64 {
+    50.0 * (n * n) as f64 * (n * count) as f64
 }
 
 fn expect_rtol(rtol: Option<f64>) -> PyResult<()> {
@@ -118,23 +126,30 @@ fn linear_gramian<'py>(
     let span = samples.map_or(Span::Duration(duration), Span::Samples);
     let (a, c) = (a.items()?, c.items()?);
     let q = q.as_ref().map(Input::items).transpose()?;
-    batch.fill(
-        py,
-        &[n, n],
-        batch::gramian_cost(n),
-        |range, threads, out| {
-            batch::linear_gramian(
-                a.skip(range.start),
-                c.skip(range.start),
-                q.map(|q| q.skip(range.start)),
-                n,
-                span,
-                threads,
-                Path::Best,
-                out,
-            )
-        },
-    )
+    let cost = batch::gramian_cost(n);
+    if cost > run::PIECE {
+        return batch.fill_apart(py, &[n, n], cost, |trial| {
+            let (a, c) = (a.get(trial).to_vec(), c.get(trial).to_vec());
+            let q = q.map(|q| q.get(trial).to_vec());
+            move |threads: Threads, out: &mut [f64]| {
+                let (a, c) = (Items::shared(&a), Items::shared(&c));
+                let q = q.as_deref().map(Items::shared);
+                batch::linear_gramian(a, c, q, n, span, threads, Path::Best, out)
+            }
+        });
+    }
+    batch.fill(py, &[n, n], cost, |range, threads, out| {
+        batch::linear_gramian(
+            a.skip(range.start),
+            c.skip(range.start),
+            q.map(|q| q.skip(range.start)),
+            n,
+            span,
+            threads,
+            Path::Best,
+            out,
+        )
+    })
 }
 
 /// e^(A duration), (n, n).
@@ -150,9 +165,11 @@ fn linear_transition<'py>(
         &[Some(n), Some(n)],
         "square, a row and a column for each state",
     )?;
-    let a = a.slice()?;
-    let e = run::detached(py, |_| window::transition(a, n, duration))?
-        .map_err(|error| errors::input_at("", error))?;
+    let a = a.slice()?.to_vec();
+    let e = run::apart(py, cubes(n, 1), move |_| {
+        window::transition(&a, n, duration)
+    })?
+    .map_err(|error| errors::input_at("", error))?;
     PyArray1::from_vec(py, e).reshape([n, n])
 }
 
@@ -166,8 +183,9 @@ fn right_singular<'py>(
     rows.expect_entries()?;
     let (count, n) = (rows.core_shape()[0], rows.core_shape()[1]);
     rows.expect(&[Some(count), Some(n)], "one row for each measurement")?;
-    let rows = rows.slice()?;
-    let (values, vectors) = run::detached(py, |_| singular_values(rows, n))?
+    let rows = rows.slice()?.to_vec();
+    let cost = (20 * n * n) as f64 * (count + n) as f64;
+    let (values, vectors) = run::apart(py, cost, move |_| singular_values(&rows, n))?
         .map_err(|error| errors::input_at("", error))?;
     Ok((
         PyArray1::from_vec(py, values),
@@ -202,9 +220,12 @@ fn piecewise_ranks<'py>(
             "durations has {count} entries: A must be ({count}, {n}, {n}) and C ({count}, {p}, {n})"
         )));
     }
-    let (a, c, durations) = (a.slice()?, c.slice()?, durations.slice()?);
-    let found = run::detached(py, |_| piecewise::Piecewise::new(a, c, durations, n, rtol))?
-        .map_err(|error| errors::input_at("", error))?;
+    let (a, c) = (a.slice()?.to_vec(), c.slice()?.to_vec());
+    let durations = durations.slice()?.to_vec();
+    let found = run::apart(py, cubes(n, count), move |_| {
+        piecewise::Piecewise::new(&a, &c, &durations, n, rtol)
+    })?
+    .map_err(|error| errors::input_at("", error))?;
     let ranks = |ranks: Vec<usize>| PyArray1::from_vec(py, ranks);
     Ok((
         ranks(found.alone),
@@ -246,13 +267,13 @@ impl LinearAnalysis {
         let (a, c, n, p) = system(a, c)?;
         expect_rtol(rtol)?;
         a.expect(&[Some(n), Some(n)], "one system")?;
-        let (a, c) = (a.slice()?, c.slice()?);
+        let (a, c) = (a.slice()?.to_vec(), c.slice()?.to_vec());
         if a.len() != n * n || c.len() != p * n {
             return Err(InputError::new_err(
                 "A and C have leading axes: must be one system",
             ));
         }
-        let inner = run::detached(py, |_| Analysis::new(a, c, n, rtol))?
+        let inner = run::apart(py, cubes(n, 1), move |_| Analysis::new(&a, &c, n, rtol))?
             .map_err(|error| errors::input_at("", error))?;
         Ok(Self { inner, n })
     }
@@ -359,9 +380,11 @@ fn linear_infinite<'py>(
     discrete: bool,
 ) -> PyResult<Matrix<'py>> {
     let (a, c, n) = one_system(a, c)?;
-    let (a, c) = (a.slice()?, c.slice()?);
-    let factor = run::detached(py, |_| infinite::factor(a, c, n, discrete))?
-        .map_err(|error| errors::input_at("", error))?;
+    let (a, c) = (a.slice()?.to_vec(), c.slice()?.to_vec());
+    let factor = run::apart(py, cubes(n, 1), move |_| {
+        infinite::factor(&a, &c, n, discrete)
+    })?
+    .map_err(|error| errors::input_at("", error))?;
     PyArray1::from_vec(py, factor).reshape([n, n])
 }
 
@@ -373,8 +396,8 @@ fn linear_parts<'py>(
     c: &Bound<'py, PyAny>,
 ) -> PyResult<[(Matrix<'py>, Matrix<'py>); 2]> {
     let (a, c, n) = one_system(a, c)?;
-    let (a, c) = (a.slice()?, c.slice()?);
-    let found = run::detached(py, |_| infinite::parts(a, c, n))?
+    let (a, c) = (a.slice()?.to_vec(), c.slice()?.to_vec());
+    let found = run::apart(py, cubes(n, 1), move |_| infinite::parts(&a, &c, n))?
         .map_err(|error| errors::input_at("", error))?;
     let part = |(basis, factor): (Vec<f64>, Vec<f64>)| -> PyResult<_> {
         let m = basis.len() / n;
@@ -408,8 +431,8 @@ fn linear_balanced<'py>(
     c: &Bound<'py, PyAny>,
 ) -> PyResult<(Matrix<'py>, Matrix<'py>)> {
     let (a, c, n) = one_system(a, c)?;
-    let (a, c) = (a.slice()?, c.slice()?);
-    let (a, c) = run::detached(py, |_| unobservable::balanced(a, c, n))?
+    let (a, c) = (a.slice()?.to_vec(), c.slice()?.to_vec());
+    let (a, c) = run::apart(py, cubes(n, 1), move |_| unobservable::balanced(&a, &c, n))?
         .map_err(|error| errors::input_at("", error))?;
     let outputs = c.len() / n;
     Ok((
@@ -424,7 +447,7 @@ type Distance<'py> = (f64, (f64, f64), Matrix<'py>, usize);
 /// The pencil of one system: see `gramian::linear::pencil`.
 #[pyclass(frozen)]
 struct LinearPencil {
-    inner: Pencil,
+    inner: Arc<Pencil>,
     n: usize,
 }
 
@@ -433,9 +456,10 @@ impl LinearPencil {
     #[new]
     fn new(py: Python<'_>, a: &Bound<'_, PyAny>, c: &Bound<'_, PyAny>) -> PyResult<Self> {
         let (a, c, n) = one_system(a, c)?;
-        let (a, c) = (a.slice()?, c.slice()?);
-        let inner = run::detached(py, |_| Pencil::new(a, c, n))?
+        let (a, c) = (a.slice()?.to_vec(), c.slice()?.to_vec());
+        let inner = run::apart(py, cubes(n, 1), move |_| Pencil::new(&a, &c, n))?
             .map_err(|error| errors::input_at("", error))?;
+        let inner = Arc::new(inner);
         Ok(Self { inner, n })
     }
 
@@ -455,7 +479,8 @@ impl LinearPencil {
     }
 
     fn distance<'py>(&self, py: Python<'py>) -> PyResult<Distance<'py>> {
-        let found = run::detached(py, |_| self.inner.distance())?;
+        let inner = Arc::clone(&self.inner);
+        let found = run::apart(py, cubes(self.n, 1), move |_| inner.distance())?;
         self.packed(py, &found)
     }
 
@@ -515,8 +540,8 @@ impl LinearUnobservable {
     ) -> PyResult<Self> {
         let (a, c, n) = one_system(a, c)?;
         expect_rtol(rtol)?;
-        let (a, c) = (a.slice()?, c.slice()?);
-        let inner = run::detached(py, |_| Unobservable::new(a, c, n, rtol))?
+        let (a, c) = (a.slice()?.to_vec(), c.slice()?.to_vec());
+        let inner = run::apart(py, cubes(n, 1), move |_| Unobservable::new(&a, &c, n, rtol))?
             .map_err(|error| errors::input_at("", error))?;
         Ok(Self { inner, n })
     }

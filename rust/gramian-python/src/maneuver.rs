@@ -1,6 +1,7 @@
 //! Observer maneuver: laws, paths, information.
 
 use gramian::batch::simd::Path;
+use gramian::batch::{Items, Threads};
 use gramian::maneuver::batch::{self, Determinant, Paths, Sightings};
 use gramian::maneuver::{AtStandoff, Law, TwoLegGoal, best_two_legs, two_leg_terms};
 use numpy::PyArrayDyn;
@@ -10,6 +11,7 @@ use pyo3::types::PyDict;
 use crate::convert::Input;
 use crate::errors::InputError;
 use crate::output::Batch;
+use crate::run;
 
 pub fn law(name: &str) -> PyResult<Law> {
     Ok(match name {
@@ -315,6 +317,27 @@ fn maneuver_fisher_det<'py>(
     };
     let m = inputs.samples() as f64;
     let cost = if pairs { m * m } else { 40.0 * m };
+    if cost > run::PIECE {
+        return inputs.batch.fill_apart(py, &[], cost, |trial| {
+            let owned = [
+                sightings.positions,
+                sightings.target,
+                sightings.times,
+                sightings.sigma,
+            ]
+            .map(|items| items.get(trial).to_vec());
+            move |threads: Threads, out: &mut [f64]| {
+                let [positions, target, times, sigma] = owned.each_ref().map(|x| Items::shared(x));
+                let sightings = Sightings {
+                    positions,
+                    target,
+                    times,
+                    sigma,
+                };
+                batch::fisher_det(sightings, method, threads, out)
+            }
+        });
+    }
     inputs.batch.fill(py, &[], cost, |trials, threads, out| {
         batch::fisher_det(sightings.skip(trials.start), method, threads, out)
     })

@@ -128,6 +128,38 @@ impl Batch {
         Ok(out)
     }
 
+    /// As `fill`, for trials that take long each and do not look for Ctrl-C: each kernel
+    /// owns its inputs, and runs on a thread of its own.
+    pub fn fill_apart<'py, O, K>(
+        &self,
+        py: Python<'py>,
+        core: &[usize],
+        cost: f64,
+        mut kernel: impl FnMut(usize) -> K,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>>
+    where
+        O: Outcome + Send + 'static,
+        K: FnOnce(Threads, &mut [f64]) -> O + Send + 'static,
+    {
+        let size: usize = core.iter().product();
+        let out = self.array(py, core)?;
+        {
+            let mut write = out.readwrite();
+            let all = write.as_slice_mut()?;
+            for trial in 0..self.len() {
+                let kernel = kernel(trial);
+                let (outcome, found) = run::apart(py, cost, move |threads| {
+                    let mut found = vec![0.0; size];
+                    (kernel(threads, &mut found), found)
+                })?;
+                outcome.result(|_| self.place(trial))?;
+                self.expect_finite(&found, trial, size)?;
+                all[trial * size..(trial + 1) * size].copy_from_slice(&found);
+            }
+        }
+        Ok(out)
+    }
+
     fn pieces<O: Outcome + Send>(
         &self,
         py: Python<'_>,
@@ -140,17 +172,23 @@ impl Batch {
             let first = range.start;
             let part = &mut out[first * size..range.end * size];
             kernel(range, threads, &mut *part).result(|trial| self.place(first + trial))?;
-            match self.finite {
-                Some(result) if !all_finite(part) => {
-                    let bad = part.iter().position(|x| !x.is_finite()).unwrap_or(0);
-                    let place = self.place(first + bad / size.max(1));
-                    Err(InputError::new_err(format!(
-                        "{place}{result} overflows float64: choose other units"
-                    )))
-                }
-                _ => Ok(()),
-            }
+            self.expect_finite(part, first, size)
         })
+    }
+
+    /// Refuses results of `size` numbers each, from that of trial `first` on, that had to
+    /// be finite and are not.
+    fn expect_finite(&self, part: &[f64], first: usize, size: usize) -> PyResult<()> {
+        match self.finite {
+            Some(result) if !all_finite(part) => {
+                let bad = part.iter().position(|x| !x.is_finite()).unwrap_or(0);
+                let place = self.place(first + bad / size.max(1));
+                Err(InputError::new_err(format!(
+                    "{place}{result} overflows float64: choose other units"
+                )))
+            }
+            _ => Ok(()),
+        }
     }
 
     fn shape_of(&self, core: &[usize]) -> Vec<usize> {

@@ -1,6 +1,7 @@
 //! The posterior bound.
 
 use gramian::batch::simd::Path;
+use gramian::batch::{Items, Threads};
 use gramian::bounds::batch::{self, Recursion};
 use gramian::posterior::{Form, semidefinite_root};
 use numpy::PyArrayDyn;
@@ -10,6 +11,7 @@ use pyo3::types::PyDict;
 use crate::convert::Input;
 use crate::errors::InputError;
 use crate::output::Batch;
+use crate::run;
 
 /// Upper triangular factors (..., n, n) of covariances that may be singular.
 #[pyfunction]
@@ -82,25 +84,56 @@ fn posterior<'py>(
     let (root, rows, after) = (root.items()?, rows.items()?, after.items()?);
     let (transition, noise) = (transition.items()?, noise.items()?);
     let cost = 0.3 * (steps * n * n * n) as f64;
-    let records = batch.fill(py, &[core], cost, |trials, threads, out| {
-        let first = trials.start;
-        let recursion = Recursion {
-            form: if is_covariance {
-                Form::Covariance
-            } else {
-                Form::Information
-            },
-            states: n,
-            steps,
-            root: root.skip(first),
-            rows: rows.skip(first),
-            after: after.skip(first),
-            transition: transition.skip(first),
-            noise: noise.skip(first),
-            every_root,
-        };
-        batch::posterior(recursion, threads, Path::Best, out);
-    })?;
+    let recursion = Recursion {
+        form: if is_covariance {
+            Form::Covariance
+        } else {
+            Form::Information
+        },
+        states: n,
+        steps,
+        root,
+        rows,
+        after,
+        transition,
+        noise,
+        every_root,
+    };
+    let records = if cost > run::PIECE {
+        batch.fill_apart(py, &[core], cost, |trial| {
+            let owned = [root, rows, after, transition, noise].map(|x| x.get(trial).to_vec());
+            let (form, states) = (recursion.form, n);
+            move |threads: Threads, out: &mut [f64]| {
+                let [root, rows, after, transition, noise] =
+                    owned.each_ref().map(|x| Items::shared(x));
+                let recursion = Recursion {
+                    form,
+                    states,
+                    steps,
+                    root,
+                    rows,
+                    after,
+                    transition,
+                    noise,
+                    every_root,
+                };
+                batch::posterior(recursion, threads, Path::Best, out);
+            }
+        })?
+    } else {
+        batch.fill(py, &[core], cost, |trials, threads, out| {
+            let first = trials.start;
+            let recursion = Recursion {
+                root: root.skip(first),
+                rows: rows.skip(first),
+                after: after.skip(first),
+                transition: transition.skip(first),
+                noise: noise.skip(first),
+                ..recursion
+            };
+            batch::posterior(recursion, threads, Path::Best, out);
+        })?
+    };
     let roots = if every_root { steps } else { 1 };
     batch.named(&records, &[("std", &[steps, n]), ("roots", &[roots, n, n])])
 }

@@ -3,10 +3,11 @@
 
 use std::cell::RefCell;
 use std::ops::Range;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::time::{Duration, Instant};
 
 use gramian::batch::Threads;
+use pyo3::exceptions::PyMemoryError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyInt};
 use rayon::ThreadPool;
@@ -15,7 +16,7 @@ use crate::convert;
 use crate::errors::InputError;
 
 /// How long the interpreter may go without a look at its signals, nanoseconds.
-const PIECE: f64 = 1e8;
+pub const PIECE: f64 = 1e8;
 
 /// Work so short that releasing the interpreter lock costs more, nanoseconds.
 const BRIEF: f64 = 5e3;
@@ -187,6 +188,41 @@ pub fn interruptible<R: Send>(
     match raised {
         Some(error) => Err(error),
         None => Ok(answer),
+    }
+}
+
+/// Calls `work`, which does not look for Ctrl-C, on a thread of its own where it takes
+/// long: `cost`, in nanoseconds. What is interrupted ends by itself.
+pub fn apart<R: Send + 'static>(
+    py: Python<'_>,
+    cost: f64,
+    work: impl FnOnce(Threads) -> R + Send + 'static,
+) -> PyResult<R> {
+    let pool = pool()?;
+    let run = move || match pool {
+        None => work(Threads::One),
+        Some(pool) => pool.install(|| work(Threads::Auto)),
+    };
+    if cost <= PIECE {
+        return Ok(py.detach(run));
+    }
+    let (sender, receiver) = mpsc::channel();
+    std::thread::Builder::new()
+        .spawn(move || drop(sender.send(run())))
+        .map_err(|error| InputError::new_err(format!("cannot start a thread: {error}")))?;
+    let receiver = Mutex::new(receiver);
+    loop {
+        let result = py.detach(|| {
+            let receiver = receiver.lock().unwrap_or_else(PoisonError::into_inner);
+            receiver.recv_timeout(Duration::from_millis(100))
+        });
+        match result {
+            Ok(found) => return Ok(found),
+            Err(mpsc::RecvTimeoutError::Timeout) => look(py)?,
+            Err(mpsc::RecvTimeoutError::Disconnected) => {
+                return Err(PyMemoryError::new_err("out of memory in a factorisation"));
+            }
+        }
     }
 }
 

@@ -37,6 +37,27 @@ fn gram<'py>(
     let weights = weights.as_ref().map(Input::items).transpose()?;
     let cost = (count * n * n) as f64;
     let mut finite = true;
+    if cost > run::PIECE && !gramian::spine::batch_gram::is_fast(n) {
+        // One trial takes long: its rows are added in pieces, in the same order.
+        let out = batch.array(py, &[n, n])?;
+        {
+            let mut write = out.readwrite();
+            let squares = write.as_slice_mut()?.chunks_exact_mut(n * n);
+            for (trial, square) in squares.enumerate() {
+                let rows = items.get(trial);
+                let weights = weights.map(|w| w.get(trial));
+                square.fill(0.0);
+                run::in_pieces(py, count, (n * n) as f64, |range, _| {
+                    let weights = weights.map(|w| &w[range.clone()]);
+                    let rows = &rows[range.start * n..range.end * n];
+                    gramian::spine::batch_gram::add(rows, weights, n, square);
+                    Ok(())
+                })?;
+                finite &= all_finite(square);
+            }
+        }
+        return finite_gram(out, finite, &mut rows);
+    }
     let out = batch.fill(py, &[n, n], cost, |range, threads, out| {
         gramian::spine::batch_gram::gram(
             items.skip(range.start),
@@ -48,8 +69,16 @@ fn gram<'py>(
         );
         finite &= all_finite(out);
     })?;
-    // A row that is not finite makes a square that is not: the rows, many more
-    // numbers, need a look only then.
+    finite_gram(out, finite, &mut rows)
+}
+
+/// A row that is not finite makes a square that is not: the rows, many more numbers,
+/// need a look only then.
+fn finite_gram<'py>(
+    out: Bound<'py, PyArrayDyn<f64>>,
+    finite: bool,
+    rows: &mut Input<'py>,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     if !finite {
         rows.check_finite()?;
         return Err(InputError::new_err(
@@ -232,11 +261,13 @@ impl Analysis {
                 .map_err(|error| input_at("", error))?
         } else if known.is_empty() && n >= dense::LEAST_STATES {
             let (data, doubt) = (data.to_vec(), doubt.to_vec());
-            interruptible(py, move || dense::observability(&data, &doubt, n, rtol))?
-                .map_err(|error| input_at("", error))?
+            run::apart(py, f64::INFINITY, move |_| {
+                dense::observability(&data, &doubt, n, rtol)
+            })?
+            .map_err(|error| input_at("", error))?
         } else {
             let (data, doubt, known) = (data.to_vec(), doubt.to_vec(), known.to_vec());
-            interruptible(py, move || {
+            run::apart(py, f64::INFINITY, move |_| {
                 Observability::inexact(&data, &doubt, &known, n, rtol)
             })?
             .map_err(|error| input_at("", error))?
@@ -344,34 +375,6 @@ impl Analysis {
     }
 }
 
-/// Calls `work` on a thread of its own while Ctrl-C is looked for; what is interrupted
-/// ends by itself.
-fn interruptible<R: Send + 'static>(
-    py: Python<'_>,
-    work: impl FnOnce() -> R + Send + 'static,
-) -> PyResult<R> {
-    let (sender, receiver) = std::sync::mpsc::channel();
-    std::thread::Builder::new()
-        .spawn(move || drop(sender.send(work())))
-        .map_err(|error| InputError::new_err(format!("cannot start a thread: {error}")))?;
-    let receiver = std::sync::Mutex::new(receiver);
-    loop {
-        let result = py.detach(|| {
-            let receiver = receiver
-                .lock()
-                .unwrap_or_else(std::sync::PoisonError::into_inner);
-            receiver.recv_timeout(std::time::Duration::from_millis(100))
-        });
-        match result {
-            Ok(found) => return Ok(found),
-            Err(std::sync::mpsc::RecvTimeoutError::Timeout) => py.check_signals()?,
-            Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => {
-                return Err(InputError::new_err("out of memory in a factorisation"));
-            }
-        }
-    }
-}
-
 /// Singular values of rows as they are, descending.
 #[pyfunction]
 fn singular_values<'py>(
@@ -383,8 +386,10 @@ fn singular_values<'py>(
     let n = rows.core_shape()[1];
     let data = rows.slice()?.to_vec();
     let mut values = if n >= dense::LEAST_STATES {
-        interruptible(py, move || gramian::large::singular_values(&data, n))?
-            .map_err(|error| input_at("", error))?
+        run::apart(py, f64::INFINITY, move |_| {
+            gramian::large::singular_values(&data, n)
+        })?
+        .map_err(|error| input_at("", error))?
     } else {
         gramian::observability::singular_values(&data, n)
             .map_err(|error| input_at("", error))?
@@ -406,7 +411,7 @@ fn rows_without_noise<'py>(
     let n = rows.core_shape()[1];
     let sigma = Input::new(sigma, "row_sigma", 1)?;
     let (data, each) = (rows.slice()?.to_vec(), sigma.slice()?.to_vec());
-    let found = interruptible(py, move || {
+    let found = run::apart(py, f64::INFINITY, move |_| {
         gramian::observability::without_noise(&data, n, &each)
     })?
     .map_err(|error| input_at("", error))?;

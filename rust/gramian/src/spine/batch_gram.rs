@@ -30,8 +30,20 @@ pub fn gram(
     let Ok(()) = threads.over(out, n * n, cost, each);
 }
 
+/// Whether rows of `n` columns have a kernel of their own.
+#[must_use]
+pub fn is_fast(n: usize) -> bool {
+    matches!(n, 4 | 9)
+}
+
 fn any_size(rows: &[f64], weights: Option<&[f64]>, n: usize, out: &mut [f64]) {
     out.fill(0.0);
+    add(rows, weights, n, out);
+}
+
+/// Adds the squares of further rows, one after the other, to a matrix (n, n) that was
+/// filled with zeros: the same to the last bit as all rows at once, but where [`is_fast`].
+pub fn add(rows: &[f64], weights: Option<&[f64]>, n: usize, out: &mut [f64]) {
     for (k, row) in rows.chunks_exact(n).enumerate() {
         add_square(row, weights.map_or(1.0, |w| w[k]), out);
     }

@@ -1,0 +1,327 @@
+"""Every public function that may run long, at a size at which it does, and how soon Ctrl-C ends it.
+
+python tests/attack/interrupts.py [NAME ...] prints the seconds from the signal to the end.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+import gramian as gm
+
+#: From the start of a call to the signal, in seconds: it is at its work by then.
+BEFORE = 0.3
+
+
+def _rng() -> np.random.Generator:
+    return np.random.default_rng(1)
+
+
+def _system(n: int, p: int = 4) -> tuple[Any, Any]:
+    rng = _rng()
+    return rng.normal(size=(n, n)) / np.sqrt(n) - np.eye(n), rng.normal(size=(p, n))
+
+
+def _bearings(samples: int) -> dict[str, Any]:
+    times = np.linspace(0.0, 200.0, samples)
+    late = np.maximum(times - 100.0, 0.0)
+    path = np.stack([4.0 * late, 5.0 * np.minimum(times, 100.0)], axis=1)
+    return {"times": times, "observer": path, "target": [2000.0, 6000.0, 3.0, -1.0], "sigma": 0.01}
+
+
+def _dipole(samples: int) -> dict[str, Any]:
+    return {
+        "r0": np.array([-10.0, -10.0, 5.0]),
+        "v": np.array([1.0, 1.0, 0.0]),
+        "m": np.array([10.0, 20.0, 10.0]),
+        "times": np.linspace(0.0, 20.0, samples),
+        "sigma": 1e-9,
+    }
+
+
+def _transition() -> Callable[[], Any]:
+    A, _ = _system(1500)
+    return lambda: gm.linear.transition(A, 3.0)
+
+
+def _gramian() -> Callable[[], Any]:
+    A, C = _system(400)
+    return lambda: gm.linear.gramian(A, C, window=30.0)
+
+
+def _levels() -> Callable[[], Any]:
+    A, C = _system(300, 1)
+    return lambda: gm.linear.levels(A, C)
+
+
+def _piecewise() -> Callable[[], Any]:
+    rng = _rng()
+    A = rng.normal(size=(60, 150, 150)) / 12.0
+    C = rng.normal(size=(60, 2, 150))
+    return lambda: gm.linear.piecewise(A, C, np.ones(60))
+
+
+def _analyze() -> Callable[[], Any]:
+    rows = _rng().normal(size=(1500, 800))
+    return lambda: gm.analyze(rows, scale=np.ones(800)).suggestions
+
+
+def _sparse() -> Callable[[], Any]:
+    import scipy.sparse as sp
+
+    side = 160
+    n = side * side
+    at = np.arange(n).reshape(side, side)
+    ends = np.concatenate(
+        [
+            np.stack([at[:, :-1].ravel(), at[:, 1:].ravel()], axis=1),
+            np.stack([at[:-1].ravel(), at[1:].ravel()], axis=1),
+        ]
+    )
+    rows = np.repeat(np.arange(len(ends)), 2)
+    values = np.tile([1.0, -1.0], len(ends)) * np.repeat(_rng().uniform(0.5, 2.0, len(ends)), 2)
+    matrix = sp.csr_matrix((values, (rows, ends.ravel())), shape=(len(ends), n))
+    matrix = sp.kron(matrix, np.triu(np.ones((3, 3)))).tocsr()
+    names = [f"x{i}" for i in range(3 * n)]
+    return lambda: gm.analyze(gm.large.SparseProblem(matrix, names)).summary()
+
+
+def _pairs() -> Callable[[], Any]:
+    path = np.cumsum(_rng().normal(size=(200_000, 2)), axis=0)
+    return lambda: gm.maneuver.fisher_det(path, [5e4, 5e4], 0.01, method="pairs")
+
+
+def _gram(shape: tuple[int, int]) -> Callable[[], Any]:
+    rows = np.ones(shape)
+    return lambda: gm.gram(rows)
+
+
+def _crlb_std() -> Callable[[], Any]:
+    rows = _rng().normal(size=(1600, 1200))
+    return lambda: gm.crlb_std(rows)
+
+
+def _ranges(state: Any) -> Any:
+    posts = np.stack([np.linspace(0.0, 100.0, 2000), np.sin(np.arange(2000.0))], axis=1)
+    return np.hypot(*(state[:2] - posts).T)
+
+
+def _estimate_trials() -> Callable[[], Any]:
+    model = gm.from_function(_ranges, [30.0, 40.0], 1.0, ["east", "north"])
+    return lambda: gm.estimate_trials(model, [30.0, 40.0], trials=100_000, seed=1)
+
+
+def _other_solutions() -> Callable[[], Any]:
+    model = gm.from_function(_slow, np.zeros(6), 1.0, [f"x{i}" for i in range(6)])
+    return lambda: [gm.other_solutions(model, np.zeros(6)) for _ in range(100)]
+
+
+def _estimate() -> Callable[[], Any]:
+    model = gm.from_function(_slow, np.zeros(6), 1.0, [f"x{i}" for i in range(6)])
+    return lambda: [gm.estimate(model, _slow(np.full(6, 0.3))) for _ in range(100)]
+
+
+def _slow(state: Any) -> Any:
+    time.sleep(1e-4)
+    return np.concatenate([np.sin(3.0 * state), np.cos(2.0 * state + np.roll(state, 1)), state**2])
+
+
+def _bearings_trials() -> Callable[[], Any]:
+    return lambda: gm.bearings.localize_trials(**_bearings(100), trials=300_000, seed=1)
+
+
+def _quadruples() -> Callable[[], Any]:
+    times = np.linspace(0.0, 100.0, 1000)
+    seen = np.arctan2(times, 50.0 + times**1.5)
+    return lambda: gm.bearings.discriminant_sum(times, seen, method="direct")
+
+
+def _dipole_trials() -> Callable[[], Any]:
+    known = {"vz": 0.0}
+    return lambda: gm.dipole.localize_trials(**_dipole(100), known=known, trials=20_000, seed=1)
+
+
+def _dipole_localize() -> Callable[[], Any]:
+    given = _dipole(100_000)
+    sigma = given.pop("sigma")
+    field = gm.dipole.measure(**given)
+    field += sigma * _rng().normal(size=field.shape)
+    known = {"vz": 0.0}
+    return lambda: gm.dipole.localize(given["times"], field, known, sigma=sigma, starts=100)
+
+
+def _registration_trials() -> Callable[[], Any]:
+    return lambda: gm.registration.estimate_trials(
+        np.stack([np.linspace(10e3, 50e3, 100), np.linspace(80e3, 60e3, 100)], axis=1),
+        [[0.0, 0.0], [60e3, 0.0]],
+        [[50.0, 0.002], [50.0, 0.002]],
+        np.zeros(4),
+        seed=1,
+        trials=100_000,
+    )
+
+
+def _plan() -> Callable[[], Any]:
+    return lambda: [
+        gm.maneuver.plan(
+            [0.0, 2000.0, 1.0, 1.0],
+            np.zeros(2),
+            speed=5.0,
+            dt=5.0,
+            samples=400,
+            sigma=0.01,
+            criterion="D",
+            legs=8,
+        )
+        for _ in range(50)
+    ]
+
+
+def _closed_loop() -> Callable[[], Any]:
+    return lambda: gm.maneuver.closed_loop(
+        [0.0, 2000.0],
+        np.zeros(2),
+        speed=5.0,
+        dt=20.0,
+        samples=2000,
+        sigma=0.01,
+        first_range=(1500.0, 500.0),
+        methods=("max_det",),
+        trials=200_000,
+        seed=1,
+    )
+
+
+def _monte_carlo() -> Callable[[], Any]:
+    problem = gm.Problem(_rng().normal(size=(60, 30)), [f"x{i}" for i in range(30)])
+    return lambda: gm.monte_carlo.run(problem, trials=20_000_000, seed=1, progress=False)
+
+
+def _normals() -> Callable[[], Any]:
+    return lambda: [gm.monte_carlo.normals(1, 0, 1_000_000, 60) for _ in range(40)]
+
+
+def _select() -> Callable[[], Any]:
+    rows = _rng().normal(size=(20_000, 2, 40))
+    return lambda: gm.choose.select(list(rows), 60, "A")
+
+
+def _posterior() -> Callable[[], Any]:
+    rows = _rng().normal(size=(20_000, 2, 40))
+    return lambda: gm.bounds.posterior(rows, np.eye(40), np.eye(40), np.eye(40), keep="std")
+
+
+#: By the name of what runs: makes its inputs and returns the call.
+CASES: dict[str, Callable[[], Callable[[], Any]]] = {
+    "linear.transition": _transition,
+    "linear.gramian": _gramian,
+    "linear.levels": _levels,
+    "linear.piecewise": _piecewise,
+    "analyze": _analyze,
+    "large.analyze_sparse": _sparse,
+    "maneuver.fisher_det": _pairs,
+    "maneuver.plan": _plan,
+    "maneuver.closed_loop": _closed_loop,
+    "gram of many rows": lambda: _gram((5_000_000, 30)),
+    "gram of many states": lambda: _gram((4000, 4000)),
+    "crlb_std": _crlb_std,
+    "estimate": _estimate,
+    "estimate_trials": _estimate_trials,
+    "other_solutions": _other_solutions,
+    "bearings.localize_trials": _bearings_trials,
+    "bearings.discriminant_sum": _quadruples,
+    "dipole.localize": _dipole_localize,
+    "dipole.localize_trials": _dipole_trials,
+    "registration.estimate_trials": _registration_trials,
+    "monte_carlo.run": _monte_carlo,
+    "monte_carlo.normals": _normals,
+    "choose.select": _select,
+    "bounds.posterior": _posterior,
+}
+
+
+class Interrupted:
+    """A process that calls what it is told, and is interrupted."""
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[str] | None = None
+
+    def __enter__(self) -> Interrupted:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.communicate()
+            self._process = None
+
+    def seconds(self, name: str, patience: float = 30.0) -> float:
+        """Return how long a call takes to end after the signal; raise where it ends otherwise."""
+        if self._process is None:
+            self._process = subprocess.Popen(
+                [sys.executable, __file__, "--serve"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                text=True,
+                bufsize=1,
+            )
+        process = self._process
+        assert process.stdin is not None
+        print(name, file=process.stdin, flush=True)
+        self._expect("begins", 120.0)
+        time.sleep(BEFORE)
+        sent = time.monotonic()
+        os.kill(process.pid, signal.SIGINT)
+        self._expect("interrupted", patience)
+        return time.monotonic() - sent
+
+    def _expect(self, word: str, patience: float) -> None:
+        assert self._process is not None
+        stdout = self._process.stdout
+        assert stdout is not None
+        ready, _, _ = select.select([stdout], [], [], patience)
+        line = stdout.readline().strip() if ready else f"silence for {patience} s"
+        if line != word:
+            self.__exit__()
+            raise AssertionError(f"{word!r} is expected, there is {line!r}")
+
+
+def _serve() -> None:
+    for line in sys.stdin:
+        call = CASES[line.strip()]()
+        try:
+            print("begins", flush=True)
+            call()
+            print("ended before the signal: make it longer", flush=True)
+            time.sleep(2 * BEFORE)
+        except KeyboardInterrupt:
+            print("interrupted", flush=True)
+        except Exception as error:
+            print(f"{type(error).__name__}: {error}".replace("\n", " "), flush=True)
+            os._exit(1)
+
+
+def main() -> None:
+    """Print a line for each."""
+    with Interrupted() as child:
+        for name in sys.argv[1:] or CASES:
+            try:
+                print(f"{name:32s} {child.seconds(name):6.2f} s", flush=True)
+            except AssertionError as error:
+                print(f"{name:32s} {error}", flush=True)
+
+
+if __name__ == "__main__":
+    if sys.argv[1:] == ["--serve"]:
+        _serve()
+    else:
+        main()
