@@ -2,6 +2,7 @@
 
 use gramian::batch::{Items, Threads, simd::Path};
 use gramian::dipole::batch::{self, Passes, Simulated};
+use gramian::dipole::description::{Description, Motion};
 use gramian::dipole::localize::{Background, Knowledge, Loss, Options};
 use gramian::dipole::measured::Measured;
 use gramian::dipole::{Pass, Sensing};
@@ -422,6 +423,83 @@ impl PyRecord {
             &near,
         );
         Ok(Self { record, samples })
+    }
+
+    /// The same record with more to explain it: motion, dipoles, drift, and the deviations of
+    /// the sensors' attitude (rad) and scale.
+    #[pyo3(signature = (motion, sources, drift, attitude, scale))]
+    fn described(
+        &self,
+        motion: &str,
+        sources: usize,
+        drift: bool,
+        attitude: Option<f64>,
+        scale: Option<f64>,
+    ) -> PyResult<Self> {
+        let motion = match motion {
+            "straight" => Motion::Straight,
+            "along" => Motion::Along,
+            "accelerated" => Motion::Accelerated,
+            "turning" => Motion::Turning,
+            other => return Err(unknown("motion", other)),
+        };
+        let record = self.record.clone().with(Description {
+            motion,
+            sources,
+            drift,
+            attitude,
+            scale,
+        });
+        Ok(Self {
+            record,
+            samples: self.samples,
+        })
+    }
+
+    /// Place (3,) of the body at a time, and its derivatives (3, n) by the states (n,).
+    #[allow(clippy::type_complexity)]
+    fn place<'py>(
+        &self,
+        py: Python<'py>,
+        x: &Bound<'py, PyAny>,
+        time: f64,
+    ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
+        let (place, by) = self.record.place(&self.states(x)?, time);
+        let n = by.len();
+        let flat: Vec<f64> = (0..3 * n).map(|i| by[i % n][i / n]).collect();
+        let matrix = PyArray1::from_vec(py, flat).reshape([3, n])?;
+        Ok((PyArray1::from_slice(py, &place), matrix))
+    }
+
+    /// States with one dipole more, (seeds, n + 6), the most promising first.
+    fn seeds<'py>(
+        &self,
+        py: Python<'py>,
+        x: &Bound<'py, PyAny>,
+        most: usize,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let x = self.states(x)?;
+        let found = py
+            .detach(|| self.record.seeds(&x, most))
+            .map_err(|error| InputError::new_err(error.to_string()))?;
+        let shape = [found.len(), x.len() + 6];
+        PyArray1::from_vec(py, found.concat()).reshape(shape)
+    }
+
+    /// Weights of the numbers under Huber's loss, what they are to be multiplied by, sigma.
+    #[pyo3(signature = (x, sigma))]
+    fn robust<'py>(
+        &self,
+        py: Python<'py>,
+        x: &Bound<'py, PyAny>,
+        sigma: Option<f64>,
+    ) -> PyResult<(Bound<'py, PyArray1<f64>>, f64, f64)> {
+        let x = self.states(x)?;
+        let (weights, efficiency, sigma) = self
+            .record
+            .robust(&x, sigma)
+            .map_err(|error| InputError::new_err(error.to_string()))?;
+        Ok((PyArray1::from_vec(py, weights), efficiency, sigma))
     }
 
     /// The record as a model.

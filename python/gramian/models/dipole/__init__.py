@@ -10,13 +10,13 @@ of the sensor, fields in tesla.
   permeability.
 - `measure`, `simulate`: the fields of a pass, exact and noisy.
 - `localize`, `localize_many`: the dipole from a record, as `Localization` (a
-  `gramian.Estimate` of a `DipoleModel`) and `Localizations` with `Solution`, `Pass` and
-  `ClosestPoint`; `localize_trials` of simulated records.
+  `gramian.Estimate` of a `DipoleModel` with its `Description`) and `Localizations` with
+  `Solution`, `Pass` and `ClosestPoint`; `localize_trials` of simulated records.
 - `check_record`: what is wrong with a record, as a `RecordCheck` of `Finding`.
 - `equivalents`: the passes that one sensor cannot tell apart.
 """
 
-from gramian.models.dipole._estimate import DipoleModel
+from gramian.models.dipole._estimate import Description, DipoleModel
 from gramian.models.dipole._localize import localize, localize_many, localize_trials
 from gramian.models.dipole._model import (
     MU0,
@@ -42,6 +42,7 @@ __all__ = [
     "NAMES",
     "UNITS",
     "ClosestPoint",
+    "Description",
     "DipoleModel",
     "Finding",
     "Jacobian",

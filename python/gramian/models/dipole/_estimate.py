@@ -16,7 +16,7 @@ from gramian._values import Value
 from gramian.estimation import channel_faults
 from gramian.models.dipole._model import NAMES
 
-__all__ = ["KNOWABLE", "PARTS", "DipoleModel"]
+__all__ = ["KNOWABLE", "PARTS", "Description", "DipoleModel"]
 
 Array = NDArray[np.float64]
 
@@ -25,6 +25,37 @@ KNOWABLE = (*NAMES, "speed", "moment")
 
 #: Sizes of vectors, and where those are in the state.
 PARTS = {"speed": slice(3, 6), "moment": slice(6, 9)}
+
+
+@dataclass(frozen=True)
+class Description:
+    """What a record is explained by, beside one dipole on a straight pass.
+
+    Attributes
+    ----------
+    motion : str
+        "straight"; "along", a constant acceleration along the track; "accelerated", a constant
+        one in any direction; "turning", at a constant rate about z, clockwise seen from above,
+        the dipoles with the body.
+    sources : int
+        Dipoles of the body, 1 to 4; those after the first at an offset from it.
+    drift : bool
+        Whether a drift of each channel, linear in time, is fitted beside its constant.
+    attitude, scale : float or None
+        Standard deviations of the attitude (rad) and the scale of each sensor, states then;
+        None where they are exact.
+    """
+
+    motion: str = "straight"
+    sources: int = 1
+    drift: bool = False
+    attitude: float | None = None
+    scale: float | None = None
+
+    def __str__(self) -> str:
+        """Return the description in words."""
+        dipoles = "1 dipole" if self.sources == 1 else f"{self.sources} dipoles"
+        return f"{dipoles}, {self.motion}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +84,8 @@ class DipoleModel(Value):
         Of the noise of neighbouring samples of a channel, from 0 to below 1.
     spacing : float
         The time between neighbours of which it is told, s.
+    description : Description
+        What there is beside one dipole on a straight pass.
     """
 
     times: Array
@@ -64,10 +97,11 @@ class DipoleModel(Value):
     background: bool = False
     correlation: float = 0.0
     spacing: float = 1.0
+    description: Description = Description()
 
     def record(self, z: ArrayLike) -> _core.DipoleRecord:
         """Return the extension's record of these fields, (K, S, 3) or flat, tesla."""
-        return _core.DipoleRecord(
+        plain = _core.DipoleRecord(
             self.times,
             finite(z, "field").reshape(self.weights.shape),
             self.sensors.tolist(),
@@ -78,6 +112,12 @@ class DipoleModel(Value):
             self.near.tolist(),
             self.correlation,
             self.spacing,
+        )
+        about = self.description
+        if about == Description():
+            return plain
+        return plain.described(
+            about.motion, about.sources, about.drift, about.attitude, about.scale
         )
 
     @cached_property
@@ -114,7 +154,12 @@ class DipoleModel(Value):
     def functions(self) -> dict[str, tuple[Callable[[Array], tuple[float, Array]], str]]:
         """The range at the closest point, seen from the first sensor, sizes, components."""
         found: dict[str, tuple[Callable[[Array], tuple[float, Array]], str]]
-        found = {"range": (_Of(self._blank, _Closest(self.sensors[0])), "m")}
+        near: Callable[[Array], tuple[float, Array]]
+        if self.description.motion == "straight":
+            near = _Of(self._blank, _Closest(self.sensors[0]))
+        else:
+            near = _Nearest(self._blank, self.sensors[0], self.times)
+        found = {"range": (near, "m")}
         for name, part in PARTS.items():
             if name not in self.known:
                 unit = "m/s" if name == "speed" else "A m^2"
@@ -147,14 +192,19 @@ class DipoleModel(Value):
             prior={},
             background=False,
             correlation=0.0,
+            description=replace(self.description, drift=False),
         )
         own = len(even.names)
         state = finite(x, "x")
-        exact: Array = -even.handle(np.zeros(self.weights.shape)).linearize(state[:own])[0]
+        left = even.handle(np.zeros(self.weights.shape)).linearize(state[:own])[0]
+        exact: Array = -left[: self.weights.size]
         if self.background:
-            levels = np.zeros(self.weights.shape[1:]).ravel()
-            levels[self.used] = state[own:]
-            exact = exact + np.tile(levels, len(self.times))
+            levels = np.zeros((2, self.used.size))
+            levels[: 2 if self.description.drift else 1, self.used] = state[own:].reshape(
+                -1, int(self.used.sum())
+            )
+            since = self.times - self.times.mean()
+            exact = exact + (levels[0] + since[:, None] * levels[1]).ravel()
         return exact
 
     def residuals(self, x: ArrayLike, z: ArrayLike) -> Array:
@@ -169,7 +219,7 @@ class DipoleModel(Value):
         """Return what else may be true, as whitened columns.
 
         Accelerations, a constant, a drift and a gain of each channel, a second dipole on
-        the same track.
+        the track or beside it.
         """
         return dict(self.record(z).alternatives(x))
 
@@ -216,6 +266,36 @@ class _Closest:
         # At the closest point a change of its time changes nothing.
         unit = closest / (distance or 1.0)
         return distance, np.concatenate([unit, time * unit, np.zeros(3)])
+
+
+class _Nearest:
+    """The least distance from a sensor of a body that does not pass straight."""
+
+    range = (0.0, np.inf)
+
+    def __init__(self, record: _core.DipoleRecord, sensor: Array, times: Array) -> None:
+        self._record, self._sensor = record, sensor
+        self._times = np.linspace(times.min(), times.max(), 65)
+
+    def _distance(self, x: Array, time: float) -> float:
+        return float(np.linalg.norm(self._record.place(x, time)[0] - self._sensor))
+
+    def __call__(self, x: Array) -> tuple[float, Array]:
+        far = [self._distance(x, float(t)) for t in self._times]
+        near = int(np.argmin(far))
+        low, high = self._times[max(near - 1, 0)], self._times[min(near + 1, 64)]
+        # Halves of the golden section, to the last digits that a least value has.
+        for _ in range(36):
+            first, second = high - 0.618034 * (high - low), low + 0.618034 * (high - low)
+            if self._distance(x, first) < self._distance(x, second):
+                high = second
+            else:
+                low = first
+        place, by = self._record.place(x, 0.5 * (low + high))
+        offset = place - self._sensor
+        distance = float(np.linalg.norm(offset))
+        along: Array = (offset / (distance or 1.0)) @ by
+        return distance, along
 
 
 class _Size:

@@ -19,7 +19,7 @@ from gramian.analysis import analyze
 from gramian.estimation import Solution as Other
 from gramian.estimation import levels
 from gramian.exceptions import InputError, UnobservableError
-from gramian.models.dipole._estimate import KNOWABLE, DipoleModel
+from gramian.models.dipole._estimate import KNOWABLE, Description, DipoleModel
 from gramian.models.dipole._model import NAMES, Pass, problem
 from gramian.models.dipole._result import (
     ClosestPoint,
@@ -36,7 +36,10 @@ Array = NDArray[np.float64]
 #: Tesla; beyond it squares leave the range of the numbers.
 LARGEST = 1e100
 Background = Literal["median", "fit"]
+Motion = Literal["straight", "along", "accelerated", "turning"]
 Loss = Literal["gaussian", "huber"]
+
+_PLAIN = Description()
 
 _ALIASES = {"x": "x0", "y": "y0", "z": "z0"}
 
@@ -63,7 +66,11 @@ def localize(
     *,
     prior: Mapping[str, tuple[float, float]] | None = None,
     sensors: ArrayLike | None = None,
-    background: Background | None = None,
+    background: Background | Literal["drift"] | None = None,
+    sources: int | Sequence[int] = 1,
+    motion: Motion | Sequence[Motion] = "straight",
+    attitude: float | None = None,
+    scale: float | None = None,
     loss: Loss = "gaussian",
     sigma: float | None = None,
     window: Literal["pass"] | tuple[float, float] | None = None,
@@ -93,7 +100,15 @@ def localize(
         Where the sensors are, metres; one at the origin by default.
     background : {"median", "fit"}, optional
         What to do about a constant field in the record: fit a constant to each channel;
-        with "median" the median of the whole record is taken off first. Nothing by default.
+        with "median" the median of the whole record is taken off first; with "drift" a
+        line in time is fitted beside the constant. Nothing by default.
+    sources : int or sequence of int
+        How many dipoles the body carries, 1 to 4; of several the one of the least BIC.
+    motion : {"straight", "along", "accelerated", "turning"}, or a sequence of these
+        How the body moves, see `Description`; of several the one of the least BIC.
+    attitude, scale : float, optional
+        Standard deviations of the attitude (rad) and of the scale of each sensor, which are
+        states then; exact by default.
     loss : {"gaussian", "huber"}
         Squares, or Huber's loss with spikes rejected.
     sigma : float, optional
@@ -155,7 +170,8 @@ def localize(
     >>> answer.m.round(1), answer.mirror
     (array([10., 20., 10.]), None)
     """
-    setup = _Setup(known, prior, sensors, background, loss, sigma, starts)
+    setup = _Setup(known, prior, sensors, background, loss, sigma, starts, drift=True)
+    wanted = _descriptions(sources, motion, background == "drift", attitude, scale)
     limits = levels(alpha, chance, weak_ratio)
     setup.max_iterations = whole(max_iterations, "max_iterations", 1, 1_000_000)
     if correlation != "fit":
@@ -186,10 +202,15 @@ def localize(
         if (~np.isnan(y[keep])).sum() >= 4 * setup.unknowns:
             t, y = t[keep], y[keep]
             raw = setup.run(t, y, inner)
+    if wanted != [Description()]:
+        return _described(
+            wanted, raw, t, y, offsets, inner, dropped, setup, limits, correlation == "fit"
+        )
     if correlation == "fit":
         inner, raw = _with_correlation(raw, t, y, inner, setup)
-    found = _answer(raw, t, y, offsets, inner, dropped, setup, limits)
-    return found if correlation != "fit" else replace(found, correlation_given=False)
+    return _answer(
+        raw, t, y, offsets, inner, dropped, setup, limits, correlation_given=correlation != "fit"
+    )
 
 
 def _with_correlation(
@@ -212,8 +233,190 @@ def _states(model: DipoleModel, raw: _core._DipoleLocalized) -> Array:
     state = model.coordinates(raw["state"])
     if model.background:
         levels = raw["background"].ravel()[model.used]
-        state[len(state) - len(levels) :] = levels
+        first = len(state) - len(levels) * (2 if model.description.drift else 1)
+        state[first : first + len(levels)] = levels
     return state
+
+
+def _descriptions(
+    sources: int | Sequence[int],
+    motion: str | Sequence[str],
+    drift: bool,
+    attitude: float | None,
+    scale: float | None,
+) -> list[Description]:
+    """Return what a record may be explained by, motion after motion, sources ascending."""
+    if isinstance(sources, Sequence) and not isinstance(sources, str):
+        counts = sorted({whole(count, "sources", 1, 4) for count in sources})
+    else:
+        counts = [whole(sources, "sources", 1, 4)]
+    motions = [motion] if isinstance(motion, str) or motion is None else list(motion)
+    for one in motions:
+        options.choice(one, "motion", ("straight", "along", "accelerated", "turning"))
+    if not counts or not motions:
+        raise InputError("sources and motion must name at least one each")
+    deviations = []
+    for given, name in ((attitude, "attitude [rad]"), (scale, "scale")):
+        value = None if given is None else number(given, name)
+        if value is not None and not value > 0:
+            raise InputError(f"{name} = {value}: must be > 0")
+        deviations.append(value)
+    return [Description(m, n, drift, *deviations) for m in motions for n in counts]
+
+
+@dataclass(frozen=True)
+class _Settled:
+    """What a description makes of a record."""
+
+    about: Description
+    model: DipoleModel
+    state: Array
+    weights: Array
+    efficiency: float
+    sigma: float
+    converged: bool
+    iterations: int
+    bic: float
+
+
+def _settle(
+    about: Description,
+    starts: Array,
+    raw: _core._DipoleLocalized,
+    t: Array,
+    y: Array,
+    inner: _Options,
+    setup: _Setup,
+    correlated: bool,
+) -> _Settled:
+    """Fit a description from some starts, until noise and weights settle."""
+    filled, counts = np.nan_to_num(y), (raw["weights"] > 0) & ~np.isnan(y)
+    weights, efficiency = raw["weights"] * counts, float(raw["efficiency"])
+    sigma, count = float(raw["sigma"]), int(counts.sum())
+    iterations = 0
+    for _ in range(20):
+        model = setup.model(raw, t, inner, np.sqrt(weights * efficiency) / sigma, about)
+        handle = model.handle(filled)
+        found = handle.minimize(starts, ("squares", 0.0), setup.max_iterations)
+        if not found:
+            raise InputError("the body meets a sensor at every start")
+        state, before = found[0]["x"], (sigma, inner.correlation)
+        starts, iterations = state[None], iterations + found[0]["iterations"]
+        unit = replace(model, weights=counts.astype(float))
+        if correlated:
+            even = replace(unit, correlation=0.0)
+            rho, _ = even.record(filled).noise(state, model.spacing, setup.sigma)
+            inner = replace(inner, correlation=rho)
+        if setup.loss == "huber":
+            flat, efficiency, sigma = unit.record(filled).robust(state, setup.sigma)
+            weights = flat.reshape(counts.shape)
+        elif setup.sigma is None:
+            left = unit.residuals(state, filled)
+            sigma = float(np.sqrt(left @ left / max(count - len(state), 1)))
+            sigma = max(sigma, 1e-12 * before[0])
+        settled = abs(sigma - before[0]) < 1e-4 * sigma
+        if settled and abs(inner.correlation - before[1]) < 1e-2 * (1 - inner.correlation):
+            break
+    left = unit.residuals(state, filled) / sigma
+    size = np.abs(left)
+    loss = left**2
+    if setup.loss == "huber":
+        loss = np.where(size > 1.345, 1.345 * (2 * size - 1.345), loss)
+    # Twice the log likelihood, less a constant; with the variances of the innovations.
+    steps = np.diff(t) / model.spacing
+    share = inner.correlation ** (2 * steps) if inner.correlation > 0 else np.zeros(len(steps))
+    log_variance = setup.used * float(np.log1p(-share).sum())
+    bic = loss.sum() + 2 * count * np.log(sigma) + log_variance + len(state) * np.log(count)
+    return _Settled(
+        about,
+        setup.model(raw, t, inner, np.sqrt(weights * efficiency) / sigma, about),
+        state,
+        weights,
+        efficiency,
+        sigma,
+        bool(found[0]["converged"]),
+        iterations,
+        float(bic),
+    )
+
+
+def _described(
+    wanted: Sequence[Description],
+    raw: _core._DipoleLocalized,
+    t: Array,
+    y: Array,
+    offsets: Array,
+    inner: _Options,
+    dropped: int,
+    setup: _Setup,
+    limits: tuple[float, float, float],
+    correlated: bool,
+) -> Localization:
+    """Return the answer of the description that explains the record best."""
+    filled = np.nan_to_num(y)
+    tried: list[_Settled] = []
+    for motion in dict.fromkeys(about.motion for about in wanted):
+        counts = [about.sources for about in wanted if about.motion == motion]
+        last: _Settled | None = None
+        for count in range(1, max(counts) + 1):
+            about = replace(wanted[0], motion=motion, sources=count)
+            if last is None:
+                model = setup.model(raw, t, inner, np.sqrt(raw["weights"]), about)
+                starts = _states(model, raw)[None]
+            else:
+                starts = last.model.record(filled).seeds(last.state, 8)
+            settled = _settle(about, starts, raw, t, y, inner, setup, correlated)
+            if count in counts:
+                tried.append(settled)
+                earlier = last is not None and last.about.sources in counts
+                if last is not None and earlier and settled.bic > last.bic:
+                    break
+            last = settled
+    tried.sort(key=lambda one: one.bic)
+    best = tried[0]
+    model, state = best.model, best.state
+    found = model.expand(state)[0]
+    handle = model.handle(filled)
+    others, mirror = [], None
+    for other in handle.others(state, None, 0, 0)["others"]:
+        others.append(
+            Other(other["x"], other["chi2"], other["distance"], other["chance"], other["hits"])
+        )
+        if mirror is None:
+            image = model.expand(other["x"])[0]
+            mirror = Solution(image[:3], image[3:6], image[6:], other["chi2"])
+    left = handle.linearize(state)[0]
+    exact = model.h(state).reshape(y.shape)
+    names = [name for name in model.names if name.startswith("background")]
+    levels = np.zeros(offsets.shape)
+    if names:
+        first = model.names.index(names[0])
+        levels[model.used.reshape(levels.shape)] = state[first : first + len(names)]
+    return _localization(
+        _Found(
+            model=model,
+            state=state,
+            found=found,
+            cost=float(left @ left),
+            mirror=mirror,
+            others=tuple(others),
+            sigma=best.sigma,
+            weights=best.weights,
+            residuals=filled - exact,
+            fitted=levels,
+            converged=best.converged,
+            iterations=best.iterations,
+        ),
+        t,
+        y,
+        offsets,
+        replace(inner, correlation=model.correlation),
+        dropped,
+        setup,
+        limits,
+        correlation_given=not correlated,
+        candidates=tuple((one.about, one.bic) for one in tried),
+    )
 
 
 def localize_many(
@@ -361,6 +564,7 @@ class _Setup:
         loss: str,
         sigma: float | None,
         starts: int,
+        drift: bool = False,
     ) -> None:
         self.known = {
             _name(key): _number(value, f"known[{key!r}]")
@@ -390,7 +594,8 @@ class _Setup:
             if not given > 0:
                 raise InputError(f"{name} = {given}: must be > 0")
         if background is not None:
-            options.choice(background, "background", ("median", "fit"))
+            choices = ("median", "fit", "drift") if drift else ("median", "fit")
+            options.choice(background, "background", choices)
         options.choice(loss, "loss", ("gaussian", "huber"))
         if sigma is not None:
             sigma = number(sigma, "sigma [T]")
@@ -427,7 +632,12 @@ class _Setup:
         )
 
     def model(
-        self, raw: _core._DipoleLocalized, t: Array, inner: _Options, weights: Array
+        self,
+        raw: _core._DipoleLocalized,
+        t: Array,
+        inner: _Options,
+        weights: Array,
+        about: Description = _PLAIN,
     ) -> DipoleModel:
         """Return the model of a record at the pass that was found."""
         origin = t[0] if inner.origin is None else inner.origin
@@ -441,6 +651,7 @@ class _Setup:
             self.background is not None,
             inner.correlation,
             float(np.median(np.diff(t))) if len(t) > 1 else 1.0,
+            about,
         )
 
     def samples(
@@ -509,6 +720,24 @@ class _Setup:
         )
 
 
+@dataclass(frozen=True)
+class _Found:
+    """What a fit found: the part of an answer that follows from nothing else."""
+
+    model: DipoleModel
+    state: Array
+    found: Array
+    cost: float
+    mirror: Solution | None
+    others: tuple[Other, ...]
+    sigma: float
+    weights: Array
+    residuals: Array
+    fitted: Array
+    converged: bool
+    iterations: int
+
+
 def _answer(
     raw: _core._DipoleLocalized,
     t: Array,
@@ -518,41 +747,82 @@ def _answer(
     dropped: int,
     setup: _Setup,
     limits: tuple[float, float, float],
+    correlation_given: bool,
 ) -> Localization:
-    found, mirror, fitted = raw["state"], raw["mirror"], raw["background"]
-    cost, mirror_cost, sigma = float(raw["cost"]), float(raw["mirror_cost"]), float(raw["sigma"])
-    residuals, weights = raw["residuals"], raw["weights"]
-    origin = float(t[0]) if inner.origin is None else inner.origin
-    model = setup.model(raw, t, inner, np.sqrt(weights * raw["efficiency"]) / sigma)
+    mirror, sigma = raw["mirror"], float(raw["sigma"])
+    mirror_cost = float(raw["mirror_cost"])
+    model = setup.model(raw, t, inner, np.sqrt(raw["weights"] * raw["efficiency"]) / sigma)
     state = _states(model, raw)
-    size = len(state)
-    constants = int(model.used.sum()) if model.background else 0
-    absent = np.isnan(y)
-    y = np.where(absent, 0.0, y)
-    handle = model.handle(y)
-    covariance = _covariance(model, handle, state, t, sigma, setup)
-    signal = y - fitted
-    good = weights > 0
     others: tuple[Other, ...] = ()
     if np.isfinite(mirror_cost):
+        constants = int(model.used.sum()) if model.background else 0
         image = model.coordinates(mirror)
-        image[size - constants :] = state[size - constants :]
+        image[len(state) - constants :] = state[len(state) - constants :]
         # Priors tell the two apart too.
+        handle = model.handle(np.nan_to_num(y))
         apart = handle.linearize(image)[0] - handle.linearize(state)[0]
         distance = float(np.linalg.norm(apart))
         half = 0.5 * math.erfc(distance / math.sqrt(8.0))
         others = (Other(image, mirror_cost, distance, half, 1),)
+    return _localization(
+        _Found(
+            model=model,
+            state=state,
+            found=raw["state"],
+            cost=float(raw["cost"]),
+            mirror=Solution(mirror[:3], mirror[3:6], mirror[6:], mirror_cost)
+            if np.isfinite(mirror_cost)
+            else None,
+            others=others,
+            sigma=sigma,
+            weights=raw["weights"],
+            residuals=raw["residuals"],
+            fitted=raw["background"],
+            converged=bool(raw["converged"]),
+            iterations=int(raw["rounds"]),
+        ),
+        t,
+        y,
+        offsets,
+        inner,
+        dropped,
+        setup,
+        limits,
+        correlation_given=correlation_given,
+    )
+
+
+def _localization(
+    fit: _Found,
+    t: Array,
+    y: Array,
+    offsets: Array,
+    inner: _Options,
+    dropped: int,
+    setup: _Setup,
+    limits: tuple[float, float, float],
+    correlation_given: bool,
+    candidates: tuple[tuple[Description, float], ...] = (),
+) -> Localization:
+    model, state, found, weights = fit.model, fit.state, fit.found, fit.weights
+    origin = float(t[0]) if inner.origin is None else inner.origin
+    absent = np.isnan(y)
+    y = np.where(absent, 0.0, y)
+    covariance = _covariance(model, model.handle(y), state, t, fit.sigma, setup)
+    signal = y - fit.fitted
+    good = weights > 0
+    residuals = fit.residuals
     return Localization(
         model=model,
         measurements=y.ravel(),
         names=model.names,
         units=model.units,
         state=state,
-        converged=bool(raw["converged"]),
-        iterations=int(raw["rounds"]),
+        converged=fit.converged,
+        iterations=fit.iterations,
         prior=setup.prior,
         known=setup.known,
-        others=others,
+        others=fit.others,
         unseen=1.0,
         alpha=limits[0],
         chance=limits[1],
@@ -563,17 +833,15 @@ def _answer(
         m=found[6:],
         pass_std=np.sqrt(np.maximum(np.diag(covariance), 0.0)),
         pass_covariance=covariance,
-        cost=cost,
-        mirror=Solution(mirror[:3], mirror[3:6], mirror[6:], mirror_cost)
-        if np.isfinite(mirror_cost)
-        else None,
+        cost=fit.cost,
+        mirror=fit.mirror,
         origin=origin,
         times=t,
         residuals=np.where(absent, np.nan, residuals),
         predicted=signal - residuals,
-        background=offsets + fitted,
+        background=offsets + fit.fitted,
         weights=weights,
-        sigma=sigma,
+        sigma=fit.sigma,
         sigma_given=setup.sigma is not None,
         explained=float(1 - (residuals[good] ** 2).sum() / (signal[good] ** 2).sum()),
         spikes=int((~good & ~absent).any(axis=-1).sum()),
@@ -581,6 +849,8 @@ def _answer(
         closest=_closest(found, covariance, origin, setup.sensors[0]),
         sensors=setup.sensors,
         correlation=inner.correlation,
+        correlation_given=correlation_given,
+        candidates=candidates,
     )
 
 
@@ -599,6 +869,13 @@ def _covariance(
     lines = handle.linearize(state)[1]
     analysis = _core.Analysis(lines, None)
     bound = analysis.crlb()
+    if bound is None and model.description != _PLAIN:
+        directions = describe_null_space(analysis.null_space(), model.names)
+        raise UnobservableError(
+            f"what is known does not suffice for {model.description}: "
+            f"{'; '.join(directions)} is not determined",
+            directions,
+        )
     if bound is None:
         null = columns @ analysis.null_space()
         # What rounding left in a state that has no part in it.

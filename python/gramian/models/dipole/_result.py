@@ -15,7 +15,7 @@ from gramian._registry import draw
 from gramian._text import brief
 from gramian.estimation import Estimate, Fit
 from gramian.exceptions import InputError
-from gramian.models.dipole._estimate import PARTS
+from gramian.models.dipole._estimate import PARTS, Description
 from gramian.models.dipole._model import NAMES, UNITS
 
 if TYPE_CHECKING:
@@ -83,6 +83,8 @@ class Localization(Estimate):
         Of the noise of neighbouring samples of a channel.
     correlation_given : bool
         Whether it was given, not fitted.
+    candidates : tuple of (Description, float)
+        What was tried, with Schwarz's criterion (BIC), the chosen first.
     closest : ClosestPoint
         Closest approach to the first sensor.
     """
@@ -109,6 +111,7 @@ class Localization(Estimate):
     sensors: Array
     correlation: float = 0.0
     correlation_given: bool = True
+    candidates: tuple[tuple[Description, float], ...] = ()
 
     _more_in_dict = (*Estimate._more_in_dict, "speed", "moment")
     _not_in_dict = Estimate._not_in_dict | {
@@ -118,6 +121,7 @@ class Localization(Estimate):
         "predicted",
         "weights",
         "sensors",
+        "candidates",
     }
 
     @cached_property
@@ -243,6 +247,9 @@ class Localization(Estimate):
             + (f", correlation {brief(self.correlation, 2)}" if self.correlation else "")
         )
         lines.extend(self._fit_lines())
+        if self.candidates:
+            tried = ", ".join(f"{about} {brief(bic, 6)}" for about, bic in self.candidates)
+            lines.append(f"explained by {self.candidates[0][0]}; BIC of what was tried: {tried}")
         if self.mirror is None:
             lines.append(f"mirror image: {self.no_mirror}")
         elif self.mirror.cost <= self.cost * (1 + 1e-6) + 1e-9:

@@ -1,7 +1,7 @@
 //! The record of a pass as a [`Model`]: what every question about an estimate is put to.
 //!
-//! The states are those of (r0, v, m) that are not known, and a constant field of each
-//! channel where it is fitted. A vector of known size is told by angles: the one from
+//! The states are those of (r0, v, m) that are not known, those of a [`Description`] that says
+//! more, and a constant field of each channel where it is fitted. A vector of known size is told by angles: the one from
 //! the axis along which it is smallest, where they are regular, and the one about it.
 
 use alloc::format;
@@ -9,11 +9,13 @@ use alloc::string::{String, ToString};
 use alloc::vec;
 use alloc::vec::Vec;
 
-use super::localize::{Knowledge, MOMENT, SPEED};
-use super::{Error, Pass, field, jacobian};
+use super::description::{Description, MOST, Motion, Step};
+use super::localize::{Knowledge, MOMENT, SPEED, huber, robust_sigma};
+use super::{Error, Jacobian, Pass, jacobian};
 use crate::numbers::algebra::dot;
 use crate::numbers::angle::wrapped;
 use crate::solve::Model;
+use crate::solve::fit::Fit;
 use crate::solve::noise::{Left, Whitening};
 
 /// Names of the states.
@@ -61,6 +63,41 @@ pub struct Measured {
     knowledge: Knowledge,
     /// Of position, velocity and moment.
     parts: [Part; 3],
+    description: Description,
+}
+
+/// Where the states of each kind begin.
+#[derive(Clone, Copy, Debug)]
+struct Layout {
+    motion: usize,
+    sources: usize,
+    attitude: usize,
+    scale: usize,
+    constants: usize,
+    drifts: usize,
+    end: usize,
+}
+
+/// What one sensor sees of the body at one time.
+struct Sight {
+    step: Step,
+    /// T.
+    field: [f64; 3],
+    /// Of each dipole.
+    jacobians: [Jacobian<f64>; MOST],
+    /// By the place of the body, of all dipoles.
+    by_place: [[f64; 3]; 3],
+}
+
+fn cross(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
+    core::array::from_fn(|i| {
+        let (j, k) = ((i + 1) % 3, (i + 2) % 3);
+        a[j] * b[k] - a[k] * b[j]
+    })
+}
+
+fn three(x: &[f64]) -> [f64; 3] {
+    core::array::from_fn(|i| x[i])
 }
 
 impl Measured {
@@ -121,7 +158,107 @@ impl Measured {
                 part(3, knowledge.exact[SPEED]),
                 part(6, knowledge.exact[MOMENT]),
             ],
+            description: Description::default(),
         }
+    }
+
+    /// The same record, explained by more than one dipole on a straight pass.
+    #[must_use]
+    pub fn with(mut self, description: Description) -> Self {
+        self.description = description;
+        self.description.sources = description.sources.clamp(1, MOST);
+        self
+    }
+
+    fn layout(&self) -> Layout {
+        let own = self.parts.iter().enumerate().map(|(k, part)| match part {
+            Part::Components => (3 * k..3 * k + 3)
+                .filter(|&i| self.knowledge.exact[i].is_none())
+                .count(),
+            Part::Circle { .. } => 1,
+            Part::Sphere { .. } => 2,
+            Part::Side { .. } => 0,
+        });
+        let (about, sensors) = (&self.description, self.sensors.len());
+        let motion = own.sum();
+        let sources = motion + about.motion.states();
+        let attitude = sources + 6 * (about.sources - 1);
+        let scale = attitude
+            + if about.attitude.is_some() {
+                3 * sensors
+            } else {
+                0
+            };
+        let constants = scale + if about.scale.is_some() { sensors } else { 0 };
+        let drifts = constants + self.constants.len();
+        let end = drifts + if about.drift { self.constants.len() } else { 0 };
+        Layout {
+            motion,
+            sources,
+            attitude,
+            scale,
+            constants,
+            drifts,
+            end,
+        }
+    }
+
+    /// Offset and moment of a dipole, in the body.
+    fn source(&self, state: &[f64; 9], x: &[f64], index: usize) -> ([f64; 3], [f64; 3]) {
+        if index == 0 {
+            return ([0.0; 3], three(&state[6..]));
+        }
+        let first = self.layout().sources + 6 * (index - 1);
+        (three(&x[first..]), three(&x[first + 3..]))
+    }
+
+    /// Where the body is at a time since the instant of the state, and the derivatives of that
+    /// by each state.
+    pub fn place(&self, x: &[f64], t: f64) -> ([f64; 3], Vec<[f64; 3]>) {
+        let (state, columns) = self.expand(x);
+        let at = self.layout();
+        let step = self
+            .description
+            .motion
+            .at(&state, &x[at.motion..at.sources], t);
+        let mut by: Vec<[f64; 3]> = columns.iter().map(|c| moved(&step, c)).collect();
+        for (out, more) in by[at.motion..at.sources].iter_mut().zip(&step.by_more) {
+            *out = *more;
+        }
+        (step.place, by)
+    }
+
+    fn sight(&self, state: &[f64; 9], x: &[f64], t: f64, sensor: usize) -> Result<Sight, Error> {
+        let at = self.layout();
+        let step = self
+            .description
+            .motion
+            .at(state, &x[at.motion..at.sources], t);
+        let none = Jacobian {
+            position: [[0.0; 3]; 3],
+            moment: [[0.0; 3]; 3],
+        };
+        let mut sight = Sight {
+            step,
+            field: [0.0; 3],
+            jacobians: [none; MOST],
+            by_place: [[0.0; 3]; 3],
+        };
+        for index in 0..self.description.sources {
+            let (offset, moment) = self.source(state, x, index);
+            let (offset, moment) = (step.turn(&offset), step.turn(&moment));
+            let place: [f64; 3] =
+                core::array::from_fn(|i| step.place[i] + offset[i] - self.sensors[sensor][i]);
+            let own = jacobian(&place, &moment)?;
+            for i in 0..3 {
+                sight.field[i] += dot(&own.moment[i], &moment);
+                for k in 0..3 {
+                    sight.by_place[i][k] += own.position[i][k];
+                }
+            }
+            sight.jacobians[index] = own;
+        }
+        Ok(sight)
     }
 
     /// How a channel is called.
@@ -157,15 +294,61 @@ impl Measured {
                 Part::Side { .. } => {}
             }
         }
-        let constant = |&c: &usize| format!("background {}", self.channel(c));
-        names.extend(self.constants.iter().map(constant));
+        self.names_of_more(&mut names);
         names
+    }
+
+    fn names_of_more(&self, names: &mut Vec<String>) {
+        let about = &self.description;
+        names.extend(about.motion.names().0.iter().map(ToString::to_string));
+        for index in 1..about.sources {
+            names.extend(Description::source(index).map(|(name, _)| name));
+        }
+        let of = |s: usize| {
+            if self.sensors.len() == 1 {
+                String::new()
+            } else {
+                format!(" of sensor {}", s + 1)
+            }
+        };
+        for s in 0..self.sensors.len() {
+            if about.attitude.is_some() {
+                names.extend(AXES.map(|axis| format!("attitude {axis}{}", of(s))));
+            }
+        }
+        for s in 0..self.sensors.len() {
+            if about.scale.is_some() {
+                names.push(format!("scale{}", of(s)));
+            }
+        }
+        let each = |what: &str| -> Vec<String> {
+            let constants = self.constants.iter();
+            constants
+                .map(|&c| format!("{what} {}", self.channel(c)))
+                .collect()
+        };
+        names.extend(each("background"));
+        if about.drift {
+            names.extend(each("drift"));
+        }
     }
 
     /// Units of the states.
     pub fn units(&self) -> Vec<&'static str> {
         let unit = |name: &String| match name.as_str() {
             name if name.starts_with("background") => "T",
+            name if name.starts_with("drift") => "T/s",
+            name if name.starts_with("scale") => "",
+            name if name.contains(" of dipole ") => {
+                if name.starts_with('d') {
+                    "m"
+                } else {
+                    "A m^2"
+                }
+            }
+            name if self.description.motion.names().0.contains(&name) => {
+                self.description.motion.names().1
+            }
             name if name.contains(' ') => "rad",
             name if name.ends_with('0') => "m",
             name if name.starts_with('v') => "m/s",
@@ -185,7 +368,7 @@ impl Measured {
         (whole * whole - fixed).max(0.0).sqrt()
     }
 
-    /// The states of a pass; constants of the channels 0.
+    /// The states of a pass; all that is beside it 0.
     pub fn coordinates(&self, state: &[f64; 9]) -> Vec<f64> {
         let mut x = Vec::new();
         for (k, part) in self.parts.iter().enumerate() {
@@ -204,7 +387,7 @@ impl Measured {
                 Part::Side { .. } => {}
             }
         }
-        x.resize(x.len() + self.constants.len(), 0.0);
+        x.resize(self.layout().end, 0.0);
         x
     }
 
@@ -256,15 +439,22 @@ impl Measured {
         (state, columns)
     }
 
-    /// Offset of each sample at each sensor, with its time and first number.
-    fn places(&self, pass: &Pass<f64>, mut each: impl FnMut(usize, f64, [f64; 3])) {
+    /// What each sensor sees at each sample, with the first number and the time.
+    fn sights(
+        &self,
+        x: &[f64],
+        mut each: impl FnMut(usize, f64, usize, &Sight),
+    ) -> Result<(), Error> {
+        let (state, _) = self.expand(x);
         let mut first = 0;
-        for &t in &self.times {
-            for sensor in &self.sensors {
-                each(first, t, pass.offset(sensor, t));
+        for (k, &t) in self.times.iter().enumerate() {
+            for s in 0..self.sensors.len() {
+                let sight = self.sight(&state, x, t, s).map_err(|e| e.at(k))?;
+                each(first, t, s, &sight);
                 first += 3;
             }
         }
+        Ok(())
     }
 
     /// The residuals of the fields, and the rows, not whitened.
@@ -276,41 +466,208 @@ impl Measured {
     ) -> Result<(), Error> {
         let n = x.len();
         let (state, columns) = self.expand(x);
-        let pass = Pass::of(&state);
-        let levels = n - self.constants.len();
+        let (at, about) = (self.layout(), self.description);
         let mut constant = vec![None; self.channels()];
         for (k, &channel) in self.constants.iter().enumerate() {
-            constant[channel] = Some(levels + k);
+            constant[channel] = Some(k);
         }
-        let mut first = 0;
-        for (k, &t) in self.times.iter().enumerate() {
-            for (s, sensor) in self.sensors.iter().enumerate() {
-                let place = pass.offset(sensor, t);
-                let h = field(&place, &pass.moment).map_err(|e| e.at(k))?;
+        let middle = self.middle();
+        self.sights(x, |first, t, s, sight| {
+            let tilt = if about.attitude.is_some() {
+                three(&x[at.attitude + 3 * s..])
+            } else {
+                [0.0; 3]
+            };
+            let gain = if about.scale.is_some() {
+                1.0 + x[at.scale + s]
+            } else {
+                1.0
+            };
+            // As the sensor gives it: turned a little, and scaled.
+            let seen = |v: &[f64; 3]| -> [f64; 3] {
+                let across = cross(&tilt, v);
+                core::array::from_fn(|i| gain * (v[i] - across[i]))
+            };
+            let h = seen(&sight.field);
+            for i in 0..3 {
+                let level = constant[3 * s + i].map_or(0.0, |k| {
+                    let drift = if about.drift { x[at.drifts + k] } else { 0.0 };
+                    x[at.constants + k] + drift * (t - middle)
+                });
+                residuals[first + i] = self.field[first + i] - h[i] - level;
+            }
+            let Some(rows) = rows.as_deref_mut() else {
+                return;
+            };
+            let mut put = |column: usize, v: &[f64; 3]| {
                 for i in 0..3 {
-                    let level = constant[3 * s + i].map_or(0.0, |k| x[k]);
-                    residuals[first + i] = self.field[first + i] - h[i] - level;
+                    rows[(first + i) * n + column] = v[i];
                 }
-                if let Some(rows) = rows.as_deref_mut() {
-                    let by = jacobian(&place, &pass.moment).map_err(|e| e.at(k))?;
-                    for i in 0..3 {
-                        let row = &mut rows[(first + i) * n..][..n];
-                        for (out, column) in row[..levels].iter_mut().zip(&columns) {
-                            let moved: [f64; 3] =
-                                core::array::from_fn(|a| column[a] + t * column[3 + a]);
-                            let turned = [column[6], column[7], column[8]];
-                            *out = dot(&by.position[i], &moved) + dot(&by.moment[i], &turned);
-                        }
-                        row[levels..].fill(0.0);
-                        if let Some(k) = constant[3 * s + i] {
-                            row[k] = 1.0;
-                        }
+            };
+            let through = |matrix: &[[f64; 3]; 3], v: &[f64; 3]| -> [f64; 3] {
+                core::array::from_fn(|i| dot(&matrix[i], v))
+            };
+            let sum =
+                |a: [f64; 3], b: [f64; 3]| -> [f64; 3] { core::array::from_fn(|i| a[i] + b[i]) };
+            let (step, own) = (&sight.step, &sight.jacobians);
+            for (k, column) in columns[..at.motion].iter().enumerate() {
+                let by_place = through(&sight.by_place, &moved(step, column));
+                let turned = through(&own[0].moment, &step.turn(&three(&column[6..])));
+                put(k, &seen(&sum(by_place, turned)));
+            }
+            for k in at.motion..at.sources {
+                let mut by = through(&sight.by_place, &step.by_more[k - at.motion]);
+                for index in 0..about.sources {
+                    let (offset, moment) = self.source(&state, x, index);
+                    let place = through(&own[index].position, &step.turn_by_rate(&offset));
+                    let turned = through(&own[index].moment, &step.turn_by_rate(&moment));
+                    by = sum(by, sum(place, turned));
+                }
+                put(k, &seen(&by));
+            }
+            for index in 1..about.sources {
+                let column = at.sources + 6 * (index - 1);
+                for axis in 0..3 {
+                    let mut unit = [0.0; 3];
+                    unit[axis] = 1.0;
+                    let unit = step.turn(&unit);
+                    put(column + axis, &seen(&through(&own[index].position, &unit)));
+                    put(
+                        column + 3 + axis,
+                        &seen(&through(&own[index].moment, &unit)),
+                    );
+                }
+            }
+            for k in at.attitude..at.constants {
+                put(k, &[0.0; 3]);
+            }
+            if about.attitude.is_some() {
+                for axis in 0..3 {
+                    let mut unit = [0.0; 3];
+                    unit[axis] = 1.0;
+                    let across = cross(&unit, &sight.field);
+                    put(at.attitude + 3 * s + axis, &across.map(|c| -gain * c));
+                }
+            }
+            if about.scale.is_some() {
+                put(at.scale + s, &h.map(|h| h / gain));
+            }
+            for i in 0..3 {
+                let row = &mut rows[(first + i) * n..][..n];
+                row[at.constants..].fill(0.0);
+                if let Some(k) = constant[3 * s + i] {
+                    row[at.constants + k] = 1.0;
+                    if about.drift {
+                        row[at.drifts + k] = t - middle;
                     }
                 }
-                first += 3;
+            }
+        })
+    }
+
+    /// From where drifts count.
+    fn middle(&self) -> f64 {
+        self.times.iter().sum::<f64>() / self.times.len().max(1) as f64
+    }
+
+    /// Where a further dipole may be: for the most promising places about the body, best
+    /// first, the states with it, of the description with one more dipole.
+    ///
+    /// # Errors
+    /// Where a dipole meets a sensor.
+    pub fn seeds(&self, x: &[f64], most: usize) -> Result<Vec<Vec<f64>>, Error> {
+        let m = self.field.len();
+        let fit = Fit::new(self, x)?;
+        let at = self.layout();
+        let (state, _) = self.expand(x);
+        let range = self.nearest(x);
+        let mut found: Vec<(f64, Vec<f64>)> = Vec::new();
+        for cell in (0..27).filter(|&cell| cell != 13) {
+            let direction = [cell % 3, cell / 3 % 3, cell / 9].map(|i| f64::from(i) - 1.0);
+            let length = dot(&direction, &direction).sqrt();
+            for share in [0.1, 0.25, 0.6] {
+                let offset = direction.map(|d| d / length * share * range);
+                // Rows of priors see nothing of it.
+                let mut columns = vec![0.0; 3 * (m + self.priors())];
+                let mut sound = true;
+                self.sights(x, |first, t, s, _| {
+                    let motion = self.description.motion;
+                    let step = motion.at(&state, &x[at.motion..at.sources], t);
+                    let turned = step.turn(&offset);
+                    let place: [f64; 3] =
+                        core::array::from_fn(|i| step.place[i] + turned[i] - self.sensors[s][i]);
+                    match jacobian(&place, &[0.0; 3]) {
+                        Ok(own) => {
+                            for axis in 0..3 {
+                                let mut unit = [0.0; 3];
+                                unit[axis] = 1.0;
+                                let unit = step.turn(&unit);
+                                for i in 0..3 {
+                                    columns[3 * (first + i) + axis] = dot(&own.moment[i], &unit);
+                                }
+                            }
+                        }
+                        Err(_) => sound = false,
+                    }
+                })?;
+                if !sound {
+                    continue;
+                }
+                self.noise.apply_rows(&mut columns[..3 * m], 3);
+                let score = fit.score(&columns, 3, 1e-3, 0.8);
+                let mut start = x[..at.attitude].to_vec();
+                start.extend(offset);
+                start.extend(score.size);
+                start.extend(&x[at.attitude..]);
+                found.push((score.statistic, start));
             }
         }
-        Ok(())
+        found.sort_by(|a, b| b.0.total_cmp(&a.0));
+        found.truncate(most);
+        Ok(found.into_iter().map(|(_, start)| start).collect())
+    }
+
+    /// The least distance of the body from a sensor, at the samples.
+    fn nearest(&self, x: &[f64]) -> f64 {
+        let mut least = f64::INFINITY;
+        for &t in &self.times {
+            let (place, _) = self.place(x, t);
+            for sensor in &self.sensors {
+                let apart: [f64; 3] = core::array::from_fn(|i| place[i] - sensor[i]);
+                least = least.min(dot(&apart, &apart).sqrt());
+            }
+        }
+        least
+    }
+
+    /// How much each number counts under Huber's loss at a state, what these weights are to be
+    /// multiplied by, and the standard deviation of the noise where none is given. The numbers
+    /// of the record count by 1 or 0.
+    ///
+    /// # Errors
+    /// Where the dipole meets a sensor.
+    pub fn robust(&self, x: &[f64], sigma: Option<f64>) -> Result<(Vec<f64>, f64, f64), Error> {
+        let m = self.field.len();
+        let mut left = vec![0.0; m];
+        self.raw(x, &mut left, None)?;
+        let mut strength = vec![0.0; m];
+        self.sights(x, |first, _, _, sight| {
+            for i in 0..3 {
+                strength[first + i] = sight.field[i].abs();
+            }
+        })?;
+        self.noise.apply(&mut left);
+        let counts: Vec<f64> = self
+            .noise
+            .factors()
+            .iter()
+            .map(|f| f64::from(u8::from(*f > 0.0)))
+            .collect();
+        let fitted = x.len() as f64;
+        let sigma = sigma.unwrap_or_else(|| robust_sigma(&left, &strength, &counts, fitted));
+        let mut weights = counts.clone();
+        let efficiency = huber(&left, &counts, sigma, fitted, &mut weights);
+        Ok((weights, efficiency, sigma))
     }
 
     /// Correlation of neighbouring samples and standard deviation of the noise at a state,
@@ -347,7 +704,6 @@ impl Measured {
         let (m, channels) = (self.field.len(), self.channels());
         let speed = dot(&pass.velocity, &pass.velocity).sqrt();
         let mut found = Vec::new();
-        let mut error = None;
         if speed > 0.0 {
             // Along the track, away from the first sensor at the closest point, across.
             let along = pass.velocity.map(|v| v / speed);
@@ -360,49 +716,42 @@ impl Measured {
             } else {
                 closest
             };
-            let across: [f64; 3] = core::array::from_fn(|i| {
-                let (j, k) = ((i + 1) % 3, (i + 2) % 3);
-                along[j] * away[k] - along[k] * away[j]
-            });
+            let across = cross(&along, &away);
             for (name, direction) in [
                 ("acceleration along the track", along),
                 ("acceleration away from the sensor", away),
                 ("acceleration across both", across),
             ] {
                 let mut column = vec![0.0; m];
-                self.places(&pass, |first, t, place| {
-                    match jacobian(&place, &pass.moment) {
-                        Ok(j) => {
-                            for i in 0..3 {
-                                let by_place = dot(&j.position[i], &direction);
-                                column[first + i] = 0.5 * t * t * by_place;
-                            }
-                        }
-                        Err(e) => error = Some(e),
+                self.sights(x, |first, t, _, sight| {
+                    for i in 0..3 {
+                        column[first + i] = 0.5 * t * t * dot(&sight.by_place[i], &direction);
                     }
-                });
+                })?;
                 found.push((name.to_string(), column, 1));
             }
             // In any direction.
             let mut columns = vec![0.0; 3 * m];
-            self.places(&pass, |first, t, place| {
-                if let Ok(j) = jacobian(&place, &pass.moment) {
-                    for i in 0..3 {
-                        for k in 0..3 {
-                            columns[3 * (first + i) + k] = 0.5 * t * t * j.position[i][k];
-                        }
+            self.sights(x, |first, t, _, sight| {
+                for i in 0..3 {
+                    for k in 0..3 {
+                        columns[3 * (first + i) + k] = 0.5 * t * t * sight.by_place[i][k];
                     }
                 }
-            });
+            })?;
             found.push(("acceleration".to_string(), columns, 3));
-            for (name, side) in [
-                ("a second dipole behind", -1.0),
-                ("a second dipole ahead", 1.0),
+            for (name, direction, side) in [
+                ("a second dipole behind", along, -1.0),
+                ("a second dipole ahead", along, 1.0),
+                ("a second dipole farther from the sensor", away, 0.5),
+                ("a second dipole on one side", across, 1.0),
+                ("a second dipole on the other side", across, -1.0),
             ] {
                 let mut columns = vec![0.0; 3 * m];
-                self.places(&pass, |first, _, place| {
-                    let other: [f64; 3] =
-                        core::array::from_fn(|i| place[i] + side * distance * along[i]);
+                self.sights(x, |first, _, s, sight| {
+                    let other: [f64; 3] = core::array::from_fn(|i| {
+                        sight.step.place[i] - self.sensors[s][i] + side * distance * direction[i]
+                    });
                     if let Ok(j) = jacobian(&other, &pass.moment) {
                         for i in 0..3 {
                             for k in 0..3 {
@@ -410,16 +759,15 @@ impl Measured {
                             }
                         }
                     }
-                });
+                })?;
                 found.push((name.to_string(), columns, 3));
             }
         }
         let mut exact = vec![0.0; m];
-        self.places(&pass, |first, _, place| match field(&place, &pass.moment) {
-            Ok(h) => exact[first..first + 3].copy_from_slice(&h),
-            Err(e) => error = Some(e),
-        });
-        let middle = self.times.iter().sum::<f64>() / self.times.len().max(1) as f64;
+        self.sights(x, |first, _, _, sight| {
+            exact[first..first + 3].copy_from_slice(&sight.field);
+        })?;
+        let middle = self.middle();
         for c in 0..channels {
             let column = |value: &dyn Fn(usize) -> f64| {
                 let mut column = vec![0.0; m];
@@ -439,8 +787,13 @@ impl Measured {
         for (_, columns, count) in &mut found {
             self.noise.apply_rows(columns, *count);
         }
-        error.map_or(Ok(found), Err)
+        Ok(found)
     }
+}
+
+/// How far the body moves with a state, of which these are the derivatives of (r0, v, m).
+fn moved(step: &Step, column: &[f64; 9]) -> [f64; 3] {
+    core::array::from_fn(|i| (0..6).map(|k| column[k] * step.by_state[k][i]).sum())
 }
 
 /// The two axes beside one, in the order that keeps the hand.
@@ -453,15 +806,7 @@ impl Model for Measured {
     type Error = Error;
 
     fn states(&self) -> usize {
-        let parts = self.parts.iter().enumerate().map(|(k, part)| match part {
-            Part::Components => (3 * k..3 * k + 3)
-                .filter(|&i| self.knowledge.exact[i].is_none())
-                .count(),
-            Part::Circle { .. } => 1,
-            Part::Sphere { .. } => 2,
-            Part::Side { .. } => 0,
-        });
-        parts.sum::<usize>() + self.constants.len()
+        self.layout().end
     }
 
     fn measurements(&self) -> usize {
@@ -469,7 +814,8 @@ impl Model for Measured {
     }
 
     fn priors(&self) -> usize {
-        self.knowledge.prior.iter().flatten().count()
+        let at = self.layout();
+        self.knowledge.prior.iter().flatten().count() + at.constants - at.attitude
     }
 
     fn channels(&self) -> usize {
@@ -485,7 +831,8 @@ impl Model for Measured {
         let (m, n) = (self.field.len(), x.len());
         self.raw(x, residuals, rows.as_deref_mut())?;
         let (state, columns) = self.expand(x);
-        let levels = n - self.constants.len();
+        let layout = self.layout();
+        let levels = layout.motion;
         self.noise.apply(&mut residuals[..m]);
         if let Some(rows) = rows.as_deref_mut() {
             self.noise.apply_rows(&mut rows[..m * n], n);
@@ -504,6 +851,22 @@ impl Model for Measured {
                     let along: f64 = gradient.iter().zip(column).map(|(g, c)| g * c).sum();
                     *out = along / sigma;
                 }
+            }
+            at += 1;
+        }
+        // Attitude and scale of the sensors are known to a deviation.
+        for k in layout.attitude..layout.constants {
+            let sigma = if k < layout.scale {
+                self.description.attitude
+            } else {
+                self.description.scale
+            };
+            let sigma = sigma.unwrap_or(1.0);
+            residuals[at] = -x[k] / sigma;
+            if let Some(rows) = rows.as_deref_mut() {
+                let row = &mut rows[at * n..][..n];
+                row.fill(0.0);
+                row[k] = 1.0 / sigma;
             }
             at += 1;
         }
@@ -526,7 +889,7 @@ impl Model for Measured {
             self.coordinates(&self.expand(a).0),
             self.coordinates(&self.expand(b).0),
         );
-        let levels = a.len() - self.constants.len();
+        let levels = self.layout().motion;
         let mut next = 0;
         let angles = |from: usize, count: usize, out: &mut [f64]| {
             for o in &mut out[from..from + count] {
@@ -578,8 +941,18 @@ impl Model for Measured {
             state[3 + i] = -state[3 + i];
         }
         let mut image = self.coordinates(&state);
-        let first = image.len() - self.constants.len();
-        image[first..].copy_from_slice(&x[first..]);
+        let at = self.layout();
+        image[at.motion..].copy_from_slice(&x[at.motion..]);
+        if self.description.motion == Motion::Accelerated {
+            for a in &mut image[at.motion..at.sources] {
+                *a = -*a;
+            }
+        }
+        for index in 1..self.description.sources {
+            for offset in &mut image[at.sources + 6 * (index - 1)..][..3] {
+                *offset = -*offset;
+            }
+        }
         found(&image);
     }
 }
@@ -677,6 +1050,99 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn rows_are_derivatives_whatever_is_described() {
+        for (motion, sources, drift, errors, states) in [
+            (Motion::Along, 2, true, None, 9 + 1 + 6 + 12),
+            (Motion::Turning, 3, false, Some(0.02), 9 + 1 + 12 + 8 + 6),
+            (Motion::Accelerated, 1, false, Some(0.02), 9 + 3 + 8 + 6),
+        ] {
+            let record = record(&[], &[0, SPEED], true).with(Description {
+                motion,
+                sources,
+                drift,
+                attitude: errors,
+                scale: errors,
+            });
+            let (n, m) = (record.states(), record.measurements());
+            assert_eq!((n, record.names().len()), (states, states));
+            let mut x = record.coordinates(&NEAR);
+            let at = record.layout();
+            for (k, value) in x.iter_mut().enumerate().skip(9).take(at.constants - 9) {
+                *value = 0.01 + 0.003 * (k % 5) as f64;
+            }
+            for index in 1..sources {
+                let first = at.sources + 6 * (index - 1);
+                x[first..first + 6].copy_from_slice(&[1.0, -0.5, 0.7, 3.0, -8.0, 4.0]);
+            }
+            let (mut residuals, mut rows) = (vec![0.0; m], vec![0.0; m * n]);
+            record
+                .linearize(&x, &mut residuals, Some(&mut rows))
+                .unwrap();
+            for j in 0..n {
+                let step = if j >= at.constants { 1e-12 } else { 1e-6 };
+                let at = |by: f64| {
+                    let mut moved = x.clone();
+                    moved[j] += by;
+                    let mut r = vec![0.0; m];
+                    record.linearize(&moved, &mut r, None).unwrap();
+                    r
+                };
+                let size = (0..m).fold(0.0_f64, |a, i| a.max(rows[i * n + j].abs()));
+                for (i, (plus, minus)) in at(step).iter().zip(&at(-step)).enumerate() {
+                    let wanted = (minus - plus) / (2.0 * step);
+                    assert!((rows[i * n + j] - wanted).abs() < 1e-6 * size, "{j} {i}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_second_dipole_is_found_from_a_seed() {
+        use crate::solve::gauss_newton::{Options, minimize};
+        let times: Vec<f64> = (0..41).map(|k| 0.5 * f64::from(k)).collect();
+        let mut knowledge = Knowledge::default();
+        knowledge.exact[2] = Some(5.0);
+        knowledge.exact[5] = Some(0.0);
+        let two = Description {
+            sources: 2,
+            ..Description::default()
+        };
+        let noise = Whitening::white(vec![1e9; 123], 3);
+        let near = [-10.0, -9.0, 5.0, 1.0, 0.8, 0.0, 10.0, 20.0, -10.0];
+        let blank = Measured::new(
+            &times,
+            &[[0.0; 3]],
+            &[0.0; 123],
+            noise.clone(),
+            false,
+            knowledge,
+            &near,
+        );
+        let truth = [
+            -10.0, -9.0, 1.0, 0.8, 10.0, 20.0, -10.0, 1.5, 1.0, 0.5, -5.0, 8.0, 12.0,
+        ];
+        let mut field = vec![0.0; 123];
+        blank
+            .clone()
+            .with(two)
+            .linearize(&truth, &mut field, None)
+            .unwrap();
+        for f in &mut field {
+            *f *= -1e-9;
+        }
+        let record = Measured::new(&times, &[[0.0; 3]], &field, noise, false, knowledge, &near);
+        let start = record.coordinates(&near);
+        let one = minimize(&record, &start, &[], Options::default());
+        let seeds = record.seeds(&one.x, 6).unwrap();
+        let record = record.with(two);
+        let least = seeds
+            .iter()
+            .map(|seed| minimize(&record, seed, &[], Options::default()).chi2)
+            .fold(f64::INFINITY, f64::min);
+        assert!(one.chi2 > 1e3 && least < 1e-6, "{} {least}", one.chi2);
     }
 
     #[test]

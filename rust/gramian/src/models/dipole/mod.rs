@@ -21,6 +21,8 @@ mod accumulator;
 #[cfg(feature = "std")]
 pub mod batch;
 #[cfg(feature = "std")]
+pub mod description;
+#[cfg(feature = "std")]
 pub mod localize;
 #[cfg(feature = "std")]
 pub mod measured;

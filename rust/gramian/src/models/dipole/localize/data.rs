@@ -178,20 +178,10 @@ impl Data {
             .enumerate()
             .map(|(i, (y, r))| (y - r - offsets[i % self.channels]).abs())
             .collect();
-        let strong = 0.05 * model.iter().copied().fold(0.0, f64::max);
-        let mut sizes: Vec<f64> = (0..left.len())
-            .filter(|&i| self.counts[i] > 0.0 && model[i] >= strong)
-            .map(|i| left[i].abs())
-            .collect();
-        // As many degrees of freedom as the fit left.
-        1.4826 * median(&mut sizes) * (count / freedom).sqrt()
+        robust_sigma(&left, &model, &self.counts, fitted)
     }
 
-    /// The weights that residuals have under Huber's loss; what they are to be multiplied by
-    /// so that the curvature of the weighted squares is the inverse covariance of the estimate.
-    ///
-    /// # Source
-    /// Huber & Ronchetti 2009, Robust Statistics, eqs. (7.81)-(7.84).
+    /// See [`huber`].
     pub fn huber(
         &self,
         residuals: &[f64],
@@ -200,32 +190,67 @@ impl Data {
         options: &Options,
         weights: &mut [f64],
     ) -> f64 {
-        let (count, fitted) = self.sizes(knowledge, options);
-        let limit = 1.345;
-        let (mut near, mut squares, mut total) = (0.0, 0.0, 0.0);
+        let (_, fitted) = self.sizes(knowledge, options);
         let left = self.innovations(residuals);
-        for ((weight, residual), count) in weights.iter_mut().zip(&left).zip(&self.counts) {
-            let size = residual.abs() / sigma;
-            *weight = if size > limit {
-                count * limit / size
-            } else {
-                *count
-            };
-            if *count > 0.0 {
-                near += f64::from(size <= limit);
-                squares += size.min(limit).powi(2);
-                total += *weight;
-            }
-        }
-        let slope = near / count;
-        let correction = 1.0 + fitted / count * (1.0 - slope) / slope;
-        let spread = squares / (count - fitted).max(1.0);
-        let efficiency = slope * slope * count / (correction * correction * spread * total);
-        if efficiency.is_finite() && efficiency > 0.0 {
-            efficiency
+        huber(&left, &self.counts, sigma, fitted, weights)
+    }
+}
+
+/// The standard deviation of residuals, by the median of their size where the field of the
+/// model is strong; with `fitted` states fitted to the numbers that count.
+pub(in crate::models::dipole) fn robust_sigma(
+    left: &[f64],
+    strength: &[f64],
+    counts: &[f64],
+    fitted: f64,
+) -> f64 {
+    let strong = 0.05 * strength.iter().copied().fold(0.0, f64::max);
+    let mut sizes: Vec<f64> = (0..left.len())
+        .filter(|&i| counts[i] > 0.0 && strength[i] >= strong)
+        .map(|i| left[i].abs())
+        .collect();
+    let count = counts.iter().filter(|c| **c > 0.0).count() as f64;
+    // As many degrees of freedom as the fit left.
+    1.4826 * median(&mut sizes) * (count / (count - fitted).max(1.0)).sqrt()
+}
+
+/// Writes the weights that residuals have under Huber's loss; returns what they are to be
+/// multiplied by so that the curvature of the weighted squares is the inverse covariance of
+/// the estimate, of `fitted` states.
+///
+/// # Source
+/// Huber & Ronchetti 2009, Robust Statistics, eqs. (7.81)-(7.84).
+pub(in crate::models::dipole) fn huber(
+    left: &[f64],
+    counts: &[f64],
+    sigma: f64,
+    fitted: f64,
+    weights: &mut [f64],
+) -> f64 {
+    let limit = 1.345;
+    let (mut count, mut near, mut squares, mut total) = (0.0, 0.0, 0.0, 0.0);
+    for ((weight, residual), share) in weights.iter_mut().zip(left).zip(counts) {
+        let size = residual.abs() / sigma;
+        *weight = if size > limit {
+            share * limit / size
         } else {
-            1.0
+            *share
+        };
+        if *share > 0.0 {
+            count += 1.0;
+            near += f64::from(u8::from(size <= limit));
+            squares += size.min(limit).powi(2);
+            total += *weight;
         }
+    }
+    let slope = near / count;
+    let correction = 1.0 + fitted / count * (1.0 - slope) / slope;
+    let spread = squares / (count - fitted).max(1.0);
+    let efficiency = slope * slope * count / (correction * correction * spread * total);
+    if efficiency.is_finite() && efficiency > 0.0 {
+        efficiency
+    } else {
+        1.0
     }
 }
 

@@ -33,6 +33,7 @@ use alloc::vec::Vec;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use data::Data;
+pub(in crate::models::dipole) use data::{huber, robust_sigma};
 pub use knowledge::{Contradiction, Knowledge, MOMENT, SPEED};
 use separable::{Fitter, Point, Record};
 use starts::Shape;
