@@ -22,7 +22,7 @@ use gramian::bearings::{self, Form, Monitor};
 use gramian::bound;
 use gramian::chi_square;
 use gramian::dipole::{self, Accumulator, Pass, Sensing};
-use gramian::inertial::{self, Leg, Motion, Segments, Start};
+use gramian::inertial::{self, Leg, Motion, Output, Recorded, Sample, Segments, Start, Sway};
 use gramian::information::Information;
 use gramian::linear;
 use gramian::maneuver::plan::{self, Criterion, Legs, Target};
@@ -507,6 +507,7 @@ fn inertial_models<T: Number>(draw: &mut Draw<T>) {
     motion.velocity = draw.array();
     motion.angular_rate = draw.array();
     motion.lever_arm = draw.array();
+    motion.odometer_arm = draw.array();
     if draw.below(2) == 0 {
         motion.specific_force = Some(draw.array());
     }
@@ -519,10 +520,49 @@ fn inertial_models<T: Number>(draw: &mut Draw<T>) {
     }
     // An attitude that was refused is not in the motion.
     draw.sound = motion_is_sound;
-    if let Some(model) = draw.taken(inertial::error_model::<T, 18>(&motion)) {
+    if let Some(model) = draw.taken(inertial::error_model(&motion)) {
         draw.finite(model.a.as_flattened());
-        draw.finite(model.c.as_flattened());
         draw.finite(&model.per_metre);
+        for output in [
+            Output::Velocity,
+            Output::Position,
+            Output::Odometer,
+            Output::SideSlip,
+            Output::ZeroVelocity,
+            Output::ZeroAngularRate,
+            Output::Heading,
+        ] {
+            if let Some(lines) = draw.taken(model.output(output)) {
+                draw.finite(lines.as_flattened());
+            }
+        }
+    }
+    draw.again();
+    let sway = Sway {
+        amplitude: draw.array(),
+        period: draw.positives(),
+        phase: draw.array(),
+    };
+    let time = draw.x();
+    if let Some(angles) = draw.taken(sway.at(time)) {
+        draw.finite(&angles);
+    }
+    draw.again();
+    let samples: [Sample<T>; 3] = core::array::from_fn(|leg| Sample {
+        time: draw.x(),
+        velocity: draw.array(),
+        angles: draw.array(),
+        leg,
+    });
+    let (place, [step, largest_turn], rate) = (draw.array(), draw.positives(), draw.x());
+    if let Ok(recorded) = Recorded::new(&samples, place, step, largest_turn, rate) {
+        for segment in recorded {
+            if let Some(segment) = draw.taken(segment) {
+                draw.finite(&[segment.duration, segment.heading, segment.speed]);
+                draw.finite(&segment.motion.velocity);
+                draw.finite(&segment.motion.angular_rate);
+            }
+        }
     }
     draw.again();
     let start = Start {

@@ -1,7 +1,9 @@
 //! The error model at one place and motion: constant coefficients.
 
+use core::ops::Range;
+
 use super::earth::{Earth, gravity};
-use super::{Error, add, cross_matrix, product};
+use super::{Error, add, cross_matrix, product, transposed};
 use crate::numbers::algebra::{cross, dot, multiply};
 use crate::scalar::{NumberError, Real, all_finite, check_finite, finite};
 
@@ -63,6 +65,8 @@ pub struct Motion<T> {
     pub angular_rate: [T; 3],
     /// From the navigator to the antenna, in body axes, m.
     pub lever_arm: [T; 3],
+    /// From the navigator to the wheels of the odometer, in body axes, m.
+    pub odometer_arm: [T; 3],
     /// Rotation of the Earth, rad/s; see [`EARTH_RATE`](super::EARTH_RATE).
     pub earth_rate: T,
     /// Whether gravity changes with the place.
@@ -72,15 +76,16 @@ pub struct Motion<T> {
 impl<T: Real> Motion<T> {
     /// At rest, level and heading north.
     pub fn at_rest(latitude: T, height: T, earth_rate: T) -> Self {
-        let (o, one) = (T::zero(), T::one());
+        let o = T::zero();
         Self {
             latitude,
             height,
             velocity: [o; 3],
             specific_force: None,
-            attitude: [[one, o, o], [o, one, o], [o, o, one]],
+            attitude: unit(),
             angular_rate: [o; 3],
             lever_arm: [o; 3],
+            odometer_arm: [o; 3],
             earth_rate,
             gravity_gradient: GravityGradient::Include,
         }
@@ -97,6 +102,7 @@ impl<T: Real> Motion<T> {
         check_finite("attitude", self.attitude.as_flattened())?;
         check_finite("angular_rate", &self.angular_rate)?;
         check_finite("lever_arm", &self.lever_arm)?;
+        check_finite("odometer_arm", &self.odometer_arm)?;
         if let Some(force) = &self.specific_force {
             check_finite("specific_force", force)?;
         }
@@ -114,16 +120,8 @@ impl<T: Real> Motion<T> {
     }
 }
 
-/// The matrices of x' = A x, z = C x: 15 states, or 18 with those of the lever arm.
-#[derive(Clone, Copy, Debug)]
-pub struct ErrorModel<T, const N: usize> {
-    /// A.
-    pub a: [[T; N]; N],
-    /// C: velocity and place of the antenna by the states.
-    pub c: [[T; N]; 6],
-    /// One metre north, west, up in latitude (rad), longitude (rad) and height (m).
-    pub per_metre: [T; 3],
-}
+/// States of the full model; see [`Group`].
+pub const STATES: usize = 51;
 
 /// Columns of the states.
 const TILT: usize = 0;
@@ -132,14 +130,165 @@ const PLACE: usize = 6;
 const GYRO: usize = 9;
 const ACCELEROMETER: usize = 12;
 const LEVER_ARM: usize = 15;
+const GYRO_SCALE: usize = 18;
+const GYRO_MISALIGNMENT: usize = 21;
+const ACCELEROMETER_SCALE: usize = 27;
+const ACCELEROMETER_MISALIGNMENT: usize = 30;
+const G_SENSITIVITY: usize = 36;
+const ODOMETER_SCALE: usize = 45;
+const ODOMETER_MOUNTING: usize = 46;
+const ODOMETER_ARM: usize = 48;
+
+/// The off-diagonal entries of a sensor triad's matrix, in the order of their states:
+/// the reading of the first axis by the quantity along the second. The first three are
+/// the lower triangle.
+const OFF_DIAGONAL: [(usize, usize); 6] = [(1, 0), (2, 0), (2, 1), (0, 1), (0, 2), (1, 2)];
+
+/// States that belong together, in the order of their columns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Group {
+    /// Tilt, velocity, place, gyro and accelerometer bias: in every model.
+    Core,
+    /// Of the satellite antenna, in body axes, m.
+    LeverArm,
+    /// Relative.
+    GyroScale,
+    /// Readings of gyro L by the rate along F, U by F, U by L, F by L, F by U, L by U, rad.
+    GyroMisalignment,
+    /// Relative.
+    AccelerometerScale,
+    /// The lower triangle: L by F, U by F, U by L, rad. The body axes are then those of
+    /// the accelerometers.
+    AccelerometerNonorthogonality,
+    /// All six, in the order of the gyros': the body axes are the vehicle's.
+    AccelerometerMisalignment,
+    /// Readings of the gyros by the specific force, by rows, rad/s per m/s^2.
+    GSensitivity,
+    /// Relative.
+    OdometerScale,
+    /// Of the wheels' axes against the body, about left and about up, rad.
+    OdometerMounting,
+    /// From the navigator to the wheels, in body axes, m.
+    OdometerArm,
+}
+
+impl Group {
+    /// The columns of its states in the full model.
+    ///
+    /// ```
+    /// use gramian::inertial::Group;
+    /// assert_eq!(Group::GyroScale.columns(), 18..21);
+    /// ```
+    #[must_use]
+    pub fn columns(self) -> Range<usize> {
+        let (first, count) = match self {
+            Self::Core => (TILT, 15),
+            Self::LeverArm => (LEVER_ARM, 3),
+            Self::GyroScale => (GYRO_SCALE, 3),
+            Self::GyroMisalignment => (GYRO_MISALIGNMENT, 6),
+            Self::AccelerometerScale => (ACCELEROMETER_SCALE, 3),
+            Self::AccelerometerNonorthogonality => (ACCELEROMETER_MISALIGNMENT, 3),
+            Self::AccelerometerMisalignment => (ACCELEROMETER_MISALIGNMENT, 6),
+            Self::GSensitivity => (G_SENSITIVITY, 9),
+            Self::OdometerScale => (ODOMETER_SCALE, 1),
+            Self::OdometerMounting => (ODOMETER_MOUNTING, 2),
+            Self::OdometerArm => (ODOMETER_ARM, 3),
+        };
+        first..first + count
+    }
+}
+
+/// What is measured beside the navigator.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Output {
+    /// Of the satellite antenna, north, west, up, m/s.
+    Velocity,
+    /// Of the satellite antenna: latitude and longitude, rad, height, m.
+    Position,
+    /// Forward speed of the wheels, m/s.
+    Odometer,
+    /// Speed of the wheels to the left and upwards, m/s: nearly zero on a road.
+    SideSlip,
+    /// Of the navigator itself, north, west, up, m/s: zero while it stands.
+    ZeroVelocity,
+    /// Of the body against the navigation axes, in body axes, rad/s: zero while it stands.
+    ZeroAngularRate,
+    /// Of the body's forward axis, clockwise from north, rad.
+    Heading,
+}
+
+impl Output {
+    /// How many numbers it is.
+    #[must_use]
+    pub fn len(self) -> usize {
+        match self {
+            Self::Odometer | Self::Heading => 1,
+            Self::SideSlip => 2,
+            _ => 3,
+        }
+    }
+
+    /// Never.
+    #[must_use]
+    pub fn is_empty(self) -> bool {
+        false
+    }
+}
+
+/// One line of the full model.
+type Line<T> = [T; STATES];
+
+/// The full error model at one place and motion: x' = A x, of which all but the first nine
+/// rows are zero, and what is seen of x.
+///
+/// A model of fewer states takes the columns of its [`Group`]s: states that are left out
+/// are known.
+#[derive(Clone, Copy, Debug)]
+pub struct ErrorModel<T> {
+    /// The first nine rows of A: rates of tilt, velocity and place by the states.
+    pub a: [Line<T>; 9],
+    /// One metre north, west, up in latitude (rad), longitude (rad) and height (m).
+    pub per_metre: [T; 3],
+    motion: Motion<T>,
+    /// Of the angular rate against the navigation axes, in body axes.
+    angular_rate: [Line<T>; 3],
+    /// From metres to latitude, longitude and height, and its derivatives.
+    places: [[T; 3]; 3],
+}
 
 /// Adds a block of three columns to three rows.
-fn put<T: Real, const N: usize>(rows: &mut [[T; N]], column: usize, block: &[[T; 3]; 3]) {
+fn put<T: Real>(rows: &mut [Line<T>], column: usize, block: &[[T; 3]; 3]) {
     for (row, values) in rows.iter_mut().zip(block) {
         for (entry, &value) in row[column..column + 3].iter_mut().zip(values) {
             *entry += value;
         }
     }
+}
+
+/// Adds block times three lines to three rows.
+fn put_product<T: Real>(rows: &mut [Line<T>], block: &[[T; 3]; 3], lines: &[Line<T>; 3]) {
+    for (row, factors) in rows.iter_mut().zip(block) {
+        for (&factor, line) in factors.iter().zip(lines) {
+            for (entry, &value) in row.iter_mut().zip(line) {
+                *entry += factor * value;
+            }
+        }
+    }
+}
+
+/// Errors of the readings of a triad, in body axes, by its bias, scale factors and
+/// misalignments.
+fn triad<T: Real>(columns: [usize; 3], along: &[T; 3]) -> [Line<T>; 3] {
+    let [bias, scale, misalignment] = columns;
+    let mut lines = [[T::zero(); STATES]; 3];
+    for axis in 0..3 {
+        lines[axis][bias + axis] = T::one();
+        lines[axis][scale + axis] = along[axis];
+    }
+    for (k, (reading, by)) in OFF_DIAGONAL.into_iter().enumerate() {
+        lines[reading][misalignment + k] = along[by];
+    }
+    lines
 }
 
 fn negative<T: Real>(block: &[[T; 3]; 3]) -> [[T; 3]; 3] {
@@ -150,8 +299,7 @@ fn sum<T: Real>(a: &[[T; 3]; 3], b: &[[T; 3]; 3]) -> [[T; 3]; 3] {
     core::array::from_fn(|i| add(a[i], b[i]))
 }
 
-/// The error model of a navigator beside a satellite receiver; `N` is 15, or 18 for the
-/// errors of the lever arm as states.
+/// The error model of a navigator.
 ///
 /// # Errors
 /// As [`check_place`](super::check_place); [`Error::Attitude`], [`Error::Velocity`], [`Error::Number`].
@@ -160,25 +308,30 @@ fn sum<T: Real>(a: &[[T; 3]; 3], b: &[[T; 3]; 3]) -> [[T; 3]; 3] {
 /// The exact derivative of the mechanisation
 /// v' = C f - (2 `w_ie` + `w_en`) x v + g, L' = `v_N` / (`R_M` + h),
 /// lambda' = -`v_W` / ((`R_N` + h) cos L), h' = `v_U`, with the tilt phi of the computed axes,
-/// C^ = (I - [phi x]) C. Titterton & Weston, Strapdown Inertial Navigation Technology,
-/// ch. 3 and 12; at rest Yang & Yin 2012, eq. (13).
+/// C^ = (I - [phi x]) C, and readings (I + M) f + bias, (I + M) w + G f + bias. Titterton &
+/// Weston, Strapdown Inertial Navigation Technology, ch. 3, 4 and 12; at rest Yang & Yin
+/// 2012, eq. (13).
 ///
 /// ```
-/// use gramian::inertial::{EARTH_RATE, Motion, error_model};
-/// let model = error_model::<f64, 15>(&Motion::at_rest(0.5, 0.0, EARTH_RATE))?;
+/// use gramian::inertial::{EARTH_RATE, Motion, Output, error_model};
+/// let model = error_model::<f64>(&Motion::at_rest(0.5, 0.0, EARTH_RATE))?;
 /// // A tilt about west makes gravity look like an acceleration to the north.
-/// assert!((model.a[3][1] + gramian::inertial::gravity(0.5, 0.0)?).abs() < 1e-12);
+/// let g = gramian::inertial::gravity(0.5, 0.0)?;
+/// assert!((model.a[3][1] + g).abs() < 1e-12);
+/// // The scale of the up accelerometer shows as an acceleration upwards.
+/// assert!((model.a[5][29] - g).abs() < 1e-12);
+/// assert_eq!(model.output(Output::Heading)?[0][2], 1.0);
 /// # Ok::<(), gramian::inertial::Error>(())
 /// ```
-pub fn error_model<T: Real, const N: usize>(motion: &Motion<T>) -> Result<ErrorModel<T, N>, Error> {
-    const { assert!(N == 15 || N == 18, "15 states, or 18 with the lever arm") }
+pub fn error_model<T: Real>(motion: &Motion<T>) -> Result<ErrorModel<T>, Error> {
     let earth = Earth::new(motion.latitude, motion.height, motion.earth_rate)?;
     motion.check()?;
-    let (o, one) = (T::zero(), T::one());
-    let unit = [[one, o, o], [o, one, o], [o, o, one]];
+    let o = T::zero();
     let (v, to_nav) = (motion.velocity, motion.attitude);
+    let to_body = transposed(&to_nav);
     let (w_ie, w_en) = (earth.rotation(), earth.transport(v));
-    let w_in = cross_matrix(add(w_ie, w_en));
+    let turning = add(w_ie, w_en);
+    let w_in = cross_matrix(turning);
     let coriolis = add(add(w_ie, w_ie), w_en);
     let force = if let Some(force) = motion.specific_force {
         force
@@ -192,12 +345,27 @@ pub fn error_model<T: Real, const N: usize>(motion: &Motion<T>) -> Result<ErrorM
     let by_place = sum(&rotation, &transport);
     let (cross_v, [metres, by_latitude, by_height]) = (cross_matrix(v), earth.place_per_metre());
 
-    let mut a = [[o; N]; N];
+    // What the sensors say too much, in body axes.
+    let force_in_body = multiply(&to_body, &force);
+    let rate_in_body = add(multiply(&to_body, &turning), motion.angular_rate);
+    let columns = [
+        ACCELEROMETER,
+        ACCELEROMETER_SCALE,
+        ACCELEROMETER_MISALIGNMENT,
+    ];
+    let accelerometers = triad(columns, &force_in_body);
+    let mut gyros = triad([GYRO, GYRO_SCALE, GYRO_MISALIGNMENT], &rate_in_body);
+    for (axis, line) in gyros.iter_mut().enumerate() {
+        let first = G_SENSITIVITY + 3 * axis;
+        line[first..first + 3].copy_from_slice(&force_in_body);
+    }
+
+    let mut a = [[o; STATES]; 9];
     let tilts = &mut a[TILT..TILT + 3];
     put(tilts, TILT, &negative(&w_in));
     put(tilts, VELOCITY, &by_velocity);
     put(tilts, PLACE, &by_place);
-    put(tilts, GYRO, &negative(&to_nav));
+    put_product(tilts, &negative(&to_nav), &gyros);
     let speeds = &mut a[VELOCITY..VELOCITY + 3];
     put(speeds, TILT, &cross_matrix(force));
     put(speeds, VELOCITY, &negative(&cross_matrix(coriolis)));
@@ -207,7 +375,7 @@ pub fn error_model<T: Real, const N: usize>(motion: &Motion<T>) -> Result<ErrorM
         PLACE,
         &product(&cross_v, &sum(&rotation, &by_place)),
     );
-    put(speeds, ACCELEROMETER, &to_nav);
+    put_product(speeds, &to_nav, &accelerometers);
     if motion.gravity_gradient == GravityGradient::Include {
         for (entry, change) in speeds[2][PLACE..].iter_mut().zip(earth.gravity_by_place()) {
             *entry -= change;
@@ -219,44 +387,141 @@ pub fn error_model<T: Real, const N: usize>(motion: &Motion<T>) -> Result<ErrorM
         a[PLACE + i][PLACE + 2] = by_height[i] * v[i];
     }
 
-    let arm = multiply(&to_nav, &motion.lever_arm);
-    let w_nb = multiply(&to_nav, &motion.angular_rate);
-    let cross_arm = cross_matrix(arm);
-    let mut c = [[o; N]; 6];
-    // Velocity of the antenna, v + C (w_nb x l); w_nb is what the gyros say less
-    // what the navigator takes w_in to be.
-    let (speeds, places) = c.split_at_mut(3);
-    put(speeds, VELOCITY, &unit);
-    put(speeds, VELOCITY, &product(&cross_arm, &by_velocity));
-    put(speeds, TILT, &cross_matrix(cross(&w_nb, &arm)));
-    put(speeds, TILT, &negative(&product(&cross_arm, &w_in)));
-    put(speeds, GYRO, &negative(&product(&cross_arm, &to_nav)));
-    put(speeds, PLACE, &product(&cross_arm, &by_place));
-    // Its place, p + T C l with T from metres to latitude, longitude, height.
-    let scaled = |block: &[[T; 3]; 3]| -> [[T; 3]; 3] {
-        core::array::from_fn(|i| block[i].map(|x| metres[i] * x))
-    };
-    put(places, PLACE, &unit);
-    for i in 0..3 {
-        places[i][PLACE] += by_latitude[i] * arm[i];
-        places[i][PLACE + 2] += by_height[i] * arm[i];
-    }
-    put(places, TILT, &scaled(&cross_arm));
-    if N > LEVER_ARM {
-        put(speeds, LEVER_ARM, &product(&cross_matrix(w_nb), &to_nav));
-        put(places, LEVER_ARM, &scaled(&to_nav));
-    }
-    if !all_finite(a.as_flattened()) || !all_finite(c.as_flattened()) {
-        return Err(NumberError::Overflow {
-            result: "error model",
-        }
-        .into());
+    // w_nb is what the gyros say less what the navigator takes w_in to be, in body axes.
+    let mut angular_rate = gyros;
+    put(&mut angular_rate, TILT, &product(&to_body, &w_in));
+    let to_body = negative(&to_body);
+    put(
+        &mut angular_rate,
+        VELOCITY,
+        &product(&to_body, &by_velocity),
+    );
+    put(&mut angular_rate, PLACE, &product(&to_body, &by_place));
+    if !all_finite(a.as_flattened()) || !all_finite(angular_rate.as_flattened()) {
+        return Err(OVERFLOW);
     }
     Ok(ErrorModel {
         a,
-        c,
         per_metre: metres.map(nalgebra::ComplexField::abs),
+        motion: *motion,
+        angular_rate,
+        places: [metres, by_latitude, by_height],
     })
+}
+
+const OVERFLOW: Error = Error::Number(NumberError::Overflow {
+    result: "error model",
+});
+
+impl<T: Real> ErrorModel<T> {
+    /// What an output shows of the states: as many lines as it has numbers, the rest zero.
+    ///
+    /// # Errors
+    /// [`Error::Vertical`] for the heading of a nose that points up or down;
+    /// [`Error::Number`] where an entry overflows.
+    pub fn output(&self, output: Output) -> Result<[Line<T>; 3], Error> {
+        let lines = match output {
+            Output::Velocity => self.antenna_velocity(),
+            Output::Position => self.antenna_place(),
+            Output::Odometer | Output::SideSlip => {
+                let [forward, left, up] = self.wheel_speed();
+                if output == Output::Odometer {
+                    [forward, [T::zero(); STATES], [T::zero(); STATES]]
+                } else {
+                    [left, up, [T::zero(); STATES]]
+                }
+            }
+            Output::ZeroVelocity => {
+                let mut lines = [[T::zero(); STATES]; 3];
+                put(&mut lines, VELOCITY, &unit());
+                lines
+            }
+            Output::ZeroAngularRate => self.angular_rate,
+            Output::Heading => self.heading()?,
+        };
+        if all_finite(lines.as_flattened()) {
+            Ok(lines)
+        } else {
+            Err(OVERFLOW)
+        }
+    }
+
+    /// Velocity of the antenna, v + C (`w_nb` x l).
+    fn antenna_velocity(&self) -> [Line<T>; 3] {
+        let to_nav = &self.motion.attitude;
+        let arm = multiply(to_nav, &self.motion.lever_arm);
+        let w_nb = multiply(to_nav, &self.motion.angular_rate);
+        let mut lines = [[T::zero(); STATES]; 3];
+        put(&mut lines, VELOCITY, &unit());
+        put(&mut lines, TILT, &cross_matrix(cross(&w_nb, &arm)));
+        let turned = product(&cross_matrix(arm), to_nav);
+        put_product(&mut lines, &negative(&turned), &self.angular_rate);
+        put(&mut lines, LEVER_ARM, &product(&cross_matrix(w_nb), to_nav));
+        lines
+    }
+
+    /// Its place, p + T C l with T from metres to latitude, longitude, height.
+    fn antenna_place(&self) -> [Line<T>; 3] {
+        let to_nav = &self.motion.attitude;
+        let arm = multiply(to_nav, &self.motion.lever_arm);
+        let [metres, by_latitude, by_height] = self.places;
+        let scaled = |block: &[[T; 3]; 3]| -> [[T; 3]; 3] {
+            core::array::from_fn(|i| block[i].map(|x| metres[i] * x))
+        };
+        let mut lines = [[T::zero(); STATES]; 3];
+        put(&mut lines, PLACE, &unit());
+        for i in 0..3 {
+            lines[i][PLACE] += by_latitude[i] * arm[i];
+            lines[i][PLACE + 2] += by_height[i] * arm[i];
+        }
+        put(&mut lines, TILT, &scaled(&cross_matrix(arm)));
+        put(&mut lines, LEVER_ARM, &scaled(to_nav));
+        lines
+    }
+
+    /// Velocity of the wheels in their own axes, (I - [mu x]) (C^T v + `w_nb` x l), forward
+    /// times 1 + scale.
+    fn wheel_speed(&self) -> [Line<T>; 3] {
+        let motion = &self.motion;
+        let to_body = transposed(&motion.attitude);
+        let w_nb = motion.angular_rate;
+        let u = add(
+            multiply(&to_body, &motion.velocity),
+            cross(&w_nb, &motion.odometer_arm),
+        );
+        let mut lines = [[T::zero(); STATES]; 3];
+        put(&mut lines, VELOCITY, &to_body);
+        let tilted = product(&to_body, &cross_matrix(motion.velocity));
+        put(&mut lines, TILT, &negative(&tilted));
+        let arm = negative(&cross_matrix(motion.odometer_arm));
+        put_product(&mut lines, &arm, &self.angular_rate);
+        put(&mut lines, ODOMETER_ARM, &cross_matrix(w_nb));
+        for (line, by) in lines.iter_mut().zip(cross_matrix(u)) {
+            line[ODOMETER_MOUNTING..ODOMETER_MOUNTING + 2].copy_from_slice(&by[1..]);
+        }
+        lines[0][ODOMETER_SCALE] = u[0];
+        lines
+    }
+
+    /// Heading of the forward axis x, by its change x x phi.
+    fn heading(&self) -> Result<[Line<T>; 3], Error> {
+        let axis = self.motion.attitude.map(|row| row[0]);
+        let level = axis[0] * axis[0] + axis[1] * axis[1];
+        if !(level > T::of(1e-12)) {
+            return Err(Error::Vertical);
+        }
+        let change = cross_matrix(axis);
+        let mut lines = [[T::zero(); STATES]; 3];
+        for k in 0..3 {
+            lines[0][TILT + k] = (axis[1] * change[0][k] - axis[0] * change[1][k]) / level;
+        }
+        Ok(lines)
+    }
+}
+
+fn unit<T: Real>() -> [[T; 3]; 3] {
+    let (o, one) = (T::zero(), T::one());
+    [[one, o, o], [o, one, o], [o, o, one]]
 }
 
 /// The combinations of states that a navigator at rest determines, each at level 1, 2 or

@@ -201,6 +201,7 @@ impl<'a, T: Real> Segments<'a, T> {
                 attitude,
                 angular_rate,
                 lever_arm: [o; 3],
+                odometer_arm: [o; 3],
                 earth_rate: self.earth_rate,
                 gravity_gradient: GravityGradient::Include,
             },

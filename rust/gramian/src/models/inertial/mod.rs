@@ -1,24 +1,29 @@
-//! Errors of a strapdown inertial navigator beside a satellite receiver.
+//! Errors of a strapdown inertial navigator beside what aids it: a satellite receiver, an
+//! odometer, knowing that it stands, a heading.
 //!
 //! Axes are north, west, up for navigation and forward, left, up for the body, so that a
 //! level vehicle that heads north has both the same. States, in this order: tilt phi
 //! (rad), velocity error (m/s), errors of latitude and longitude (rad) and height (m),
 //! gyro bias (rad/s) and accelerometer bias (m/s^2) in body axes, and, where they are
-//! estimated, the errors of the antenna's lever arm (m). Errors are what the navigator
-//! says less what is.
+//! estimated, those of [`Group`]: lever arms, scale factors, misalignments, sensitivity of
+//! the gyros to acceleration. Errors are what the navigator says less what is.
 //!
 //! [`error_model`] gives the matrices of x' = A x, z = C x for [`linear`](crate::linear);
-//! [`Segments`] splits a flight into parts with constant matrices.
+//! [`Segments`] splits a flight of legs into parts with constant matrices, [`Recorded`] one
+//! given by samples of attitude and velocity, such as those of a [`Sway`].
 
 mod earth;
 mod error_model;
 mod flight;
+mod recorded;
 
 pub use earth::{EARTH_RATE, check_place, gravity, radii};
 pub use error_model::{
-    ErrorModel, GravityGradient, Motion, combinations_at_rest, error_model, rotation,
+    ErrorModel, GravityGradient, Group, Motion, Output, STATES, combinations_at_rest, error_model,
+    rotation,
 };
 pub use flight::{Leg, MOST_SEGMENTS, Segment, Segments, Start};
+pub use recorded::{Recorded, Sample, Sway};
 
 use crate::numbers::errors::Shown;
 use crate::scalar::{NumberError, Real};
@@ -57,6 +62,34 @@ pub enum Error {
     /// An attitude that is not orthogonal.
     #[error("attitude is not a rotation: must be a (3, 3) orthogonal matrix")]
     Attitude,
+    /// A forward axis that has no heading.
+    #[error("attitude points the nose up or down: there is no heading to measure there")]
+    Vertical,
+    /// Samples of a recorded flight that are not one after the other.
+    #[error("times[{index}] = {} s: must be later than the sample before it", Shown(*.given))]
+    Times {
+        /// Which sample.
+        index: usize,
+        /// Its time.
+        given: f64,
+    },
+    /// A turn between two samples that could have been either way.
+    #[error(
+        "attitude turns by {:.3} rad between samples {index} and {}: must be below 3 rad, \
+         sample more often", Shown(*.turn), .index + 1
+    )]
+    Turn {
+        /// The sample before it.
+        index: usize,
+        /// By how much.
+        turn: f64,
+    },
+    /// Too few samples for a flight.
+    #[error("the flight has {samples} samples: must be 2 or more")]
+    Samples {
+        /// How many.
+        samples: usize,
+    },
     /// A number of a leg that is not finite, or a duration that is not positive.
     #[error("legs[{leg}].{name} = {}{unit}: must be {allowed}", Shown(*.given))]
     Leg {

@@ -10,6 +10,7 @@
 //! let (a, c) = ([0.0_f64; 8], [1.0, 0.0, 1.0, 1.0]);
 //! let found = Piecewise::new(&a, &c, &[10.0, 10.0], 2, None).unwrap();
 //! assert_eq!((found.alone, found.total), (vec![1, 1], vec![1, 2]));
+//! assert_eq!(found.determined, vec![vec![true, false], vec![true, true]]);
 //! ```
 
 use alloc::vec;
@@ -35,6 +36,9 @@ pub struct Piecewise<T> {
     /// Whether the kernel of each segment lies in the kernel of its A: where all
     /// do, the stripped matrix has the kernel of the total one (their theorem 1).
     pub kernel_rests: Vec<bool>,
+    /// Which states, as they are at the beginning, the total matrix determines, after each
+    /// segment.
+    pub determined: Vec<Vec<bool>>,
     /// The kernel of the total matrix in physical units, for the state at the
     /// beginning.
     pub null_space: Vec<Vec<T>>,
@@ -69,6 +73,7 @@ impl<T: Real> Piecewise<T> {
             stripped: Vec::new(),
             total: Vec::new(),
             kernel_rests: Vec::new(),
+            determined: Vec::new(),
             null_space: Vec::new(),
         };
         let (mut stripped, mut total) = (Joined::new(n), Joined::new(n));
@@ -88,7 +93,14 @@ impl<T: Real> Piecewise<T> {
             }
             found.alone.push(form.rank());
             found.stripped.push(stripped.rank(touch));
-            found.total.push(total.rank(touch));
+            let null = total.kernel(touch);
+            found.total.push(n - null.len() / n);
+            found.null_space = reduced_null_space(&null, scale, touch).0;
+            found.determined.push(
+                (0..n)
+                    .map(|i| found.null_space.iter().all(|v| v[i] == T::zero()))
+                    .collect(),
+            );
             found.kernel_rests.push(form.kernel_rests(&balanced, touch));
             let step: Vec<T> = exponential(a, n, durations[j])?
                 .iter()
@@ -106,8 +118,6 @@ impl<T: Real> Piecewise<T> {
                 return Err(Overflow.into());
             }
         }
-        let null = total.kernel(touch);
-        found.null_space = reduced_null_space(&null, scale, touch).0;
         if found.null_space.iter().all(|vector| all_finite(vector)) {
             return Ok(found);
         }
