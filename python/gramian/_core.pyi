@@ -743,6 +743,9 @@ def inertial_radii(latitude: float) -> tuple[float, float]: ...
 def inertial_gravity(latitude: float, height: float) -> float: ...
 def inertial_rotation(heading: float, pitch: float, roll: float) -> _Array: ...
 def inertial_combinations_at_rest(latitude: float, height: float, earth_rate: float) -> _Array: ...
+
+_Wanted = tuple[ArrayLike, ArrayLike, Sequence[str], Sequence[str], float, bool]
+
 def inertial_error_model(
     latitude: float,
     height: float,
@@ -750,21 +753,28 @@ def inertial_error_model(
     velocity: ArrayLike,
     attitude: ArrayLike,
     angular_rate: ArrayLike,
-    lever_arm: ArrayLike,
-    lever_arm_states: bool,
-    earth_rate: float,
-    gravity_gradient: bool,
+    wanted: _Wanted,
 ) -> tuple[_Array, _Array, _Array]: ...
 def inertial_segments(
     legs: Sequence[Sequence[float]],
     start: Sequence[float],
     step: float,
     largest_turn: float,
-    lever_arm: ArrayLike,
-    lever_arm_states: bool,
-    earth_rate: float,
-    gravity_gradient: bool,
+    wanted: _Wanted,
 ) -> tuple[tuple[_Array, _Array, _Array], _Array, NDArray[np.uintp]]: ...
+def inertial_recorded(
+    times: ArrayLike,
+    velocity: ArrayLike,
+    angles: ArrayLike,
+    legs: Sequence[int],
+    place: Sequence[float],
+    step: float,
+    largest_turn: float,
+    wanted: _Wanted,
+) -> tuple[tuple[_Array, _Array, _Array], _Array, NDArray[np.uintp]]: ...
+def inertial_sway(
+    times: ArrayLike, amplitude: ArrayLike, period: ArrayLike, phase: ArrayLike
+) -> _Array: ...
 
 # dynamics
 _Many = Callable[[_Array, _Array], _Array]
@@ -799,7 +809,9 @@ def linear_transition(a: ArrayLike, duration: float) -> _Array: ...
 def right_singular(rows: ArrayLike) -> tuple[_Array, _Array]: ...
 def piecewise_ranks(
     a: ArrayLike, c: ArrayLike, durations: ArrayLike, rtol: float | None
-) -> tuple[NDArray[np.uintp], NDArray[np.uintp], NDArray[np.uintp], list[bool], _Array]: ...
+) -> tuple[
+    NDArray[np.uintp], NDArray[np.uintp], NDArray[np.uintp], list[bool], list[list[bool]], _Array
+]: ...
 def linear_infinite(a: ArrayLike, c: ArrayLike, discrete: bool) -> _Array: ...
 def linear_hankel(observability: ArrayLike, reachability: ArrayLike) -> _Array: ...
 def linear_parts(a: ArrayLike, c: ArrayLike) -> list[tuple[_Array, _Array]]: ...

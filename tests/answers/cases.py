@@ -144,7 +144,7 @@ def linear():
 def inertial():
     leg = gm.inertial.Leg(60.0, turn=0.1)
     flight = gm.inertial.segments([leg, gm.inertial.Leg(60.0)], 0.8, speed=100.0)
-    yield from (leg, flight, flight.system)
+    yield from (leg, flight, flight.system, gm.inertial.maneuvers(flight, dt=10.0))
 
 
 def maneuver():

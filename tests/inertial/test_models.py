@@ -8,7 +8,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import gramian as gm
-from gramian.models.inertial import EARTH_RATE, Leg, error_model, rotation, segments, static_base
+from gramian.models.inertial import (
+    EARTH_RATE,
+    ESTIMATED,
+    OUTPUTS,
+    Leg,
+    error_model,
+    rotation,
+    segments,
+    static_base,
+)
+
+# All states: the lower triangle of the accelerometers is a part of their misalignments.
+EVERYTHING = [name for name in ESTIMATED if name != "accelerometer_nonorthogonality"]
+FULL = error_model(0.5, estimated=EVERYTHING)
 
 # A mechanisation of its own: WGS 84 with Somigliana's gravity.
 SEMI_MAJOR, INVERSE_FLATTENING = 6378137.0, 298.257223563
@@ -77,7 +90,7 @@ class Vehicle:
         self.c = np.eye(3) if still else rotation(*rng.uniform(-1.0, 1.0, 3))
         self.v = np.zeros(3) if still else rng.uniform(-200, 200, 3)
         self.p = np.array([rng.uniform(-1.3, 1.3), 0.3, rng.uniform(0, 9000)])
-        self.l = rng.uniform(-3, 3, 3)
+        self.l, self.wheels = rng.uniform(-3, 3, (2, 3))
         self.w_nb = np.zeros(3) if still else rng.uniform(-0.5, 0.5, 3)
         earth, transport = earth_and_transport(self.v, self.p)
         self.gyro = self.w_nb + self.c.T @ (earth + transport)
@@ -90,8 +103,21 @@ class Vehicle:
         return somigliana if gradient == "include" else lambda *_: here
 
     def computed(self, x):
+        """Return what the navigator computes with and takes its sensors to say."""
+        part = dict(zip(FULL.names, x, strict=True))
+        accelerometer, gyro = np.zeros((2, 3, 3))
+        g_sensitivity = np.array([part[f"g_sens_{i}{j}"] for i in "FLU" for j in "FLU"])
+        for i, row in enumerate("FLU"):
+            accelerometer[i, i] = part[f"accel_scale_{row}"]
+            gyro[i, i] = part[f"gyro_scale_{row}"]
+            for j, column in enumerate("FLU"):
+                if i != j:
+                    accelerometer[i, j] = part[f"accel_{row}{column}"]
+                    gyro[i, j] = part[f"gyro_{row}{column}"]
+        force = self.force + x[12:15] + accelerometer @ self.force
+        turning = x[9:12] + gyro @ self.gyro + g_sensitivity.reshape(3, 3) @ self.force
         c = small_rotation(x[0:3]) @ self.c
-        return c, self.v + x[3:6], self.p + x[6:9], self.force + x[12:15], self.gyro + x[9:12]
+        return c, self.v + x[3:6], self.p + x[6:9], force, self.gyro + turning
 
     def error_rates(self, x, gradient):
         """Rate of (phi, dV, dP). The tilt's is exact to first order in x."""
@@ -103,15 +129,23 @@ class Vehicle:
         tilt = -(turning - small_rotation(x[0:3]) @ true[0])
         return np.concatenate([tilt, acceleration - true[1], moving - true[2]])
 
-    def antenna(self, x):
+    def outputs(self, x):
+        """Return all that can be measured, in the order of `OUTPUTS`."""
+        part = dict(zip(FULL.names, x, strict=True))
         c, v, p, _, gyro = self.computed(x)
-        arm = self.l + (x[15:18] if len(x) > 15 else 0)
+        arm = self.l + [part[f"l_{i}"] for i in "FLU"]
         earth, transport = earth_and_transport(v, p)
-        speed = v + c @ np.cross(gyro - c.T @ (earth + transport), arm)
+        w_nb = gyro - c.T @ (earth + transport)
+        speed = v + c @ np.cross(w_nb, arm)
         meridian, normal = curvature(p[0])
         metres = c @ arm
         offset = metres / [meridian + p[2], -(normal + p[2]) * np.cos(p[0]), 1.0]
-        return np.concatenate([speed, p + offset])
+        wheels = self.wheels + [part[f"odo_l_{i}"] for i in "FLU"]
+        mounting = small_rotation(np.array([0.0, part["odo_pitch"], part["odo_yaw"]]))
+        rolling = mounting @ (c.T @ v + np.cross(w_nb, wheels))
+        rolling[0] *= 1 + part["odo_scale"]
+        heading = np.arctan2(-c[1, 0], c[0, 0])
+        return np.concatenate([speed, p + offset, rolling, v, w_nb, [heading]])
 
     def model(self, **options):
         return error_model(
@@ -122,14 +156,32 @@ class Vehicle:
             attitude=self.c,
             angular_rate=self.w_nb,
             lever_arm=self.l,
+            odometer_arm=self.wheels,
+            estimated=EVERYTHING,
+            outputs=OUTPUTS,
             **options,
         )
 
 
 # Steps small enough for the products of errors, large enough for rounding.
-STEPS = np.array([1e-4] * 3 + [1e-1] * 3 + [1e-4, 1e-4, 10.0] + [1e-5] * 3 + [1e-1] * 3 + [0.1] * 3)
-# What an error in an entry must be small against: the natural size of the rates.
+STEPS = np.array(
+    [1e-4] * 3
+    + [1e-1] * 3
+    + [1e-4, 1e-4, 10.0]
+    + [1e-5] * 3
+    + [1e-1] * 3
+    + [0.1] * 3  # arm of the antenna
+    + [1e-4] * 9  # gyros
+    + [1e-3] * 9  # accelerometers
+    + [1e-6] * 9  # sensitivity to acceleration
+    + [1e-2]  # odometer
+    + [1e-4] * 2
+    + [0.1] * 3
+)
+# What an error in an entry must be small against: the natural size of the rates, and of
+# the outputs.
 SIZES = np.array([1e-4] * 3 + [10.0] * 3 + [1e-4, 1e-4, 100.0])
+OUTPUT_SIZES = np.array([1, 1, 1, 1e-7, 1e-7, 1] + [1] * 6 + [1e-4] * 3 + [1e-3])
 
 
 def differences(f, n):
@@ -150,8 +202,8 @@ def differences(f, n):
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["include", "omit"]))
 def test_every_entry_of_a_is_the_derivative_of_the_mechanisation(seed, gradient):
     vehicle = Vehicle(np.random.default_rng(seed))
-    system = vehicle.model(gravity_gradient=gradient, lever_arm_states="estimated")
-    expected = differences(lambda x: vehicle.error_rates(x, gradient), 18)
+    system = vehicle.model(gravity_gradient=gradient)
+    expected = differences(lambda x: vehicle.error_rates(x, gradient), 51)
     # In units of each rate for a change of each state that matters.
     unit = SIZES[:, None] / (1e3 * STEPS)
     assert np.abs((system.A[:9] - expected) / unit).max() < 1e-6
@@ -163,13 +215,36 @@ def test_every_entry_of_a_is_the_derivative_of_the_mechanisation(seed, gradient)
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32 - 1))
-def test_every_entry_of_c_is_the_derivative_of_the_antenna(seed):
+def test_every_entry_of_c_is_the_derivative_of_what_is_measured(seed):
     vehicle = Vehicle(np.random.default_rng(seed))
-    system = vehicle.model(lever_arm_states="estimated")
-    expected = differences(vehicle.antenna, 18)
-    scale = np.array([1, 1, 1, 1e-7, 1e-7, 1])
-    assert np.abs((system.C - expected) / scale[:, None] * STEPS).max() < 1e-6
+    system = vehicle.model()
+    expected = differences(vehicle.outputs, 51)
+    assert np.abs((system.C - expected) / OUTPUT_SIZES[:, None] * STEPS).max() < 1e-6
     assert np.allclose(system.C, expected, rtol=1e-5, atol=1e-8 * np.abs(expected).max())
+
+
+def test_fewer_states_are_columns_of_the_full_model():
+    vehicle = Vehicle(np.random.default_rng(5))
+    full = vehicle.model()
+    some = error_model(
+        vehicle.p[0],
+        vehicle.p[2],
+        specific_force=vehicle.c @ vehicle.force,
+        velocity=vehicle.v,
+        attitude=vehicle.c,
+        angular_rate=vehicle.w_nb,
+        odometer_arm=vehicle.wheels,
+        # In any order.
+        estimated=("odometer_scale", "accelerometer_nonorthogonality", "gyro_scale"),
+        outputs=("heading", "odometer"),
+    )
+    columns = [full.names.index(name) for name in some.names]
+    rows = [full.outputs.index(name) for name in some.outputs]
+    assert some.outputs == ("odometer", "heading")
+    assert np.array_equal(some.A, full.A[np.ix_(columns, columns)])
+    assert np.array_equal(some.C, full.C[np.ix_(rows, columns)])
+    assert len(some.prior) == len(some.units) == some.n == 22
+    assert len(some.noise) == 2
 
 
 def test_a_model_at_rest_is_the_static_base():
@@ -236,8 +311,8 @@ def test_a_quarter_turn_with_acceleration_makes_all_three_observable():
 
 
 def test_lever_arm_needs_rotation():
-    still = error_model(0.6, lever_arm_states="estimated")
-    turning = error_model(0.6, lever_arm_states="estimated", angular_rate=(0.0, 0.1, 0.3))
+    still = error_model(0.6, estimated=["lever_arm"])
+    turning = error_model(0.6, estimated=["lever_arm"], angular_rate=(0.0, 0.1, 0.3))
     assert gm.linear.levels(still).nullity > gm.linear.levels(turning).nullity
 
 
@@ -254,7 +329,22 @@ BAD = [
     (lambda: error_model(0.5, velocity=(1.0, 2.0)), "velocity = "),
     (lambda: error_model(0.5, attitude=2 * np.eye(3)), "attitude is not a rotation"),
     (lambda: error_model(0.5, gravity_gradient="some"), "gravity_gradient = 'some'"),
-    (lambda: error_model(0.5, lever_arm_states="some"), "lever_arm_states = 'some'"),
+    (lambda: error_model(0.5, estimated="lever_arm"), "estimated = .*sequence of names"),
+    (lambda: error_model(0.5, estimated=["lever"]), r"estimated\[0\] = 'lever': must be one of"),
+    (lambda: error_model(0.5, estimated=["lever_arm"] * 2), "has 'lever_arm' twice"),
+    (
+        lambda: error_model(
+            0.5, estimated=["accelerometer_misalignment", "accelerometer_nonorthogonality"]
+        ),
+        "give one",
+    ),
+    (lambda: error_model(0.5, outputs=[]), "outputs is empty"),
+    (lambda: error_model(0.5, outputs=["speed"]), r"outputs\[0\] = 'speed'"),
+    (lambda: error_model(0.5, heading_noise=0.0), "heading_noise = 0"),
+    (
+        lambda: error_model(0.5, attitude=rotation(0, POLE), outputs=["heading"]),
+        "nose up or down: there is no heading",
+    ),
     (lambda: segments([], 0.5), "legs is empty"),
     (lambda: segments([Leg(0.0)], 0.5), "duration = 0"),
 ]

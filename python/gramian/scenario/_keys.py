@@ -98,16 +98,33 @@ Pass.sigma_nT | nT | noise of each component | 0.001
     "inertial": """
 InertialScenario.site | | where it begins |
 InertialScenario.flight | | how it moves; without it, it stands still, level, heading north |
+InertialScenario.recorded | | a flight of one's own, in the place of `flight` |
+InertialScenario.odometer_arm | m | from the navigator to the wheels: forward, left, up | [1.0, 0.0, -0.5]
+InertialScenario.estimated | | what is estimated beside the 15 states: lever_arm, gyro_scale, gyro_misalignment, accelerometer_scale, accelerometer_nonorthogonality, accelerometer_misalignment, g_sensitivity, odometer_scale, odometer_mounting, odometer_arm | ["gyro_scale"]
+InertialScenario.outputs | | what is measured: velocity, position, odometer, side_slip, zero_velocity, zero_angular_rate, heading | ["position", "odometer"]
 InertialScenario.window | | how long and how often the receiver gives its outputs |
 InertialScenario.prior | | what is known beforehand |
 InertialScenario.noise | | how good the receiver is |
-InertialScenario.lever_arm | m | from the navigator to the antenna: forward, right, down | [2.0, 0.0, -1.0]
+InertialScenario.lever_arm | m | from the navigator to the antenna: forward, left, up | [2.0, 0.0, -1.0]
 Site.latitude_deg | deg | geodetic latitude | 28.15
 Site.height | m | above the ellipsoid | 100.0
 Leg.duration | s | how long | 60.0
 Leg.turn_deg | deg | change of heading over the leg, clockwise | 90.0
 Leg.speed_change | m/s | change of speed over the leg | 20.0
 Leg.bank_deg | deg | bank, right side down | 15.0
+Recorded.file | | table of attitude and velocity, beside the scenario | "flight.csv"
+Recorded.columns | | what its columns are called |
+Recorded.legs | s | when each leg but the first begins | [60.0, 150.0]
+Recorded.names | | what the legs are called | ["taxi", "climb", "turn"]
+Recorded.step | s | longest segment with constant coefficients | 2.0
+Recorded.largest_turn_deg | deg | largest change of attitude in a segment | 3.0
+Columns.time | | seconds, dates or clock times | "time"
+Columns.v_north | | velocity to the north, m/s | "v_north"
+Columns.v_east | | velocity to the east, m/s | "v_east"
+Columns.v_up | | velocity upwards, m/s | "v_up"
+Columns.heading_deg | | clockwise from north, degrees | "heading_deg"
+Columns.pitch_deg | | nose up, degrees | "pitch_deg"
+Columns.roll_deg | | right side down, degrees | "roll_deg"
 Flown.speed | m/s | at the beginning | 50.0
 Flown.heading_deg | deg | at the beginning, clockwise from north | 45.0
 Flown.legs | | the parts of the flight, in order | [{ duration = 60.0 }, { duration = 30.0, turn_deg = 90.0 }]

@@ -205,7 +205,14 @@ fn piecewise_ranks<'py>(
     c: &Bound<'py, PyAny>,
     durations: &Bound<'py, PyAny>,
     rtol: Option<f64>,
-) -> PyResult<(Ranks<'py>, Ranks<'py>, Ranks<'py>, Vec<bool>, Matrix<'py>)> {
+) -> PyResult<(
+    Ranks<'py>,
+    Ranks<'py>,
+    Ranks<'py>,
+    Vec<bool>,
+    Vec<Vec<bool>>,
+    Matrix<'py>,
+)> {
     let (a, c, n, p) = system(a, c)?;
     expect_rtol(rtol)?;
     let durations = Input::new(durations, "durations", 1)?;
@@ -232,6 +239,7 @@ fn piecewise_ranks<'py>(
         ranks(found.stripped),
         ranks(found.total),
         found.kernel_rests,
+        found.determined,
         columns(py, &found.null_space, n)?,
     ))
 }

@@ -10,17 +10,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian import _options as options
-from gramian._arrays import number
+from gramian._arrays import finite, number
 from gramian._values import Value
 from gramian.exceptions import InputError
-from gramian.models.inertial._earth import EARTH_RATE
-from gramian.models.inertial._model import NAMES, error_model, positive, vector
+from gramian.models.inertial._model import error_model, positive, vector, wanted
 from gramian.models.linear._systems import System
 from gramian.models.linear._windows import Piecewise, piecewise
 
-__all__ = ["Flight", "Leg", "segments"]
+__all__ = ["Flight", "Leg", "recorded", "segments", "sway"]
 
 Array = NDArray[np.float64]
+_Flown = tuple[tuple[Array, Array, Array], Array, NDArray[np.uintp]]
+
+#: Below this speed, m/s, a vehicle stands.
+STANDING = 0.1
+#: Of a flight: each is analysed by itself.
+MOST_SEGMENTS = 10_000
 
 
 @dataclass(frozen=True)
@@ -54,7 +59,7 @@ class Leg(Value):
 
 @dataclass(frozen=True, eq=False)
 class Flight(Value):
-    """A flight as a piecewise constant error model: what `segments` makes.
+    """A flight as a piecewise constant error model: of `segments`, `recorded` or `sway`.
 
     Attributes
     ----------
@@ -84,7 +89,13 @@ class Flight(Value):
 
     def upto(self, leg: int) -> Flight:
         """Return the flight up to and with a leg."""
-        keep = self.leg <= leg
+        return self._kept(self.leg <= leg)
+
+    def only(self, leg: int) -> Flight:
+        """Return one leg of the flight."""
+        return self._kept(self.leg == leg)
+
+    def _kept(self, keep: NDArray[np.bool_]) -> Flight:
         return replace(
             self,
             A=self.A[keep],
@@ -104,8 +115,18 @@ class Flight(Value):
 
     def rows(self, *, dt: float) -> Array:
         """Return whitened rows of samples every `dt`, about the state at the beginning."""
+        none, n = np.zeros((0, 0)), self.A.shape[-1]
         found = Piecewise(
-            self.system.names, (), (), (), (), np.zeros((0, 0)), self.A, self.C, self.durations
+            self.system.names,
+            (),
+            (),
+            (),
+            (),
+            np.zeros((0, n), dtype=bool),
+            none,
+            self.A,
+            self.C,
+            self.durations,
         )
         return found.rows(dt=dt, R=self.system.noise**2)
 
@@ -137,7 +158,7 @@ def segments(
     largest_turn : float
         Largest change of heading in a segment, radians.
     **model
-        What else `error_model` takes: lever_arm, priors, noises.
+        What else `error_model` takes: estimated, outputs, lever_arm, priors, noises.
 
     Returns
     -------
@@ -166,8 +187,7 @@ def segments(
         if name in model:
             raise InputError(f"{name}: must not be given, it follows from the legs")
     system = error_model(latitude, height, **model)  # type: ignore[arg-type]
-    lever_arm: ArrayLike = model.get("lever_arm", (0.0, 0.0, 0.0))  # type: ignore[assignment]
-    (a, c, _), table, owners = _core.inertial_segments(
+    found = _core.inertial_segments(
         [
             [
                 number(getattr(leg, name), f"legs[{index}].{name}")
@@ -187,12 +207,17 @@ def segments(
         ],
         step,
         largest_turn,
-        vector(lever_arm, "lever_arm"),
-        system.n > len(NAMES),
-        float(model.get("earth_rate", EARTH_RATE)),  # type: ignore[arg-type]
-        model.get("gravity_gradient", "include") == "include",
+        wanted(model),
     )
+    return _flown(system, found)
+
+
+def _flown(system: System, found: _Flown) -> Flight:
+    (a, c, _), table, owners = found
     durations, times, headings, speeds, latitudes, longitudes = np.ascontiguousarray(table.T)
+    # Nobody knows that a vehicle stands while it moves.
+    zero = np.array([name.startswith("zero_") for name in system.outputs])
+    c[np.ix_(np.abs(speeds) > STANDING, zero)] = 0.0
     return Flight(
         system=replace(system, A=a[0], C=c[0]),
         A=a,
@@ -205,3 +230,190 @@ def segments(
         longitude=longitudes,
         leg=owners.astype(np.int64),
     )
+
+
+def recorded(
+    times: ArrayLike,
+    velocity: ArrayLike,
+    attitude: ArrayLike,
+    latitude: float,
+    height: float = 0.0,
+    *,
+    legs: ArrayLike | None = None,
+    longitude: float = 0.0,
+    step: float = 5.0,
+    largest_turn: float = np.radians(3),
+    **model: object,
+) -> Flight:
+    """Return a flight given by samples of velocity and attitude: your own.
+
+    Parameters
+    ----------
+    times : array_like, shape (samples,)
+        Seconds, increasing.
+    velocity : array_like, shape (samples, 3)
+        In N, W, U, m/s.
+    attitude : array_like, shape (samples, 3)
+        Heading (clockwise from north), pitch (nose up) and roll (right side down),
+        radians, as `rotation` takes them. Less than 3 rad of turn between samples.
+    latitude, height, longitude : float
+        Where it begins; radians and metres. The place later follows from the velocity.
+    legs : array_like, shape (legs - 1,), optional
+        The times at which a new leg begins, increasing, within the flight: what
+        `maneuvers` tells apart. One leg by default.
+    step : float
+        Longest segment, seconds; one interval between samples where that is longer.
+    largest_turn : float
+        Largest change of attitude in a segment, radians.
+    **model
+        What else `error_model` takes: estimated, outputs, lever_arm, priors, noises.
+
+    Returns
+    -------
+    Flight
+
+    Raises
+    ------
+    InputError
+        Shapes that do not fit, times that do not increase, a turn too far between
+        samples, more than 10 000 segments, what `error_model` refuses.
+
+    Notes
+    -----
+    Over a segment the specific force and the angular rate are those that lead from the
+    velocity and attitude at its beginning to those at its end. A recorded flight is
+    never quite straight: ranks count what its noise makes visible too, and the ratios
+    of `maneuvers` say whether that is worth anything.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> times = np.arange(0.0, 61.0)
+    >>> heading = np.clip((times - 30) * 0.05, 0, None)
+    >>> velocity = 50 * np.stack([np.cos(heading), -np.sin(heading), 0 * times], axis=1)
+    >>> attitude = np.stack([heading, 0 * times, 0.25 * (times > 30)], axis=1)
+    >>> flight = recorded(times, velocity, attitude, 0.8, legs=[30.0])
+    >>> len(flight.durations), flight.leg[0], flight.leg[-1]
+    (36, np.int64(0), np.int64(1))
+    """
+    t = finite(times, "times")
+    if t.ndim != 1 or len(t) < 2:
+        raise InputError(f"times has shape {t.shape}: must be (samples,), 2 or more")
+    table = {}
+    for label, value in (("velocity", velocity), ("attitude", attitude)):
+        table[label] = finite(value, label)
+        if table[label].shape != (len(t), 3):
+            raise InputError(
+                f"{label} has shape {table[label].shape}: must be ({len(t)}, 3), a line for each "
+                "of the times"
+            )
+    late = np.flatnonzero(~(np.diff(t) > 0))
+    if late.size:
+        index = int(late[0]) + 1
+        raise InputError(
+            f"times[{index}] = {t[index]} s: must be later than the sample before it, "
+            f"{t[index - 1]} s"
+        )
+    borders = np.zeros(0) if legs is None else finite(legs, "legs")
+    if borders.ndim != 1:
+        raise InputError(f"legs has shape {borders.shape}: must be the times at which legs begin")
+    ends = np.concatenate([t[:1], borders, t[-1:]])
+    wrong = np.flatnonzero(~(np.diff(np.searchsorted(t, ends)) > 0))
+    if wrong.size:
+        index = min(int(wrong[0]), len(borders) - 1)
+        raise InputError(
+            f"legs[{index}] = {borders[index]} s: must be later than the leg before it by a "
+            f"sample, and before the end, {t[-1]} s"
+        )
+    positive(step=step, largest_turn=largest_turn)
+    for name in ("specific_force", "angular_rate"):
+        if name in model:
+            raise InputError(f"{name}: must not be given, it follows from the samples")
+    system = error_model(latitude, height, **model)  # type: ignore[arg-type]
+    place = [number(latitude, "latitude"), number(longitude, "longitude"), number(height, "height")]
+    found = _core.inertial_recorded(
+        t,
+        table["velocity"],
+        table["attitude"],
+        np.searchsorted(borders, t, side="right").tolist(),
+        place,
+        step,
+        largest_turn,
+        wanted(model),
+    )
+    return _bounded(_flown(system, found))
+
+
+def _bounded(flight: Flight) -> Flight:
+    """Refuse a flight of which an analysis would take minutes."""
+    if len(flight.durations) > MOST_SEGMENTS:
+        raise InputError(
+            f"the flight makes {len(flight.durations)} segments, more than {MOST_SEGMENTS}: "
+            "larger `step` and `largest_turn`, or a part of it"
+        )
+    return flight
+
+
+def sway(
+    duration: float,
+    latitude: float,
+    height: float = 0.0,
+    *,
+    amplitude: ArrayLike,
+    period: ArrayLike,
+    phase: ArrayLike = (0.0, 0.0, 0.0),
+    heading: float = 0.0,
+    velocity: ArrayLike = (0.0, 0.0, 0.0),
+    step: float = 0.5,
+    **model: object,
+) -> Flight:
+    """Return the flight of a swaying base: moored, on its wheels in the wind, at sea.
+
+    Parameters
+    ----------
+    duration : float
+        Seconds.
+    latitude, height : float
+        Radians and metres.
+    amplitude, period, phase : array_like, shape (3,)
+        Of the oscillation of heading, pitch and roll: radians, seconds, radians.
+    heading : float
+        About which it sways, radians.
+    velocity : array_like, shape (3,)
+        In N, W, U, m/s; constant: a base that moves.
+    step : float
+        Longest segment, seconds: below an eighth of the periods.
+    **model
+        What else `error_model` takes.
+
+    Returns
+    -------
+    Flight
+
+    Raises
+    ------
+    InputError
+        A period that is not positive, what `recorded` refuses.
+
+    Examples
+    --------
+    >>> flight = sway(20.0, 0.6, amplitude=(0.02, 0.05, 0.08), period=(9.0, 7.0, 8.0))
+    >>> len(flight.durations), flight.piecewise().rank
+    (40, 15)
+    """
+    positive(duration=duration, step=step)
+    count = duration / step
+    if count > MOST_SEGMENTS:
+        raise InputError(
+            f"duration = {duration} s and step = {step} s make {count:.0f} segments, more than "
+            f"{MOST_SEGMENTS}"
+        )
+    swings = {
+        name: vector(value, name)
+        for name, value in (("amplitude", amplitude), ("period", period), ("phase", phase))
+    }
+    times = np.linspace(0.0, duration, max(int(np.ceil(count)), 1) + 1)
+    angles = _core.inertial_sway(times, *swings.values())
+    angles[:, 0] += number(heading, "heading")
+    speeds = np.broadcast_to(vector(velocity, "velocity"), angles.shape)
+    return recorded(times, speeds, angles, latitude, height, step=step, largest_turn=np.pi, **model)  # type: ignore[arg-type]

@@ -2,19 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian import _options as options
 from gramian._arrays import as_float_array, finite, number
 from gramian.exceptions import InputError
 from gramian.models.inertial._earth import EARTH_RATE, gravity
 from gramian.models.linear._systems import System
 
-__all__ = ["NAMES", "UNITS", "error_model", "positive", "rotation", "static_base", "vector"]
+__all__ = [
+    "ESTIMATED",
+    "NAMES",
+    "OUTPUTS",
+    "UNITS",
+    "error_model",
+    "positive",
+    "rotation",
+    "static_base",
+    "vector",
+    "wanted",
+]
 
 Array = NDArray[np.float64]
 
@@ -40,7 +53,59 @@ AT_REST = (
     "eps_W + w_U phi_N - w_N phi_U",
     "eps_U + w_N phi_W",
 )
-OUTPUTS = ("V_N", "V_W", "V_U", "latitude", "longitude", "height")
+
+
+class _Group(NamedTuple):
+    """States or outputs that belong together: names, unit, option of their deviation."""
+
+    names: tuple[str, ...]
+    unit: str
+    option: str
+
+
+_OFF_DIAGONAL = ("LF", "UF", "UL", "FL", "FU", "LU")
+
+_ESTIMATED = {
+    "lever_arm": _Group(("l_F", "l_L", "l_U"), "m", "lever_arm_error"),
+    "gyro_scale": _Group(("gyro_scale_F", "gyro_scale_L", "gyro_scale_U"), "1", "gyro_scale_error"),
+    "gyro_misalignment": _Group(
+        tuple(f"gyro_{pair}" for pair in _OFF_DIAGONAL), "rad", "gyro_misalignment_error"
+    ),
+    "accelerometer_scale": _Group(
+        ("accel_scale_F", "accel_scale_L", "accel_scale_U"), "1", "accelerometer_scale_error"
+    ),
+    "accelerometer_nonorthogonality": _Group(
+        tuple(f"accel_{pair}" for pair in _OFF_DIAGONAL[:3]),
+        "rad",
+        "accelerometer_misalignment_error",
+    ),
+    "accelerometer_misalignment": _Group(
+        tuple(f"accel_{pair}" for pair in _OFF_DIAGONAL), "rad", "accelerometer_misalignment_error"
+    ),
+    "g_sensitivity": _Group(
+        tuple(f"g_sens_{i}{j}" for i in "FLU" for j in "FLU"), "rad s/m", "g_sensitivity_error"
+    ),
+    "odometer_scale": _Group(("odo_scale",), "1", "odometer_scale_error"),
+    "odometer_mounting": _Group(("odo_pitch", "odo_yaw"), "rad", "odometer_mounting_error"),
+    "odometer_arm": _Group(("odo_l_F", "odo_l_L", "odo_l_U"), "m", "odometer_arm_error"),
+}
+
+_OUTPUTS = {
+    "velocity": _Group(("V_N", "V_W", "V_U"), "m/s", "velocity_noise"),
+    "position": _Group(("latitude", "longitude", "height"), "m", "position_noise"),
+    "odometer": _Group(("odometer",), "m/s", "odometer_noise"),
+    "side_slip": _Group(("slip_L", "slip_U"), "m/s", "side_slip_noise"),
+    "zero_velocity": _Group(("zero_V_N", "zero_V_W", "zero_V_U"), "m/s", "zero_velocity_noise"),
+    "zero_angular_rate": _Group(
+        ("zero_w_F", "zero_w_L", "zero_w_U"), "rad/s", "zero_angular_rate_noise"
+    ),
+    "heading": _Group(("heading",), "rad", "heading_noise"),
+}
+
+#: What `error_model` can estimate beside the 15 states, in the order of the states.
+ESTIMATED = tuple(_ESTIMATED)
+#: What can be measured, by `error_model`'s `outputs`.
+OUTPUTS = tuple(_OUTPUTS)
 
 
 def rotation(heading: float, pitch: float = 0.0, roll: float = 0.0) -> Array:
@@ -147,7 +212,9 @@ def error_model(
     attitude: ArrayLike | None = None,
     angular_rate: ArrayLike = (0.0, 0.0, 0.0),
     lever_arm: ArrayLike = (0.0, 0.0, 0.0),
-    lever_arm_states: Literal["known", "estimated"] = "known",
+    odometer_arm: ArrayLike = (0.0, 0.0, 0.0),
+    estimated: Sequence[str] = (),
+    outputs: Sequence[str] = ("velocity", "position"),
     earth_rate: float = EARTH_RATE,
     gravity_gradient: Literal["include", "omit"] = "include",
     tilt: float = TILT,
@@ -156,10 +223,23 @@ def error_model(
     gyro_bias: float = GYRO_BIAS,
     accelerometer_bias: float | None = None,
     lever_arm_error: float = 0.1,
+    gyro_scale_error: float = 1e-4,
+    gyro_misalignment_error: float = 1e-4,
+    accelerometer_scale_error: float = 1e-4,
+    accelerometer_misalignment_error: float = 1e-4,
+    g_sensitivity_error: float = 5e-9,
+    odometer_scale_error: float = 0.01,
+    odometer_mounting_error: float = 0.01,
+    odometer_arm_error: float = 0.1,
     velocity_noise: float = 0.01,
     position_noise: float = 1.0,
+    odometer_noise: float = 0.05,
+    side_slip_noise: float = 0.05,
+    zero_velocity_noise: float = 0.01,
+    zero_angular_rate_noise: float = 1e-5,
+    heading_noise: float = 0.005,
 ) -> System:
-    """Return the error model of a moving navigator beside a satellite receiver.
+    """Return the error model of a navigator beside what aids it.
 
     Parameters
     ----------
@@ -174,12 +254,35 @@ def error_model(
     attitude : array_like, shape (3, 3), optional
         From body to navigation axes, as `rotation` gives; the identity by default.
     angular_rate : array_like, shape (3,)
-        Of the body against the navigation axes, in body axes, rad/s. Only the
-        velocity of an antenna with a lever arm depends on it.
-    lever_arm : array_like, shape (3,)
-        From the navigator to the antenna, in body axes, metres.
-    lever_arm_states : {"known", "estimated"}
-        With "estimated", its three errors are states 16 to 18.
+        Of the body against the navigation axes, in body axes, rad/s.
+    lever_arm, odometer_arm : array_like, shape (3,)
+        From the navigator to the antenna of the receiver and to the wheels of the
+        odometer, in body axes, metres.
+    estimated : sequence of str
+        What is estimated beside the 15 states, in any order:
+
+        - "lever_arm": of the antenna, F, L, U (m);
+        - "gyro_scale", "accelerometer_scale": relative, one for each axis;
+        - "gyro_misalignment": the six off-diagonal entries of the gyros' matrix,
+          `gyro_LF` the reading of L by the rate along F (rad);
+        - "accelerometer_misalignment": the same of the accelerometers. With the
+          gyros' too, the body axes are in nothing but the lever arms and the odometer:
+          a rotation of both triads is a tilt;
+        - "accelerometer_nonorthogonality": the lower triangle only (3); the body axes
+          are then those of the accelerometers, and all can be estimated together;
+        - "g_sensitivity": readings of the gyros by the specific force, 9, by rows
+          (rad/s per m/s^2);
+        - "odometer_scale" (relative), "odometer_mounting" (pitch and yaw of the wheels'
+          axes against the body, rad), "odometer_arm" (m).
+    outputs : sequence of str
+        What is measured:
+
+        - "velocity", "position": of the antenna;
+        - "odometer": the forward speed of the wheels; "side_slip": their speed to
+          the left and upwards, which is zero but for `side_slip_noise`;
+        - "zero_velocity", "zero_angular_rate": of the navigator itself while it
+          stands; in a flight, in the segments below 0.1 m/s;
+        - "heading": of the body's forward axis, of a compass or two antennas.
     earth_rate : float
         rad/s.
     gravity_gradient : {"include", "omit"}
@@ -188,10 +291,22 @@ def error_model(
     tilt, velocity_error, position_error, gyro_bias, accelerometer_bias : float
         What is known beforehand, standard deviations: rad, m/s, m, rad/s, m/s^2;
         for the accelerometers 1e-4 of gravity by default.
-    lever_arm_error : float
-        The same of the lever arm, m.
+    lever_arm_error, odometer_arm_error : float
+        The same of the arms, m.
+    gyro_scale_error, accelerometer_scale_error, odometer_scale_error : float
+        The same of scale factors, relative.
+    gyro_misalignment_error, accelerometer_misalignment_error : float
+        The same of each misalignment, rad.
+    g_sensitivity_error : float
+        rad/s per m/s^2; 5e-9 is 0.01 deg/h per g.
+    odometer_mounting_error : float
+        rad.
     velocity_noise, position_noise : float
         Standard deviations of the antenna's velocity (m/s) and position (m).
+    odometer_noise, side_slip_noise, zero_velocity_noise : float
+        m/s.
+    zero_angular_rate_noise, heading_noise : float
+        rad/s, rad.
 
     Returns
     -------
@@ -201,15 +316,18 @@ def error_model(
     ------
     InputError
         A latitude beyond the poles or on one; an attitude that is not a
-        rotation; a number that is not finite.
+        rotation; an unknown name, or one twice; the heading of a nose that points up; a
+        number that is not finite.
 
     Notes
     -----
     The exact derivative of the mechanisation
     v' = C f - (2 w_ie + w_en) x v + g, L' = v_N / (R_M + h),
     lambda' = -v_W / ((R_N + h) cos L), h' = v_U, with the tilt phi of the
-    computed axes, C^ = (I - [phi x]) C; changes of the radii with latitude are in
-    it. See Titterton & Weston, Strapdown Inertial Navigation Technology, ch. 3 and 12.
+    computed axes, C^ = (I - [phi x]) C, and readings (I + M) f + bias of the
+    accelerometers and (I + M) w + G f + bias of the gyros; changes of the radii with
+    latitude are in it. See Titterton & Weston, Strapdown Inertial Navigation
+    Technology, ch. 3, 4 and 12.
 
     Examples
     --------
@@ -217,27 +335,49 @@ def error_model(
     >>> level = error_model(math.radians(45), velocity=(100.0, 0.0, 0.0))
     >>> gm.linear.levels(level).rank
     12
+    >>> error_model(0.8, estimated=["odometer_scale"], outputs=["odometer"]).names[-1]
+    'odo_scale'
     """
     latitude, height = number(latitude, "latitude"), number(height, "height")
     if accelerometer_bias is None:
         accelerometer_bias = 1e-4 * gravity(latitude, height)
-    positive(
-        tilt=tilt,
-        velocity_error=velocity_error,
-        position_error=position_error,
-        gyro_bias=gyro_bias,
-        accelerometer_bias=accelerometer_bias,
-        lever_arm_error=lever_arm_error,
-        velocity_noise=velocity_noise,
-        position_noise=position_noise,
-    )
-    if gravity_gradient not in ("include", "omit"):
-        raise InputError(f'gravity_gradient = {gravity_gradient!r}: must be "include" or "omit"')
-    if lever_arm_states not in ("known", "estimated"):
-        raise InputError(f'lever_arm_states = {lever_arm_states!r}: must be "known" or "estimated"')
+    deviations = {
+        "tilt": tilt,
+        "velocity_error": velocity_error,
+        "position_error": position_error,
+        "gyro_bias": gyro_bias,
+        "accelerometer_bias": accelerometer_bias,
+        "lever_arm_error": lever_arm_error,
+        "gyro_scale_error": gyro_scale_error,
+        "gyro_misalignment_error": gyro_misalignment_error,
+        "accelerometer_scale_error": accelerometer_scale_error,
+        "accelerometer_misalignment_error": accelerometer_misalignment_error,
+        "g_sensitivity_error": g_sensitivity_error,
+        "odometer_scale_error": odometer_scale_error,
+        "odometer_mounting_error": odometer_mounting_error,
+        "odometer_arm_error": odometer_arm_error,
+        "velocity_noise": velocity_noise,
+        "position_noise": position_noise,
+        "odometer_noise": odometer_noise,
+        "side_slip_noise": side_slip_noise,
+        "zero_velocity_noise": zero_velocity_noise,
+        "zero_angular_rate_noise": zero_angular_rate_noise,
+        "heading_noise": heading_noise,
+    }
+    positive(**deviations)
     to_nav = np.eye(3) if attitude is None else finite(attitude, "attitude")
     if to_nav.shape != (3, 3):
         raise InputError("attitude is not a rotation: must be a (3, 3) orthogonal matrix")
+    asked = wanted(
+        {
+            "lever_arm": lever_arm,
+            "odometer_arm": odometer_arm,
+            "estimated": estimated,
+            "outputs": outputs,
+            "earth_rate": earth_rate,
+            "gravity_gradient": gravity_gradient,
+        }
+    )
     a, c, per_metre = _core.inertial_error_model(
         latitude,
         height,
@@ -245,29 +385,76 @@ def error_model(
         vector(velocity, "velocity"),
         to_nav,
         vector(angular_rate, "angular_rate"),
-        vector(lever_arm, "lever_arm"),
-        lever_arm_states == "estimated",
-        number(earth_rate, "earth_rate"),
-        gravity_gradient == "include",
+        asked,
     )
-    n, metres = a.shape[-1], per_metre[0]
+    metres = per_metre[0]
+    states = [_ESTIMATED[name] for name in asked[2]]
+    seen = [_OUTPUTS[name] for name in asked[3]]
     prior = [
         *[tilt] * 3,
         *[velocity_error] * 3,
         *(position_error * metres),
         *[gyro_bias] * 3,
         *[accelerometer_bias] * 3,
-        *[lever_arm_error] * (n - 15),
+        *(deviations[group.option] for group in states for _ in group.names),
+    ]
+    noise = [
+        deviations[group.option] * (metres[i] if name == "position" else 1.0)
+        for name, group in zip(asked[3], seen, strict=True)
+        for i in range(len(group.names))
     ]
     return System(
         A=a[0],
         C=c[0],
-        names=NAMES + (("l_F", "l_L", "l_U") if n > 15 else ()),
-        units=UNITS + (("m",) * (n - 15)),
+        names=NAMES + tuple(name for group in states for name in group.names),
+        units=UNITS + tuple(group.unit for group in states for _ in group.names),
         prior=np.array(prior),
-        outputs=OUTPUTS,
-        noise=np.concatenate([np.full(3, velocity_noise), position_noise * metres]),
+        outputs=tuple(name for group in seen for name in group.names),
+        noise=np.array(noise),
     )
+
+
+#: What the extension is asked for: the arms, the groups of states, the outputs, the
+#: rate of the Earth, whether gravity changes with the place.
+Wanted = tuple[Array, Array, list[str], list[str], float, bool]
+
+
+def wanted(model: Mapping[str, Any]) -> Wanted:
+    """Return what the extension is asked for, of the options of `error_model`."""
+    gradient = model.get("gravity_gradient", "include")
+    if gradient not in ("include", "omit"):
+        raise InputError(f'gravity_gradient = {gradient!r}: must be "include" or "omit"')
+    states = _chosen(model.get("estimated", ()), "estimated", ESTIMATED)
+    if {"accelerometer_misalignment", "accelerometer_nonorthogonality"} <= set(states):
+        raise InputError(
+            "estimated has accelerometer_misalignment and accelerometer_nonorthogonality, "
+            "which is a part of it: give one"
+        )
+    seen = _chosen(model.get("outputs", ("velocity", "position")), "outputs", OUTPUTS)
+    if not seen:
+        raise InputError(f"outputs is empty: must have one or more of {', '.join(OUTPUTS)}")
+    return (
+        vector(model.get("lever_arm", (0.0, 0.0, 0.0)), "lever_arm"),
+        vector(model.get("odometer_arm", (0.0, 0.0, 0.0)), "odometer_arm"),
+        states,
+        seen,
+        number(model.get("earth_rate", EARTH_RATE), "earth_rate"),
+        gradient == "include",
+    )
+
+
+def _chosen(given: Any, label: str, known: Sequence[str]) -> list[str]:
+    """Return the names given, in the order of those that exist."""
+    if isinstance(given, str) or not isinstance(given, (list, tuple)):
+        raise InputError(f"{label} = {options.given(given)}: must be a sequence of names")
+    for index, name in enumerate(given):
+        if not isinstance(name, str) or name not in known:
+            raise InputError(
+                f"{label}[{index}] = {options.given(name)}: must be one of {', '.join(known)}"
+            )
+        if name in given[:index]:
+            raise InputError(f"{label} has {name!r} twice")
+    return [name for name in known if name in given]
 
 
 def positive(**values: float) -> None:

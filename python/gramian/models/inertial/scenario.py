@@ -1,4 +1,4 @@
-"""Scenarios of a strapdown navigator beside a satellite receiver: `model = "inertial"`."""
+"""Scenarios of a strapdown navigator beside what aids it: `model = "inertial"`."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from gramian._text import brief
 from gramian.exceptions import InputError
 from gramian.models import linear
-from gramian.models.inertial import _earth, _flight, _model
-from gramian.models.linear._degrees import posterior
+from gramian.models.inertial import _earth, _flight, _maneuvers, _model
 from gramian.models.linear.scenario import Observed, Window, linear_report, linear_verdict
-from gramian.report import Report, Table
+from gramian.report import Picture, Report, Table
 from gramian.scenario.base import Scenario, Section
+from gramian.scenario.files import read_columns
 
 if TYPE_CHECKING:
     from gramian.models.inertial._flight import Flight
@@ -57,6 +57,38 @@ class Flown(Section):
     legs: list[Leg] = Field(min_length=1)
 
 
+class Columns(Section):
+    """What the columns of a recorded flight are called."""
+
+    time: str = "time"
+    v_north: str = "v_north"
+    v_east: str = "v_east"
+    v_up: str = "v_up"
+    heading_deg: str = "heading_deg"
+    pitch_deg: str = "pitch_deg"
+    roll_deg: str = "roll_deg"
+
+
+class Recorded(Section):
+    """A flight of one's own: a table of attitude and velocity."""
+
+    file: str
+    columns: Columns = Columns()
+    legs: list[float] = Field(default_factory=list)
+    names: list[str] = Field(default_factory=list)
+    step: float = Field(default=5.0, gt=0)
+    largest_turn_deg: float = Field(default=3.0, gt=0)
+
+    @model_validator(mode="after")
+    def _named(self) -> Recorded:
+        if self.names and len(self.names) != len(self.legs) + 1:
+            raise ValueError(
+                f"names has {len(self.names)} entries: must have {len(self.legs) + 1}, one more "
+                "than legs has times"
+            )
+        return self
+
+
 class Known(Section):
     """What is known beforehand, standard deviations."""
 
@@ -75,15 +107,28 @@ class Noise(Section):
 
 
 class InertialScenario(Scenario):
-    """A navigator at rest, or on a flight put together from legs."""
+    """A navigator at rest, on a flight put together from legs, or on a recorded one."""
 
     model: Literal["inertial"]
     site: Site
     flight: Flown | None = None
+    recorded: Recorded | None = None
     window: Window | None = None
     prior: Known = Known()
     noise: Noise = Noise()
     lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    odometer_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    estimated: list[str] = Field(default_factory=list)
+    outputs: list[str] = Field(default=["velocity", "position"])
+
+    @model_validator(mode="after")
+    def _one_motion(self) -> InertialScenario:
+        if self.flight is not None and self.recorded is not None:
+            raise ValueError("has [flight] and [recorded]: give one")
+        standing = self.flight is None and self.recorded is None
+        if standing and (self.estimated or self.outputs != ["velocity", "position"]):
+            raise ValueError("estimated and outputs belong to a [flight] or [recorded]: give one")
+        return self
 
     def analyze(self) -> Report:
         """Answer which combinations of the errors the receiver determines, and when."""
@@ -97,6 +142,17 @@ class InertialScenario(Scenario):
             "position_noise": self.noise.position,
         }
         place = f"latitude {self.site.latitude_deg:g} deg"
+        model: dict[str, Any] = {
+            "velocity_error": self.prior.velocity,
+            "position_error": self.prior.position,
+            "lever_arm": self.lever_arm,
+            "odometer_arm": self.odometer_arm,
+            "estimated": self.estimated,
+            "outputs": self.outputs,
+            **priors,
+        }
+        if self.recorded is not None:
+            return self._in_flight(self._read(self.recorded, latitude, model), place)
         if self.flight is None:
             return self._at_rest(latitude, place, priors)
         self._check_size(self.flight)
@@ -116,14 +172,36 @@ class InertialScenario(Scenario):
                 self.site.height,
                 speed=self.flight.speed,
                 heading=np.radians(self.flight.heading_deg),
-                velocity_error=self.prior.velocity,
-                position_error=self.prior.position,
-                lever_arm=self.lever_arm,
-                **priors,
+                **model,
             )
         except InputError as error:
             raise self.error("flight", str(error)) from error
         return self._in_flight(flight, place)
+
+    def _read(self, recorded: Recorded, latitude: float, model: dict[str, Any]) -> Flight:
+        """Return the flight of a file."""
+        names = recorded.columns
+        columns, _ = read_columns(
+            self.beside(recorded.file), {key: getattr(names, key) for key in Columns.model_fields}
+        )
+        velocity = np.stack([columns["v_north"], -columns["v_east"], columns["v_up"]], axis=1)
+        angles = [columns["heading_deg"], columns["pitch_deg"], columns["roll_deg"]]
+        try:
+            flight = _flight.recorded(
+                columns["time"],
+                velocity,
+                np.radians(np.stack(angles, axis=1)),
+                latitude,
+                self.site.height,
+                legs=recorded.legs or None,
+                step=recorded.step,
+                largest_turn=np.radians(recorded.largest_turn_deg),
+                **model,
+            )
+        except InputError as error:
+            raise self.error("recorded", str(error)) from error
+        self._check_samples(float(flight.durations.sum()))
+        return flight
 
     def _check_size(self, flight: Flown) -> None:
         """Refuse a flight that would take minutes."""
@@ -138,7 +216,10 @@ class InertialScenario(Scenario):
                 f"turning and changing speed make {pieces:.0f} pieces of 5 s or 3 deg, more than "
                 "2000: shorten these legs",
             )
-        samples = sum(leg.duration for leg in flight.legs) / self._step
+        self._check_samples(sum(leg.duration for leg in flight.legs))
+
+    def _check_samples(self, duration: float) -> None:
+        samples = duration / self._step
         if samples > 2e4:
             raise self.error(
                 "window.step",
@@ -184,36 +265,52 @@ class InertialScenario(Scenario):
         step = self._step
         system = flight.system
         seen = flight.rows(dt=step)
-        # The rows up to each leg, to say what each adds.
-        rows, data = [], []
-        root = np.diag(system.prior)
+        legs = self.recorded.names if self.recorded is not None else []
+        parts = _maneuvers.maneuvers(flight, legs=legs or None, dt=step)
+        whole = flight.piecewise()
         leaders = [int(np.flatnonzero(column)[0]) for column in found.null_space.T]
-        for leg in range(int(flight.leg.max()) + 1):
-            upto = flight.upto(leg)
-            ranks = upto.piecewise()
-            end = float(upto.durations.sum())
-            samples = int(end / step * (1 + 1e-12)) + 1
-            information = posterior(
-                seen[: samples * len(system.C)] @ root, root, system.names, system.units, end
-            )
-            ratios = [information.ratio[i] for i in leaders]
-            data.append({"leg": leg, "rank": ranks.rank, "unseen": list(ranks.null_combinations)})
-            rows.append(
-                [
-                    f"{leg + 1}, to {information.window:g} s",
-                    str(ranks.rank),
-                    *(f"{brief(ratio)}" for ratio in ratios),
-                ]
-            )
+        count, total = len(parts.legs), float(flight.durations.sum())
+        rows = [
+            [
+                f"{leg if legs else k + 1}, to {brief(parts.ends[k])} s",
+                str(parts.rank_alone[k]),
+                str(parts.rank[k]),
+                *(brief(parts.ratio[k, i]) for i in leaders),
+            ]
+            for k, leg in enumerate(parts.legs)
+        ]
         names = [system.names[i] for i in leaders]
         table = Table(
             "Leg by leg: what was never seen on the first",
-            ["leg", "rank", *(f"{name}, posterior / prior" for name in names)],
+            ["leg", "rank alone", "rank so far", *(f"{name}, posterior / prior" for name in names)],
             rows,
             "Each state leads one of the combinations that the first leg alone leaves unseen; "
             "the columns say how well it is known after the leg.",
         )
-        whole, total = ranks, end
+        each = Table(
+            "Which leg makes which state observable",
+            [
+                "state",
+                *(f"{leg}: alone" for leg in parts.legs),
+                *(f"to {leg}" for leg in parts.legs),
+            ],
+            [
+                [
+                    name,
+                    *(
+                        brief(ratio) if known else "-"
+                        for ratios, flags in (
+                            (parts.ratio_alone, parts.known_alone),
+                            (parts.ratio, parts.known),
+                        )
+                        for ratio, known in zip(ratios[:, i], flags[:, i], strict=True)
+                    ),
+                ]
+                for i, name in enumerate(parts.names)
+            ],
+            "Posterior over prior deviation by the leg alone, and by the flight up to its end; "
+            "- where its rank leaves the state open.",
+        )
         observed = Observed.of(
             seen,
             system.prior,
@@ -223,16 +320,16 @@ class InertialScenario(Scenario):
             step,
             "s",
         )
-        values: dict[str, Any] = {"legs": data, "piecewise": whole.to_dict()}
+        values: dict[str, Any] = {"maneuvers": parts.to_dict(), "piecewise": whole.to_dict()}
         unseen = len(system.names) - whole.rank
         report = linear_report(
             self.path.stem,
-            f"{len(rows)} legs, {total:g} s, {place}",
+            f"{count} legs, {total:g} s, {place}",
             found,
             observed,
             where="first leg",
             facts=[("rank after all legs", f"{whole.rank} of {len(system.names)}")],
-            tables=[table],
+            tables=[table, each],
             data=values,
         )
         # The whole flight gives the verdict, the first leg the levels.
@@ -247,5 +344,18 @@ class InertialScenario(Scenario):
             tone=tone,
             headline=headline,
             verdict=verdict + weakness,
-            tables=[table, *(t for t in report.tables if t is not table)],
+            tables=[
+                table,
+                each,
+                *(shown for shown in report.tables if shown is not table and shown is not each),
+            ],
+            pictures=[
+                Picture(
+                    "Which leg makes which state observable",
+                    "Posterior over prior deviation of each state after each leg; crosses where "
+                    "the flight up to there leaves it open.",
+                    parts.plot,
+                ),
+                *report.pictures,
+            ],
         )

@@ -240,6 +240,8 @@ class Piecewise(Answer):
     kernel_rests : tuple of bool
         Whether the kernel of each segment's Q lies in that of its A. Where all
         do, stripped and total matrix have the same kernel.
+    determined : ndarray of bool, shape (segments, n)
+        Which states, as they are at the beginning, are known after each segment.
     null_space : ndarray, shape (n, nullity)
         What the whole does not see of the state at the beginning.
     A, C : ndarray, shape (segments, n, n) and (segments, p, n)
@@ -251,6 +253,7 @@ class Piecewise(Answer):
     stripped_ranks: tuple[int, ...]
     total_ranks: tuple[int, ...]
     kernel_rests: tuple[bool, ...]
+    determined: NDArray[np.bool_]
     null_space: Array
     A: Array
     C: Array
@@ -387,13 +390,14 @@ def piecewise(
     checked = system_of(a[0], c[0], names).names
     if rtol is not None:
         rtol = options.fraction(rtol, "rtol")
-    alone, stripped, total, rests, null = _core.piecewise_ranks(a, c, times, rtol)
+    alone, stripped, total, rests, determined, null = _core.piecewise_ranks(a, c, times, rtol)
     return Piecewise(
         names=checked,
         segment_ranks=tuple(alone.tolist()),
         stripped_ranks=tuple(stripped.tolist()),
         total_ranks=tuple(total.tolist()),
         kernel_rests=tuple(rests),
+        determined=np.array(determined, dtype=bool),
         null_space=null,
         A=a,
         C=c,
