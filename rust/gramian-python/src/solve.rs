@@ -5,6 +5,7 @@
 #![allow(clippy::redundant_closure_for_method_calls)]
 
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
 use std::time::{Duration, Instant};
 
 use gramian::bearings::Measured;
@@ -768,9 +769,16 @@ impl PyModel {
         let search = search
             .map(|(starts, seed)| self.search(spread, starts, seed))
             .transpose()?;
-        let (m, n) = (self.model.measurements() as f64, truth.len() as f64);
+        let size = self.model.measurements();
+        let (m, n) = (size as f64, truth.len() as f64);
+        // Of an evaluation, in ns: measured too, as the model may be a Python function.
+        let started = Instant::now();
+        let (mut left, mut rows) = (vec![0.0; size], vec![0.0; size * truth.len()]);
+        // What fails here fails in the trials, and is told there.
+        let _ = self.model.linearize(&truth, &mut left, Some(&mut rows));
+        let once = (200.0 * m * n).max(started.elapsed().as_nanos() as f64);
         // Of a solve, times how many there are.
-        let cost = 200.0 * m * n * (10.0 + 5.0 * starts.len() as f64);
+        let cost = once * (10.0 + 5.0 * starts.len() as f64);
         let head = Trials::<dyn Model<Error = String> + Send + Sync>::HEAD;
         let size = head + truth.len() + columns.len();
         let out = Batch::trials(first, trials).fill(py, &[size], cost, |range, threads, out| {
