@@ -156,6 +156,7 @@ def maneuver():
         methods=["max_det"], trials=2, seed=1,
     )  # fmt: skip
     yield gm.maneuver.two_legs(1e5, 10.0, 600.0, 60, sigma=0.01)
+    yield gm.maneuver.Sensing("cone_angle", 0.02, blind=[(2.6, 3.7)], detection=0.9)
     yield from (path, plan, plan.laws[0], plan.starts[0], loop, loop.runs[0])
 
 

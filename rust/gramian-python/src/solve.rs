@@ -5,7 +5,6 @@
 #![allow(clippy::redundant_closure_for_method_calls)]
 
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Instant;
 use std::time::{Duration, Instant};
 
 use gramian::bearings::Measured;

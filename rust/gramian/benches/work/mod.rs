@@ -14,16 +14,15 @@ use gramian::dipole::localize::{Knowledge, Options};
 use gramian::dipole::{Pass, Sensing};
 use gramian::linear::batch::{self as linear_batch, Span};
 use gramian::maneuver::batch::closed_loop::{self, Guidance, LostBearing, PER_SAMPLE, Setting};
-use gramian::maneuver::batch::plan::{self, Candidate, Course, HeadingSource, Objective};
+use gramian::maneuver::batch::plan::{self, Course};
 use gramian::maneuver::batch::{self as maneuver_batch, Paths, Sightings};
-use gramian::maneuver::plan::Criterion;
+use gramian::maneuver::planner;
 use gramian::maneuver::steer::Limits;
 use gramian::maneuver::{AtStandoff, Law, Side};
 use gramian::posterior::Form;
 use gramian::registration::batch as biases;
 use gramian::registration::estimate::{self, Question};
 use gramian::registration::{Layout, report};
-use gramian::square_root::SquareRootInformation;
 
 /// A kernel, ready to be called.
 pub type Work = Box<dyn FnMut()>;
@@ -61,10 +60,8 @@ pub const ALL: &[(&str, Make)] = &[
     ("maneuver_det_64x100", maneuver_det),
     ("maneuver_headings_64", maneuver_headings),
     ("maneuver_paths_64x100", maneuver_paths),
-    ("plan_gradient_100", plan_gradient),
-    ("plan_values_64x100", plan_values),
-    ("plan_along_100", plan_along),
-    ("plan_steered_64x100", plan_steered),
+    ("plan_search_40", plan_search),
+    ("plan_steered_100", plan_steered),
     ("closed_loop_8x40", flown),
     ("dipole_fisher_64x200", dipole_fisher),
     ("dipole_rows_64x50", dipole_rows),
@@ -466,41 +463,31 @@ fn maneuver_paths() -> Work {
     })
 }
 
-/// A fixed target 1 km north of the start, and the headings of paths of 99 steps.
-fn task(paths: usize) -> (Objective<2>, Vec<f64>) {
-    let candidate = Candidate {
-        state: NORTH,
-        weight: 1.0,
-        criterion: Criterion::LogDet,
-        prior: SquareRootInformation::new(),
-    };
-    let objective = Objective::new([0.0; 2], 1.0, vec![1; 99], 0.03, [1.0; 2], vec![candidate]);
-    let headings = (0..99 * paths).map(|i| 0.2 + 0.018 * (i % 99) as f64);
-    (objective, headings.collect())
+/// Bearings of a fixed target 1 km north of the start, from 40 places.
+fn plan_problem() -> planner::Problem {
+    let problem = planner::Problem::bearings([0.0, 1000.0], [0.0; 2], 20.0, 1.0, 40, 0.03, 500.0);
+    problem.unwrap_or_else(|error| panic!("{error}"))
 }
 
 const NORTH: [f64; 4] = [0.0, 1000.0, 0.0, 0.0];
 const LENGTHS: [f64; 99] = [20.0; 99];
 
-fn plan_values() -> Work {
-    let (objective, headings) = task(64);
-    filling(64, move |out| {
-        let (headings, lengths) = (Items::each(&headings, 99), Items::shared(&LENGTHS));
-        objective.values(headings, lengths, Threads::One, out);
-        true
-    })
-}
-
-fn plan_along() -> Work {
-    let (objective, headings) = task(1);
-    filling(100, move |out| {
-        objective.along(&headings, &LENGTHS, out).is_ok()
+fn plan_search() -> Work {
+    let problem = plan_problem();
+    Box::new(move || {
+        let options = planner::Options {
+            starts: 2,
+            restarts: 0,
+            ..planner::Options::default()
+        };
+        let mut search = planner::Search::new(&problem, options).unwrap_or_else(|e| panic!("{e}"));
+        assert!(search.run(&mut |_| true));
+        black_box(search.best());
     })
 }
 
 fn plan_steered() -> Work {
-    let (_, headings) = task(64);
-    filling(64 * 100, move |out| {
+    filling(100, move |out| {
         let course = Course {
             start: [0.0; 2],
             dt: 1.0,
@@ -513,8 +500,7 @@ fn plan_steered() -> Work {
                 max_turn: 0.5,
             },
         };
-        let wish = HeadingSource::Headings(Items::each(&headings, 99));
-        plan::steered(&course, wish, Threads::One, out);
+        plan::steered(&course, Law::MaxDet, Side::Right, NORTH, out);
         true
     })
 }
@@ -544,16 +530,6 @@ fn flown() -> Work {
         );
         closed_loop::closed_loop(&setting, guide, noise, lost, Threads::One, out);
         true
-    })
-}
-
-fn plan_gradient() -> Work {
-    let (objective, headings) = task(1);
-    let (mut by_heading, mut by_length) = (vec![0.0; 99], vec![0.0; 99]);
-    Box::new(move || {
-        let value = objective.gradient(&headings, &LENGTHS, &mut by_heading, &mut by_length);
-        assert!(value.is_ok());
-        black_box((&by_heading, &by_length));
     })
 }
 

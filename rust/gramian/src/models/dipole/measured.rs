@@ -339,13 +339,8 @@ impl Measured {
             name if name.starts_with("background") => "T",
             name if name.starts_with("drift") => "T/s",
             name if name.starts_with("scale") => "",
-            name if name.contains(" of dipole ") => {
-                if name.starts_with('d') {
-                    "m"
-                } else {
-                    "A m^2"
-                }
-            }
+            name if name.contains(" of dipole ") && name.starts_with('d') => "m",
+            name if name.contains(" of dipole ") => "A m^2",
             name if self.description.motion.names().0.contains(&name) => {
                 self.description.motion.names().1
             }
