@@ -37,17 +37,22 @@ def test_three_legs_are_the_best_known(seed):
     assert plan.turns.tolist() == scene["turns"]
 
 
-# Other local optima lie within a hundredth: which one is found depends on the seed.
-def test_a_long_path_is_near_the_best_known():
-    plan = planned(KNOWN["120 steps"])
-    assert plan.value >= KNOWN["120 steps"]["best"] - 0.04
-    assert kept(plan, KNOWN["120 steps"])
+# These have many local optima: of five seeds one finds the best that is known.
+def test_the_best_of_five_long_paths_is_the_best_known():
+    scene = KNOWN["120 steps"]
+    plans = [planned(scene, seed=seed) for seed in range(5)]
+    assert max(plan.value for plan in plans) >= scene["best"] - 0.001
+    assert min(plan.value for plan in plans) >= scene["best"] - 0.06
+    assert all(kept(plan, scene) for plan in plans)
 
 
-def test_the_smallest_eigenvalue_is_near_the_best_known():
-    plan = planned(KNOWN["E, 40 steps"])
-    assert plan.value >= 0.99 * KNOWN["E, 40 steps"]["best"]
-    assert kept(plan, KNOWN["E, 40 steps"])
+def test_the_best_of_five_smallest_eigenvalues_is_the_best_known():
+    scene = KNOWN["E, 40 steps"]
+    plans = [planned(scene, seed=seed) for seed in range(5)]
+    assert max(plan.value for plan in plans) >= 0.999 * scene["best"]
+    assert min(plan.value for plan in plans) >= 0.97 * scene["best"]
+    assert all(kept(plan, scene) for plan in plans)
+
 
 
 SHORT = ([0.0, 1000.0], [0.0, 0.0], 20.0, 1.0, 20)

@@ -173,8 +173,8 @@ impl Models {
 #[pyfunction]
 #[pyo3(signature = (latitude, height, specific_force, velocity, attitude, angular_rate, wanted))]
 #[allow(clippy::too_many_arguments)]
-fn inertial_error_model<'py>(
-    py: Python<'py>,
+fn inertial_error_model(
+    py: Python<'_>,
     latitude: f64,
     height: f64,
     specific_force: Option<[f64; 3]>,
@@ -182,7 +182,7 @@ fn inertial_error_model<'py>(
     attitude: [[f64; 3]; 3],
     angular_rate: [f64; 3],
     wanted: Wanted,
-) -> PyResult<Matrices<'py>> {
+) -> PyResult<Matrices<'_>> {
     let mut models = Models::new(wanted)?;
     let motion = Motion {
         specific_force,
@@ -203,11 +203,11 @@ type Flight<'py> = (
     Bound<'py, PyArray1<usize>>,
 );
 
-fn flown<'py>(
-    py: Python<'py>,
+fn flown(
+    py: Python<'_>,
     mut models: Models,
     segments: impl Iterator<Item = Result<Segment<f64>, Error>>,
-) -> PyResult<Flight<'py>> {
+) -> PyResult<Flight<'_>> {
     use numpy::PyArrayMethods;
     let (mut table, mut owner) = (vec![], vec![]);
     for segment in segments {
@@ -266,8 +266,8 @@ fn inertial_segments(
 #[pyfunction]
 #[pyo3(signature = (times, velocity, angles, legs, place, step, largest_turn, wanted))]
 #[allow(clippy::too_many_arguments)]
-fn inertial_recorded<'py>(
-    py: Python<'py>,
+fn inertial_recorded(
+    py: Python<'_>,
     times: Vec<f64>,
     velocity: Vec<[f64; 3]>,
     angles: Vec<[f64; 3]>,
@@ -276,7 +276,7 @@ fn inertial_recorded<'py>(
     step: f64,
     largest_turn: f64,
     wanted: Wanted,
-) -> PyResult<Flight<'py>> {
+) -> PyResult<Flight<'_>> {
     let samples: Vec<Sample<f64>> = times
         .into_iter()
         .zip(velocity)
@@ -297,13 +297,14 @@ fn inertial_recorded<'py>(
 
 /// Heading, pitch and roll less their means, (times, 3).
 #[pyfunction]
-fn inertial_sway<'py>(
-    py: Python<'py>,
+#[allow(clippy::needless_pass_by_value)]
+fn inertial_sway(
+    py: Python<'_>,
     times: Vec<f64>,
     amplitude: [f64; 3],
     period: [f64; 3],
     phase: [f64; 3],
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
+) -> PyResult<Bound<'_, PyArray2<f64>>> {
     use numpy::PyArrayMethods;
     let sway = Sway {
         amplitude,

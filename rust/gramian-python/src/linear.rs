@@ -199,6 +199,7 @@ type Ranks<'py> = Bound<'py, PyArray1<usize>>;
 /// Piecewise constant A (segments, n, n), C (segments, p, n): ranks alone, of the
 /// stripped and the total matrix, whether each kernel rests, the null space.
 #[pyfunction]
+#[allow(clippy::type_complexity)]
 fn piecewise_ranks<'py>(
     py: Python<'py>,
     a: &Bound<'py, PyAny>,
