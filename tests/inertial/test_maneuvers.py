@@ -124,7 +124,7 @@ def test_maneuvers_of_a_flight():
     found = maneuvers(flight, legs=["straight", "turn", "faster"])
     assert found.rank.tolist() == [12, 15, 15]
     assert found.rank_alone[0] == 12
-    assert set(found.gained(0)) == {"dV_N", "dV_W", "dV_U", "dL", "dlambda", "dh", "Delta_U"}
+    assert set(found.gained(0)) == {"dV_N", "dV_W", "dV_U", "dL", "dlambda", "dh"}
     assert set(found.gained(1)) >= {"phi_N", "phi_W", "phi_U", "Delta_N", "Delta_W", "eps_W"}
     assert found.gained(2) == ()
     # More measurements never know less, and the first leg is the first leg alone.
@@ -133,7 +133,7 @@ def test_maneuvers_of_a_flight():
     assert (found.known[0] == found.known_alone[0]).all()
     assert found.status == "weak"
     assert "straight, 60 s: 12, 12;" in found.summary()
-    assert found.to_pandas().shape == (15, 12)
+    assert found.to_pandas().shape == (15, 13)  # with the units
     assert found.plot().axes
 
 
@@ -155,19 +155,24 @@ def test_scale_factors_need_their_own_motion():
     assert turns.known[-1][scale]
     # 12 rad of turn: phi_U moves by 1e-3 of them, which is seen.
     assert turns.ratio[-1, scale] < 0.2
-    # The roll axis is never turned about.
-    assert turns.ratio[-1, names.index("gyro_scale_F")] > 0.99
+    # About the roll axis only the Earth turns: 1e-3 of it is as much as the prior of the bias.
+    assert turns.ratio[-1, names.index("gyro_scale_F")] > 0.9
 
 
 def test_a_swaying_base_parts_biases_and_tilts():
-    still = error_model(LATITUDE)
-    assert gm.linear.levels(still).rank == 12
-    flight = sway(60.0, LATITUDE, amplitude=(0.05, 0.1, 0.1), period=(9.0, 7.0, 8.0))
-    found = maneuvers(flight)
-    assert found.rank[-1] == 15
-    index = list(found.names).index("Delta_N")
+    assert gm.linear.levels(error_model(LATITUDE)).rank == 12
+    # A small sway has full rank, and yet tells no more than rest; half a radian does.
+    ratios = {}
+    for size in (0.1, 0.5):
+        found = maneuvers(
+            sway(60.0, LATITUDE, amplitude=(0.05, size, size), period=(9.0, 7.0, 8.0))
+        )
+        assert found.rank[-1] == 15
+        ratios[size] = found.ratio[-1, list(found.names).index("Delta_W")]
     resting = maneuvers(segments([Leg(60.0)], LATITUDE))
-    assert found.ratio[-1, index] < 0.8 < resting.ratio[-1, index]
+    still = resting.ratio[-1, list(resting.names).index("Delta_W")]
+    assert abs(ratios[0.1] / still - 1) < 0.01
+    assert ratios[0.5] < 0.95 * still
     # On a base that moves, too.
     moving = sway(
         60.0, LATITUDE, amplitude=(0.05, 0.1, 0.1), period=(9.0, 7.0, 8.0), velocity=(5.0, 3.0, 0.0)
@@ -195,7 +200,7 @@ BAD = [
     (lambda: recorded(TIMES, STILL, STILL, math.pi / 2), "is a pole"),
     (
         lambda: recorded(TIMES, STILL, STILL + np.outer(TIMES, [3.1, 0, 0]), 0.5),
-        "turns by 3.100 rad between samples 0 and 1",
+        r"turns by 3.100e\+00 rad between samples 0 and 1",
     ),
     (lambda: sway(10.0, 0.5, amplitude=(0, 0, 0), period=(1.0, 0.0, 1.0)), "period = 0"),
     (lambda: maneuvers(None), "must be a Flight"),
