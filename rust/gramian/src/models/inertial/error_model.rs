@@ -327,7 +327,17 @@ pub fn error_model<T: Real>(motion: &Motion<T>) -> Result<ErrorModel<T>, Error> 
     let earth = Earth::new(motion.latitude, motion.height, motion.earth_rate)?;
     motion.check()?;
     let o = T::zero();
-    let (v, to_nav) = (motion.velocity, motion.attitude);
+    // What rounding leaves of the cosine of a right angle is no coupling: heading east it
+    // would be the weakest of A, by which ranks of segments are decided.
+    let rounding = T::of(4.0) * T::EPSILON;
+    let attitude = motion
+        .attitude
+        .map(|row| row.map(|x| if x.abs() < rounding { o } else { x }));
+    let motion = &Motion {
+        attitude,
+        ..*motion
+    };
+    let (v, to_nav) = (motion.velocity, attitude);
     let to_body = transposed(&to_nav);
     let (w_ie, w_en) = (earth.rotation(), earth.transport(v));
     let turning = add(w_ie, w_en);
