@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 import gramian as gm
+from gramian.io.fields import field_table
 from gramian.io.g2o import read_graph
 
 TIMES = np.arange(0.0, 600.0, 20.0)
@@ -216,6 +217,10 @@ def files(folder):
     yield gm.io.Detections("array", "t", TIMES, bearing=0.001 * TIMES)
     graph = Path(folder, "g.g2o")
     graph.write_text("VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 1 0 0\nEDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\n")
+    field = Path(folder, "field.csv")
+    lines = "".join(f"{k / 10},{k},2,3\n" for k in range(30))
+    field.write_text("t_s,s1_x_uT,s1_y_uT,s1_z_uT\n" + lines)
+    yield field_table(field)
     poses = read_graph(graph)
     yield from (poses, poses.weak_places)
 

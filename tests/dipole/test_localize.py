@@ -269,6 +269,10 @@ def test_other_bad_input():
         localize(TIMES, np.zeros((21, 3)), {"z": 5.0})
     with pytest.raises(gm.InputError, match="must be later"):
         localize(TIMES[::-1], y, {"z": 5.0})
+    with pytest.raises(gm.InputError, match=r"times\[20\] = 1e\+308 s: must be at most"):
+        localize(np.r_[TIMES[:-1], 1e308], y, {"z": 5.0})
+    with pytest.raises(gm.InputError, match="starts = 100000: must be <= 1000"):
+        localize(TIMES, y, {"z": 5.0}, starts=10**5)
     with pytest.raises(gm.InputError, match=r"field has shape \(21, 2\)"):
         localize(TIMES, y[:, :2], {"z": 5.0})
     with pytest.warns(UserWarning, match="must be in tesla"):

@@ -54,7 +54,6 @@ def test_the_best_of_five_smallest_eigenvalues_is_the_best_known():
     assert all(kept(plan, scene) for plan in plans)
 
 
-
 SHORT = ([0.0, 1000.0], [0.0, 0.0], 20.0, 1.0, 20)
 
 

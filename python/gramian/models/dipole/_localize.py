@@ -33,7 +33,7 @@ __all__ = ["localize", "localize_many", "localize_trials"]
 
 Array = NDArray[np.float64]
 
-#: Tesla; beyond it squares leave the range of the numbers.
+#: Tesla, and seconds; beyond it squares leave the range of the numbers.
 LARGEST = 1e100
 Background = Literal["median", "fit"]
 Motion = Literal["straight", "along", "accelerated", "turning"]
@@ -125,7 +125,7 @@ def localize(
         Of the noise of neighbouring samples of a channel, at the usual time between them:
         from 0, white noise, to below 1; or fitted with the pass.
     starts : int
-        How many starts are followed, >= 1.
+        How many starts are followed, 1 to 1000.
     alpha, chance, weak_ratio : float
         As for `gramian.estimate`: levels of "misfit" and "ambiguous", and the share of the
         closest range that its deviation may be before the answer is "weak".
@@ -601,7 +601,7 @@ class _Setup:
             sigma = number(sigma, "sigma [T]")
             if not sigma > 0:
                 raise InputError(f"sigma = {sigma} T: must be > 0 and finite")
-        starts = whole(starts, "starts", 1, 10_000)
+        starts = whole(starts, "starts", 1, 1000)
         self.one_sensor = sensors is None
         self.sensors = (
             np.zeros((1, 3)) if sensors is None else as_float_array(sensors, "sensors").copy()
@@ -673,6 +673,9 @@ class _Setup:
         options.choice(missing, "missing", ("raise", "drop"))
         if not np.isfinite(t).all():
             raise InputError(f"times[{np.argmin(np.isfinite(t))}] must be finite")
+        if (far := np.abs(t) > LARGEST).any():
+            place = int(np.argmax(far))
+            raise InputError(f"times[{place}] = {t[place]:g} s: must be at most {LARGEST} s")
         wrong = ~np.isfinite(y)
         if use is not None:
             unused = ~_used(use, y.shape)
