@@ -121,6 +121,7 @@ def dipole():
     field = gm.dipole.simulate(*truth, times, sigma=1e-10, seed=1)
     found = gm.dipole.localize(times, field, {"speed": 8.0})
     field[40:60, 1] = field[40, 1]
+    yield gm.dipole.Description(sources=2)
     yield from (found, found.model, found.closest, gm.dipole.check_record(times, field))
     yield from gm.dipole.check_record(times, field).findings[:1]
     yield from [found.mirror] if found.mirror is not None else []

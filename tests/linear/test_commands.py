@@ -60,9 +60,9 @@ def test_quarter_turn_makes_three_combinations_observable(tmp_path):
     # All ranks are full, but nothing is learned of a gyro that nothing moves around.
     assert report.headline == "WEAKLY OBSERVABLE"
     assert "of eps_U the prior says more than the window" in report.verdict
-    legs = report.data["legs"]
-    assert [leg["rank"] for leg in legs] == [12, 15, 15, 15]
-    assert len(legs[0]["unseen"]) == 3
+    legs = report.data["maneuvers"]
+    assert legs["rank"] == [12, 15, 15, 15]
+    assert legs["rank_alone"][0] == 12
     ratio = dict(
         zip(report.data["information"]["names"], report.data["information"]["ratio"], strict=True)
     )

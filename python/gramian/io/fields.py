@@ -22,7 +22,7 @@ _UNITS = {unit.lower(): unit for unit in ("T", "mT", "uT", "nT", "mG", "G")} | {
 _AXIS = re.compile(r"(.*?)[_ ]?([xyz])[_ ]?[\[(]?(µ?[a-z]+)[\])]?$", re.IGNORECASE)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FieldTable(Value):
     """A table with a time and three components of a field for each sensor.
 

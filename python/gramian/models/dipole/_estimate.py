@@ -28,7 +28,7 @@ PARTS = {"speed": slice(3, 6), "moment": slice(6, 9)}
 
 
 @dataclass(frozen=True)
-class Description:
+class Description(Value):
     """What a record is explained by, beside one dipole on a straight pass.
 
     Attributes

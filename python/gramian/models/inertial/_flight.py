@@ -401,6 +401,7 @@ def sway(
     >>> len(flight.durations), flight.piecewise().rank
     (40, 15)
     """
+    duration, step = number(duration, "duration [s]"), number(step, "step [s]")
     positive(duration=duration, step=step)
     count = duration / step
     if count > MOST_SEGMENTS:
