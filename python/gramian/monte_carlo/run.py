@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from gramian import _options as options
 from gramian.exceptions import InputError
 from gramian.model import Model
 from gramian.monte_carlo.chunks import (
@@ -158,7 +159,7 @@ def run(
     if resume is not None:
         store = Store(resume, _manifest(task, size))
     try:
-        with _progress(trials, progress) as advance:
+        with _progress(trials, options.flag(progress, "progress")) as advance:
             _collect(task, trials, size, store, total, advance, workers, executor)
     except KeyboardInterrupt as stop:
         kept = f"; kept in {store.path}" if store else ""

@@ -376,7 +376,8 @@ def observable(
     >>> observable(t, 1e-7 * t**2).observable
     True
     """
-    if number(accuracy, "accuracy") < 0:
+    accuracy = number(accuracy, "accuracy")
+    if accuracy < 0:
         raise InputError(f"accuracy = {accuracy} rad: must be >= 0 and finite")
     best = best_quadruple(times, bearings)
     if best.value.ndim:
