@@ -64,6 +64,9 @@ def observability_matrix(
     """
     if order is not None:
         order = whole(order, "order")
+        # Beyond, the extension says how much memory would be needed.
+        if 10**7 < order < 10**9:
+            raise InputError(f"order = {order}: must be at most 10000000; n - 1 is enough")
     a, c = matrices(A, C)
     return _core.observability_matrix(a, c, order)
 
