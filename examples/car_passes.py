@@ -35,9 +35,13 @@ def passes(path: Path) -> Iterator[tuple[str, float, np.ndarray, np.ndarray]]:
 
 
 def alone(
-    times: np.ndarray, field: np.ndarray, sensor: int, speed: float
+    times: np.ndarray,
+    field: np.ndarray,
+    sensor: int,
+    speed: float,
+    use: np.ndarray | None = None,
 ) -> gm.dipole.Localization:
-    """Locate from one sensor, the speed known. Spikes are rejected."""
+    """Locate from one sensor, the speed known, by the channels (2, 3) in `use`."""
     return gm.dipole.localize(
         times,
         field[:, sensor],
@@ -45,13 +49,24 @@ def alone(
         background="fit",
         loss="huber",
         window="pass",
+        missing="drop",
+        use=None if use is None else use[sensor],
     )
 
 
-def together(times: np.ndarray, field: np.ndarray) -> gm.dipole.Localization:
+def together(
+    times: np.ndarray, field: np.ndarray, use: np.ndarray | None = None
+) -> gm.dipole.Localization:
     """Locate from both sensors, nothing known: the time between them gives the speed."""
     return gm.dipole.localize(
-        times, field, sensors=SENSORS, background="fit", loss="huber", window="pass"
+        times,
+        field,
+        sensors=SENSORS,
+        background="fit",
+        loss="huber",
+        window="pass",
+        missing="drop",
+        use=use,
     )
 
 
@@ -60,40 +75,62 @@ def angle(a: gm.dipole.Localization, b: gm.dipole.Localization) -> float:
     return float(np.degrees(np.arccos(min(1.0, abs(a.direction @ b.direction)))))
 
 
+def look(times: np.ndarray, field: np.ndarray) -> np.ndarray:
+    """Print what is wrong with a record; give the channels (2, 3) that measure the field."""
+    try:
+        check = gm.dipole.check_record(times, field)
+    except gm.InputError as error:
+        print(f"  the record could not be checked: {error}")
+        return np.ones((2, 3), dtype=bool)
+    for finding in check.findings:
+        print(f"  in the record: {finding.text}")
+    return np.reshape(check.usable, (2, 3))
+
+
+def tell(found: gm.dipole.Localization, recorded: float | None) -> None:
+    """Print an answer, its verdict first."""
+    near = found.closest
+    print(f"    {found.status}: {found.reason}")
+    print(
+        f"    {near.range:.2f} m (+- {near.range_std:.2f}) at {near.time:.2f} s, moment "
+        f"{found.moment[0]:.0f} A m^2 (+- {found.moment[1]:.0f}), explains "
+        f"{100 * found.explained:.1f} %, {found.spikes} spikes"
+    )
+    if recorded is not None:
+        print(
+            f"    {3.6 * found.speed[0]:.1f} km/h (+- {3.6 * found.speed[1]:.1f}), "
+            f"{100 * (found.speed[0] / recorded - 1):+.0f} % off the record"
+        )
+    if found.mirror is not None:
+        print(f"    its mirror image costs {found.mirror.cost:.6g}, itself {found.cost:.6g}")
+
+
 def main(path: Path) -> None:
     for name, speed, times, field in passes(path):
         print(f"\n{name}: recorded at {3.6 * speed:.0f} km/h")
-        each = [alone(times, field, s, speed) for s in (0, 1)]
-        for s, found in enumerate(each):
-            near = found.closest
-            print(
-                f"  sensor {s + 1} alone: {near.range:.2f} m (+- {near.range_std:.2f}) at "
-                f"{near.time:.2f} s, moment {found.moment[0]:.0f} A m^2 "
-                f"(+- {found.moment[1]:.0f}), explains {100 * found.explained:.1f} %, "
-                f"{found.spikes} spikes"
-            )
-            print(
-                f"    direction {found.direction.round(2)}, closest at {np.round(near.position, 2)}"
-            )
-            if found.mirror is not None:
-                print(
-                    f"    or its mirror image, costs {found.cost:.6g} and {found.mirror.cost:.6g}"
-                )
-        print(f"  the two directions differ by {angle(*each):.1f} deg")
-        both = together(times, field)
-        print(
-            f"  both sensors, speed unknown: {3.6 * both.speed[0]:.1f} km/h "
-            f"(+- {3.6 * both.speed[1]:.1f}), {100 * (both.speed[0] / speed - 1):+.0f} % off the "
-            f"record; {both.closest.range:.2f} m, explains {100 * both.explained:.1f} %"
-        )
-        if both.mirror is not None:
-            print(
-                f"    the mirror image fits worse: {both.mirror.cost:.0f} against {both.cost:.0f}"
-            )
+        use = look(times, field)
+        each = []
+        for s in (0, 1):
+            print(f"  sensor {s + 1} alone, the speed known")
+            try:
+                each.append(alone(times, field, s, speed, use))
+            except gm.GramianError as error:
+                print(f"    no answer: {error}")
+            else:
+                tell(each[-1], None)
+        if len(each) == 2:
+            print(f"  the two directions differ by {angle(*each):.1f} deg")
+        print("  both sensors, the speed unknown")
+        try:
+            both = together(times, field, use)
+        except gm.GramianError as error:
+            print(f"    no answer: {error}")
+        else:
+            tell(both, speed)
     print(
         "\nThe standard deviations are bounds for a true dipole in independent noise. A car is"
         "\nseveral dipoles, and what one leaves over is far above the recorder's steps of 0.1 uT,"
-        "\nso sensors and speeds differ by more than these."
+        "\nso the model is a misfit, and sensors and speeds differ by more than these."
     )
 
 

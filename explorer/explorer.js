@@ -104,7 +104,7 @@ const track = {
   },
   names: (s) => ["x0", "y0", "vx", "vy", ...(s.use.frequency ? ["tonal"] : [])],
   units: (s) => ["m", "m", "m/s", "m/s", ...(s.use.frequency ? ["Hz"] : [])],
-  prior: (s) => [0, 0, 1, 1].map((k) => { const what = k ? "speed" : "position"; return s.know[what] ? s.prior[what] : Infinity; }).concat(s.use.frequency ? [Infinity] : []),
+  prior: (s) => [0, 0, 1, 1].map((k) => { const what = k ? "speed" : "position"; return s.know[what] && !s.measured ? s.prior[what] : Infinity; }).concat(s.use.frequency ? [Infinity] : []),
   question(s) {
     const way = track.way(s);
     const sigma = SENSORS.map(([kind]) => (s.use[kind] ? s.sigma[kind] * (kind === "bearing" ? DEGREE : 1) : 0));
@@ -114,7 +114,8 @@ const track = {
     const [status, singular, flat, bound, data, scale, covariance, weakest, along, values] = ask("track", track.question(s));
     const names = track.names(s), units = track.units(s), n = names.length, nullSpace = vectors(flat, n);
     const verdict = judge({ status, singular, nullSpace, data, scale, prior: track.prior(s), names, units });
-    if (s.measured && s.measured.status && !["determined", "weak"].includes(s.measured.status)) Object.assign(verdict, { status: s.measured.status, tone: "bad", reason: s.measured.reason });
+    // Of a file the estimate is judged, which outranks what its geometry alone would allow.
+    if (s.measured) Object.assign(verdict, { status: s.measured.status, reason: s.measured.reason, tone: { determined: "good", weak: "weak", ambiguous: "weak" }[s.measured.status] || "bad" });
     return { verdict, status, singular, nullSpace, bound, data, scale, covariance, weakest, along: vectors(along, 2), values, names, units, state: s.target.concat(s.use.frequency ? [s.tonal] : []) };
   },
   // What may come a frame later: the region, the next heading, other tracks that fit.
@@ -208,8 +209,8 @@ const track = {
   controls: (s) => [
     { kind: "choice", label: "Example", options: ["", ...Object.keys(track.presets)], set: (v) => v && replace(Object.assign(track.start(), structuredClone(track.presets[v]))) },
     ...SENSORS.map(([kind, unit]) => ({ kind: "range", label: kind[0].toUpperCase() + kind.slice(1), key: kind, of: s.sigma, check: s.use, unit, low: { bearing: 0.05, range: 1, frequency: 0.002 }[kind], high: { bearing: 5, range: 500, frequency: 1 }[kind], log: true })),
-    { kind: "range", label: "Prior of the place", key: "position", of: s.prior, check: s.know, unit: "m", low: 50, high: 10000, log: true },
-    { kind: "range", label: "Prior of the velocity", key: "speed", of: s.prior, check: s.know, unit: "m/s", low: 0.1, high: 20, log: true },
+    { kind: "range", label: "Prior of the place", key: "position", of: s.prior, check: s.know, unit: "m", low: 50, high: 10000, log: true, off: !!s.measured },
+    { kind: "range", label: "Prior of the velocity", key: "speed", of: s.prior, check: s.know, unit: "m/s", low: 0.1, high: 20, log: true, off: !!s.measured },
     { kind: "range", label: "Measurements", key: "count", of: s, unit: "", low: 4, high: 200, whole: true, off: !!s.measured },
     { kind: "range", label: "One every", key: "step", of: s, unit: "s", low: 1, high: 60, whole: true, off: !!s.measured },
   ],
@@ -237,18 +238,25 @@ const track = {
     const t = column("time", /^t$|time|^t_/), x = column("x", /^x|east|_x/), y = column("y", /^y|north|_y/), b = column("bearing", /bear|brg|azim/);
     const radians = /rad/.test(head[head.findIndex((name) => /bear|brg|azim/.test(name))]);
     t.forEach((value, i) => { if (i && !(value > t[i - 1])) throw new Error(`time, row ${i + 2} = ${value} s: must be later than ${t[i - 1]} s`); });
-    const next = { ...s, use: { bearing: true, range: false, frequency: false }, measured: { times: t, path: x.map((v, i) => [v, y[i]]), values: b.map((v) => (radians ? v : v * DEGREE)), status: "", reason: "" } };
+    const next = { ...s, use: { bearing: true, range: false, frequency: false }, know: { position: false, speed: false }, measured: { times: t, path: x.map((v, i) => [v, y[i]]), values: b.map((v) => (radians ? v : v * DEGREE)), status: "", reason: "" } };
     track.fit(next);
     Object.assign(s, next);
   },
+  // Without priors: where their means would be, a file does not say.
   fit(s) {
-    const question = track.question(s), found = ask("track_estimate", [...question, s.measured.values])[0], n = 4;
-    const at = n + n * n + 2 * n, [cost, other, , present, rank, , converged, vague] = found.slice(at);
+    const [found, [code, dof, p]] = ask("track_estimate", [...track.question(s), s.measured.values]), n = 4;
+    const [cost, other] = found.slice(n * n + 3 * n);
     s.target = found.slice(0, n);
-    // The rules of `gm.tracks.estimate`.
-    const dof = present - n;
-    s.measured.status = rank < n ? "unobservable" : !(converged >= 1) ? "not_converged" : other - cost < 6 ? "ambiguous" : vague > 0.25 ? "weak" : "determined";
-    s.measured.reason = { ambiguous: `another solution fits as well: chi2 is larger by ${brief(other - cost, 2)}`, not_converged: "the steps did not come to rest", unobservable: "the bearings leave a combination open" }[s.measured.status] || `chi2 ${brief(cost, 4)} with ${dof} degrees of freedom`;
+    const status = ["unobservable", "misfit", "not_converged", "ambiguous", "weak", "determined"][code];
+    const reason = {
+      unobservable: "the bearings leave a combination open",
+      misfit: `chi2 = ${brief(cost, 4)} for ${dof} degrees of freedom (p = ${brief(p, 2)}): a straight track at constant speed does not fit`,
+      not_converged: "the steps did not come to rest",
+      ambiguous: `another solution fits as well: chi2 is larger by ${brief(other - cost, 2)}`,
+      weak: "a position of the track is uncertain by a good part of its distance",
+      determined: `one solution fits: chi2 = ${brief(cost, 4)} for ${dof} degrees of freedom (p = ${brief(p, 2)})`,
+    }[status];
+    Object.assign(s.measured, { status, reason });
   },
   python(s) {
     const way = track.way(s), t = s.measured ? list(s.measured.times) : `${s.step} * np.arange(${s.count})`;
@@ -266,7 +274,7 @@ const track = {
   toml(s) {
     const way = track.way(s), state = s.target.concat(s.use.frequency ? [s.tonal] : []), names = track.names(s), prior = track.prior(s);
     const t = s.measured ? list(s.measured.times) : `{ first = 0.0, last = ${real((s.count - 1) * s.step)}, step = ${real(s.step)} }`;
-    const lines = ["# gramian analyze scene.toml", 'model = "tracks"', "", "[[carriers]]", 'name = "observer"', `path = ${pairs(way.path)}`, `times = ${list(way.times)}`];
+    const lines = ["# gramian analyze scene.toml", ...(s.measured ? ["# The geometry of the estimate: the measured bearings are not in this file."] : []), 'model = "tracks"', "", "[[carriers]]", 'name = "observer"', `path = ${pairs(way.path)}`, `times = ${list(way.times)}`];
     for (const [kind] of SENSORS) if (s.use[kind]) lines.push("", "[[sensors]]", `kind = "${kind}"`, 'carrier = "observer"', `times = ${t}`, `sigma${kind === "bearing" ? "_deg" : ""} = ${real(s.sigma[kind])}`, ...(kind === "frequency" ? ['tonal = "tonal"', `speed = ${real(s.wave)}`] : []));
     lines.push("", "[target]", ...names.map((name, i) => `${name} = ${real(state[i])}`));
     const known = names.map((name, i) => (isFinite(prior[i]) ? `${name} = ${real(prior[i])}` : "")).filter(Boolean);
@@ -650,7 +658,7 @@ function drawControls() {
         const check = Object.assign(document.createElement("input"), { type: "checkbox", checked: c.check[c.key] });
         check.setAttribute("aria-label", `use: ${c.label}`); check.dataset.use = c.key; row.classList.toggle("off", !c.check[c.key]);
         check.addEventListener("change", () => { c.check[c.key] = check.checked; row.classList.toggle("off", !check.checked); update(); });
-        check.disabled = !!scenes[tab].measured && ["bearing", "range", "frequency"].includes(c.key);
+        check.disabled = !!c.off || (!!scenes[tab].measured && c.check === scenes[tab].use);
         label.prepend(check);
       }
       tell(); row.append(label, input, output);

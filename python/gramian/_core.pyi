@@ -910,4 +910,6 @@ class TrackScene:
         constant: float,
         polish: int,
         rtol: float | None,
+        alpha: float,
+        weak_ratio: float,
     ) -> dict[str, _Array]: ...

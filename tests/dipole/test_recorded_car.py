@@ -67,4 +67,28 @@ def test_the_example_runs(example, recorded, capsys):
     example["main"](recorded("car_magnetometer.csv"))
     text = capsys.readouterr().out
     assert text.count("sensor 1 alone") == 2
+    assert text.count("misfit: neighbouring residuals are correlated") == 6
     assert "km/h" in text
+
+
+def test_the_example_takes_broken_records_to_the_end(example, recorded, tmp_path, capsys):
+    lines = recorded("car_magnetometer.csv").read_text().splitlines()
+    broken = [lines[0]]
+    for k, line in enumerate(lines[1:]):
+        cells = line.split(",")
+        if cells[0] == "car_20":
+            # One channel is stuck, one is a copy of another, some numbers are lost.
+            cells[3], cells[7] = "0.4", cells[6]
+            cells[8] = "nan" if k % 50 == 0 else cells[8]
+        else:
+            # The second sensor is dead.
+            cells[6:9] = ["0", "0", "0"]
+        broken.append(",".join(cells))
+    path = tmp_path / "broken.csv"
+    path.write_text("\n".join(broken))
+    example["main"](path)
+    text = capsys.readouterr().out
+    assert "1x is 4e-07 T throughout" in text
+    assert "2y repeats 2x" in text
+    assert "no answer" in text
+    assert text.count("both sensors") == 2

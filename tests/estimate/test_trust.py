@@ -17,6 +17,7 @@ import pytest
 from scipy.special import ndtri
 
 import gramian as gm
+from gramian import _core
 from gramian._handle import handle_of
 from gramian.estimation import STATUSES
 
@@ -401,6 +402,19 @@ def test_bearings_that_are_stuck_are_a_misfit():
     assert found.fit.p_value > 0.5
     assert found.status == "misfit"
     assert "bearing is stuck at one value from 300 s to 585 s" in found.reason
+
+
+def test_coarse_readings_of_a_poor_fit_are_not_stuck():
+    """What a poor fit leaves over is not the noise that would end a run of one value."""
+    signal = 3.0 * np.sin(np.arange(400) / 60)
+    noise = np.random.default_rng(2).normal(0, 0.02, 400)
+    coarse = (0.2 * np.round((signal + noise) / 0.2))[:, None]
+    large = np.full(coarse.shape, 2.0)
+    assert _core.channels(coarse, large) == ["sound"]
+    # The same where the readings scatter is.
+    stuck = signal[:, None] + np.random.default_rng(2).normal(0, 2.0, (400, 1))
+    stuck[100:160] = stuck[100]
+    assert _core.channels(stuck, large) == ["stuck from 100 to 159"]
 
 
 @pytest.mark.parametrize("step_deg", [0.01, 0.1, 1.0, 3.0])

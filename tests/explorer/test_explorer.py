@@ -353,18 +353,41 @@ def test_radars_equal_the_library(page):
 CSV = "time,x,y,bearing_deg\n"
 
 
+def table(times, place, bearings):
+    """A file of bearings (rad) from places at times."""
+    rows = zip(times.tolist(), place.tolist(), np.degrees(bearings).tolist(), strict=True)
+    return CSV + "\n".join(f"{t},{x!r},{y!r},{b!r}" for t, (x, y), b in rows)
+
+
+def test_bearings_that_do_not_fit_are_a_misfit(page, tmp_path):
+    made = run_python(code(page, "python"))
+    place = made["observer"].at(made["times"])[0]
+    # The target turns in the middle, which no straight track explains.
+    times = made["times"] - made["times"][0]
+    middle = times[-1] / 2
+    x0, y0, vx, vy = made["state"].values()
+    late = np.maximum(times - middle, 0)
+    track = np.c_[x0 + vx * times + 6 * late, y0 + vy * times - 9 * late]
+    noise = np.random.default_rng(5).normal(0, np.radians(0.5), len(times))
+    bearings = np.arctan2(*(track - place).T) + noise
+    (tmp_path / "turned.csv").write_text(table(made["times"], place, bearings))
+    # A prior of the scene before is not one of the file.
+    page.locator('[data-use="speed"]').check()
+    page.set_input_files("#csv", tmp_path / "turned.csv")
+    settle(page)
+    made = run_python(code(page, "python"))
+    found = gm.tracks.estimate(made["scene"], [made["bearings"]])
+    assert found.status == status(page) == "misfit"
+    assert page.inner_text("#reason").startswith(found.reason.partition(":")[0])
+    assert page.locator('[data-use="speed"]').is_disabled()
+
+
 def test_measured_bearings(page, tmp_path):
     made = run_python(code(page, "python"))
     bearings = gm.tracks.simulate(made["scene"], made["state"], seed=3)
     place = made["observer"].at(made["times"])[0]
-    rows = [
-        f"{t},{x!r},{y!r},{float(np.degrees(b))!r}"
-        for t, (x, y), b in zip(
-            made["times"].tolist(), place.tolist(), bearings.tolist(), strict=True
-        )
-    ]
     file = tmp_path / "bearings.csv"
-    file.write_text(CSV + "\n".join(rows))
+    file.write_text(table(made["times"], place, bearings))
     page.set_input_files("#csv", file)
     settle(page)
     made = run_python(code(page, "python"))
@@ -372,7 +395,7 @@ def test_measured_bearings(page, tmp_path):
     np.testing.assert_allclose(
         numbers(page, "explorer.scenes.track.target"), found.state, rtol=1e-6
     )
-    assert page.evaluate("explorer.scenes.track.measured.status") == found.status == "determined"
+    assert status(page) == found.status == "determined"
     file.write_text(CSV + "0,0,0,10\n1,5,0,eleven\n2,9,0,12\n3,12,0,13\n")
     page.set_input_files("#csv", file)
     page.wait_for_timeout(200)

@@ -47,6 +47,15 @@ def test_ranks_of_the_literature():
     assert rank({}, turned) == 15
 
 
+@pytest.mark.parametrize("turn", [-90.0, 30.0, 45.0, 90.0, 180.0, 270.0])
+@pytest.mark.parametrize("parts", [1, 7])
+def test_a_straight_leg_tells_the_same_at_any_heading(turn, parts):
+    legs = [Leg(60.0)] + [Leg(30.0 / parts, turn=math.radians(turn) / parts)] * parts
+    found = maneuvers(segments([*legs, Leg(60.0)], LATITUDE, speed=50.0))
+    assert found.rank_alone[0] == found.rank_alone[-1] == 12
+    assert found.rank[-1] == 15
+
+
 def test_aids_of_a_vehicle_that_stands():
     # Rate and velocity are known to be zero: all that the receiver's velocity tells too.
     standing = {"outputs": ["zero_velocity", "zero_angular_rate"]}

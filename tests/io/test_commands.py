@@ -241,6 +241,9 @@ def test_the_recorded_car_goes_from_file_to_answer(one, speed, recorded, tmp_pat
     found = json.loads(run("localize", toml, "--json").stdout)["localization"]
     assert found["speed"][0] == pytest.approx(speed, rel=0.15)
     assert found["explained"] > 0.85
+    # A car is more than one dipole, and what that leaves over is no noise.
+    assert found["status"] == "misfit"
+    assert "neighbouring residuals are correlated" in found["reason"]
 
 
 def test_a_report_carries_the_digest_of_each_file(tmp_path):

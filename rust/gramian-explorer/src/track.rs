@@ -363,7 +363,9 @@ pub fn headings(mut question: Question<'_>) -> Result<Answer, String> {
 /// The most likely state of measurements, which stand behind the scene; NaN is a missing
 /// one. The prior's means are those of the state.
 ///
-/// The answer: the numbers of one trial of `gramian::tracks::scene::estimate`.
+/// The answer: the numbers of one trial of `gramian::tracks::scene::estimate`, and its
+/// verdict at the levels of `gm.tracks.estimate`: status, worst first from 0, degrees of
+/// freedom, p.
 ///
 /// # Errors
 /// As [`analyze`].
@@ -394,7 +396,13 @@ pub fn estimate(mut question: Question<'_>) -> Result<Answer, String> {
         &mut out,
     )
     .map_err(|error| error.to_string())?;
+    let verdict = task.judge(&out, 0.001, 0.25);
     let mut answer = Answer::default();
     answer.list(&out);
+    answer.list(&[
+        f64::from(verdict.status as u8),
+        verdict.dof,
+        verdict.p_value,
+    ]);
     Ok(answer)
 }

@@ -3,7 +3,7 @@
 use gramian::batch::{Items, Threads};
 use gramian::solve::Model;
 use gramian::tracks::carrier::Carrier;
-use gramian::tracks::scene::estimate::{self as kernel, Layout, Loss, Options, Task};
+use gramian::tracks::scene::estimate::{self as kernel, Layout, Loss, Options, Task, Verdict};
 use gramian::tracks::scene::{
     Channel, InSensor, Kind, Measured, Moving, Noise, Parameter, Scene, TurnTimes,
 };
@@ -433,7 +433,7 @@ impl TrackScene {
     }
 
     /// Estimates of measurements (..., m), by name.
-    #[pyo3(signature = (measurements, known, mean, sigma, starts, max_iterations, loss, constant, polish, rtol))]
+    #[pyo3(signature = (measurements, known, mean, sigma, starts, max_iterations, loss, constant, polish, rtol, alpha, weak_ratio))]
     #[allow(clippy::too_many_arguments)]
     fn estimate<'py>(
         &self,
@@ -448,6 +448,8 @@ impl TrackScene {
         constant: f64,
         polish: usize,
         rtol: Option<f64>,
+        alpha: f64,
+        weak_ratio: f64,
     ) -> PyResult<Bound<'py, PyDict>> {
         let (n, m) = (self.scene.states(), self.scene.measurements());
         let mut z = Input::unchecked(measurements, "measurements", 1)?;
@@ -533,8 +535,37 @@ impl TrackScene {
             at += width;
             out.set_item(name, array)?;
         }
+        let verdicts: Vec<_> = flat
+            .chunks_exact(size)
+            .map(|trial| task.judge(trial, alpha, weak_ratio))
+            .collect();
+        put_verdicts(py, &batch, &verdicts, &out)?;
         Ok(out)
     }
+}
+
+/// Puts the parts of verdicts into the answer.
+fn put_verdicts(
+    py: Python<'_>,
+    batch: &Batch,
+    verdicts: &[Verdict],
+    out: &Bound<'_, PyDict>,
+) -> PyResult<()> {
+    for (name, value) in [
+        (
+            "code",
+            (|v| f64::from(v.status as u8)) as fn(&Verdict) -> f64,
+        ),
+        ("dof", |v| v.dof),
+        ("p_value", |v| v.p_value),
+    ] {
+        let array = batch.array(py, &[])?;
+        for (out, verdict) in array.readwrite().as_slice_mut()?.iter_mut().zip(verdicts) {
+            *out = value(verdict);
+        }
+        out.set_item(name, array)?;
+    }
+    Ok(())
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -156,14 +156,16 @@ class Localization(Estimate):
     @cached_property
     def _misfit(self) -> str:
         found = super()._misfit
-        if found or self._loss[0] != "squares":
+        if found:
             return found
         correlation, mean, deviation, p_value = self.fit.lag1
         exact = self.sigma < 1e-9 * float(np.abs(self.predicted).max(initial=0.0))
-        if p_value < self.alpha and not (exact or self.fit.warning):
+        # With a robust loss pairs of spikes that are not rejected are left in.
+        level = self.alpha if self._loss[0] == "squares" else self.alpha**2
+        if p_value < level and not (exact or self.fit.warning):
             return (
                 f"neighbouring residuals are correlated, {brief(correlation, 2)} where white "
-                f"noise leaves {brief(mean, 2)} +- {brief(deviation, 1)} (p = {p_value:.2g}): "
+                f"noise leaves {brief(mean, 2)} +- {brief(deviation, 1)} (p = {brief(p_value, 2)}): "
                 'not this model in white noise; correlation="fit" is for noise that is not'
             )
         return ""

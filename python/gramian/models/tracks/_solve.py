@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gramian import _core
 from gramian._answers import Answer, Columns, columns_of_states
-from gramian._arrays import finite, whole
+from gramian._arrays import finite, number, whole
 from gramian._options import choice
 from gramian._registry import draw
 from gramian._text import brief
@@ -252,8 +251,24 @@ def solve(
         tuned,
         whole(polish, "polish", 1, 1000),
         rtol,
+        number(alpha, "alpha"),
+        number(weak_ratio, "weak_ratio"),
     )
-    return judged(scene, z, found, free, information, loss, alpha, weak_ratio)
+    return TrackEstimate(
+        scene=scene,
+        measurements=z,
+        state=found["state"],
+        covariance=found["covariance"],
+        code=np.asarray(found["code"]).astype(np.int8),
+        chi2=found["chi2"],
+        cost=found["cost"],
+        dof=np.asarray(found["dof"]).astype(int),
+        p_value=found["p_value"],
+        other=found["other"],
+        other_cost=found["other_cost"],
+        null_direction=found["null_direction"],
+        iterations=found["iterations"].astype(np.int32),
+    )
 
 
 def priors_of(scene: Scene, prior: Mapping[str, tuple[float, float]] | None) -> tuple[Array, Array]:
@@ -272,47 +287,3 @@ def priors_of(scene: Scene, prior: Mapping[str, tuple[float, float]] | None) -> 
             )
         mean[index], sigma[index] = value, deviation
     return mean, sigma
-
-
-def judged(
-    scene: Scene,
-    z: Array,
-    found: Mapping[str, Array],
-    free: int,
-    information: int,
-    loss: str,
-    alpha: float,
-    weak_ratio: float,
-) -> TrackEstimate:
-    """Return an estimate with its status from what the extension found."""
-    dof = (found["present"] + information - free).astype(int)
-    cost = found["cost"]
-    with np.errstate(invalid="ignore"):
-        p_value = np.where(dof > 0, _core.chi_square_survival(cost, np.maximum(dof, 1)), np.nan)
-    if loss != "squares":
-        p_value = np.full(np.shape(cost), np.nan)
-    code = np.full(np.shape(cost), STATUSES.index("determined"), dtype=np.int8)
-
-    def mark(where: NDArray[Any], status: str) -> None:
-        code[np.asarray(where, dtype=bool)] = STATUSES.index(status)
-
-    mark(found["vagueness"] > weak_ratio, "weak")
-    mark(found["other_cost"] - cost < 6.0, "ambiguous")
-    mark(found["converged"] < 1, "not_converged")
-    mark(p_value < alpha, "misfit")
-    mark(found["rank"] < free, "unobservable")
-    return TrackEstimate(
-        scene=scene,
-        measurements=z,
-        state=found["state"],
-        covariance=found["covariance"],
-        code=np.asarray(code),
-        chi2=found["chi2"],
-        cost=cost,
-        dof=np.asarray(dof),
-        p_value=np.asarray(p_value),
-        other=found["other"],
-        other_cost=found["other_cost"],
-        null_direction=found["null_direction"],
-        iterations=found["iterations"].astype(np.int32),
-    )

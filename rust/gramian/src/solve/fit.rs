@@ -422,7 +422,9 @@ pub fn channels(values: &[f64], sigma: &[f64], count: usize) -> Vec<Channel> {
 /// A reading in the middle of a step of the converter (at most the smallest difference
 /// of two readings) keeps its value with a probability of at most step / (sigma sqrt(2 pi)).
 /// A run is told where, over all its possible places, less than one in 10^4 records would
-/// have it; one of fewer than five readings never.
+/// have it; one of fewer than five readings never. Where the readings around the run
+/// scatter less than `sigma`, which may be what a poor fit left, that is the noise; where
+/// they repeat each other as well, the steps are coarse and say nothing.
 fn stuck(readings: &[f64], sigma: f64) -> Option<(usize, usize)> {
     let mut sorted = readings.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -440,9 +442,29 @@ fn stuck(readings: &[f64], sigma: f64) -> Option<(usize, usize)> {
             start = k;
         }
     }
+    let sigma = scatter(readings, first..first + longest).map_or(sigma, |own| own.min(sigma));
     let stays = (step / (sigma * core::f64::consts::TAU.sqrt())).min(1.0);
     let chance = readings.len() as f64 * stays.powf(longest as f64 - 1.0);
     (longest >= 5 && chance < 1e-4).then(|| (first, first + longest - 1))
+}
+
+/// The deviation of the noise of readings outside a run, by the median of their second
+/// differences; `None` for few.
+fn scatter(readings: &[f64], run: core::ops::Range<usize>) -> Option<f64> {
+    let mut sizes: Vec<f64> = readings
+        .windows(3)
+        .enumerate()
+        .filter(|(k, _)| k + 2 < run.start || *k >= run.end)
+        .map(|(_, w)| (w[0] - 2.0 * w[1] + w[2]).abs())
+        .collect();
+    if sizes.len() < 8 {
+        return None;
+    }
+    let middle = sizes.len() / 2;
+    let (_, median, _) = sizes.select_nth_unstable_by(middle, f64::total_cmp);
+    // Of a normal distribution the median is 0.6745 deviations, and those of second
+    // differences are larger by the root of 6.
+    Some(*median / (0.674_489_75 * 6.0_f64.sqrt()))
 }
 
 /// The largest singular value of a matrix given by its columns: powers of its square.

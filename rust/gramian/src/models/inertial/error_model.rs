@@ -299,6 +299,15 @@ fn sum<T: Real>(a: &[[T; 3]; 3], b: &[[T; 3]; 3]) -> [[T; 3]; 3] {
     core::array::from_fn(|i| add(a[i], b[i]))
 }
 
+/// A vector without components that are rounding beside its largest. Heading east, what is
+/// left of the cosine of a right angle would be the weakest coupling of A, by which ranks of
+/// segments are decided; headings summed over many segments carry more than one rounding.
+fn without_rounding<T: Real>(vector: [T; 3]) -> [T; 3] {
+    let largest = vector.iter().fold(T::zero(), |top, x| top.max(x.abs()));
+    let rounding = largest * T::of(1e-12).max(T::of(32.0) * T::EPSILON);
+    vector.map(|x| if x.abs() < rounding { T::zero() } else { x })
+}
+
 /// The error model of a navigator.
 ///
 /// # Errors
@@ -327,17 +336,13 @@ pub fn error_model<T: Real>(motion: &Motion<T>) -> Result<ErrorModel<T>, Error> 
     let earth = Earth::new(motion.latitude, motion.height, motion.earth_rate)?;
     motion.check()?;
     let o = T::zero();
-    // What rounding leaves of the cosine of a right angle is no coupling: heading east it
-    // would be the weakest of A, by which ranks of segments are decided.
-    let rounding = T::of(4.0) * T::EPSILON;
-    let attitude = motion
-        .attitude
-        .map(|row| row.map(|x| if x.abs() < rounding { o } else { x }));
     let motion = &Motion {
-        attitude,
+        attitude: motion.attitude.map(without_rounding),
+        velocity: without_rounding(motion.velocity),
+        angular_rate: without_rounding(motion.angular_rate),
         ..*motion
     };
-    let (v, to_nav) = (motion.velocity, attitude);
+    let (v, to_nav) = (motion.velocity, motion.attitude);
     let to_body = transposed(&to_nav);
     let (w_ie, w_en) = (earth.rotation(), earth.transport(v));
     let turning = add(w_ie, w_en);
@@ -349,6 +354,7 @@ pub fn error_model<T: Real>(motion: &Motion<T>) -> Result<ErrorModel<T>, Error> 
         let weight = gravity(motion.latitude, motion.height)?;
         add(cross(&coriolis, &v), [o, o, weight])
     };
+    let force = without_rounding(force);
     // The change of w_in with velocity and place.
     let by_velocity = earth.transport_by_velocity();
     let (rotation, transport) = (earth.rotation_by_place(), earth.transport_by_place(v));

@@ -12,6 +12,7 @@ use alloc::vec::Vec;
 use super::trials::Trials;
 use super::{InSensor, Measured, Scene};
 use crate::batch::{Items, Threads};
+use crate::numbers::chi_square;
 pub use crate::solve::Loss;
 use crate::solve::Model;
 use crate::solve::side_by_side::{Arrived, losses, minimize_all};
@@ -249,6 +250,79 @@ pub struct Task<'a> {
     pub sigma: &'a [f64],
     /// Steps, loss, starts.
     pub options: Options,
+}
+
+/// What an estimate is worth, worst first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Status {
+    /// The measurements and the prior leave a combination open.
+    Unobservable,
+    /// The model does not fit.
+    Misfit,
+    /// The steps did not come to rest.
+    NotConverged,
+    /// Another solution fits as well.
+    Ambiguous,
+    /// A position is uncertain by a good part of its distance.
+    Weak,
+    /// None of these.
+    Determined,
+}
+
+/// A status, and the test of the fit behind it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Verdict {
+    /// What the estimate is worth.
+    pub status: Status,
+    /// Degrees of freedom: measurements that are there and priors, less free states.
+    pub dof: f64,
+    /// Probability of a larger cost where the model is true; NaN with a robust loss, and
+    /// without degrees of freedom.
+    pub p_value: f64,
+}
+
+/// Another solution counts as fitting as well where its cost is larger by less than this:
+/// noise prefers it in about one trial of 140.
+const AS_WELL: f64 = 6.0;
+
+impl Task<'_> {
+    /// Judges a trial that [`estimate`] has written: "misfit" where the cost is improbable at
+    /// the level `alpha`, "weak" where a position's deviation is more than `weak_ratio` of its
+    /// distance.
+    pub fn judge(&self, trial: &[f64], alpha: f64, weak_ratio: f64) -> Verdict {
+        let mut tail = [f64::NAN; 8];
+        if let Some(last) = trial.last_chunk::<8>() {
+            tail = *last;
+        }
+        let [cost, other, _, present, rank, _, converged, vagueness] = tail;
+        let free = self.known.iter().filter(|x| x.is_nan()).count() as f64;
+        let information = self.sigma.iter().filter(|s| s.is_finite()).count() as f64;
+        let dof = present + information - free;
+        let tested = matches!(self.options.loss, Loss::Squares) && dof > 0.0 && cost.is_finite();
+        let p_value = if tested {
+            chi_square::survival(cost, dof).unwrap_or(f64::NAN)
+        } else {
+            f64::NAN
+        };
+        let status = if rank < free {
+            Status::Unobservable
+        } else if p_value < alpha {
+            Status::Misfit
+        } else if converged < 1.0 {
+            Status::NotConverged
+        } else if other - cost < AS_WELL {
+            Status::Ambiguous
+        } else if vagueness > weak_ratio {
+            Status::Weak
+        } else {
+            Status::Determined
+        };
+        Verdict {
+            status,
+            dof,
+            p_value,
+        }
+    }
 }
 
 /// Trials that are followed together.
