@@ -22,7 +22,9 @@ use gramian::bearings::{self, Form, Monitor};
 use gramian::bound;
 use gramian::chi_square;
 use gramian::dipole::{self, Accumulator, Pass, Sensing};
-use gramian::inertial::{self, Leg, Motion, Output, Recorded, Sample, Segments, Start, Sway};
+use gramian::inertial::{
+    self, Group, Leg, Motion, Output, Recorded, Sample, Segments, Start, Sway,
+};
 use gramian::information::Information;
 use gramian::linear;
 use gramian::maneuver::plan::{self, Criterion, Legs, Target};
@@ -537,6 +539,7 @@ fn inertial_models<T: Number>(draw: &mut Draw<T>) {
             }
         }
     }
+    assert_eq!(Group::Core.columns().len(), 15);
     draw.again();
     let sway = Sway {
         amplitude: draw.array(),
@@ -740,6 +743,30 @@ fn fields<T: Number>(draw: &mut Draw<T>) {
     if let Some(moment) = draw.taken(dipole::moment(&permanent, &attitude, volume, &earth)) {
         draw.finite(&moment);
     }
+}
+
+/// Motions and names of bodies of several dipoles, in double precision alone.
+#[cfg(feature = "std")]
+fn bodies<T: Number>(draw: &mut Draw<T>) {
+    use dipole::description::{Description, Motion};
+    let state: [T; 9] = draw.array();
+    let ([t], more): ([T; 1], [T; 3]) = (draw.array(), draw.array());
+    let (state, more) = (state.map(Real::double), more.map(Real::double));
+    for motion in [
+        Motion::Straight,
+        Motion::Along,
+        Motion::Accelerated,
+        Motion::Turning,
+    ] {
+        assert_eq!(motion.names().0.len(), motion.states());
+        // No input is refused: what overflows is told by the rows made of it.
+        let step = motion.at(&state, &more[..motion.states()], t.double());
+        let _ = (
+            step.turn(&[1.0, 2.0, 3.0]),
+            step.turn_by_rate(&[1.0, 2.0, 3.0]),
+        );
+    }
+    assert_eq!(Description::source(1)[3].0, "mx of dipole 2");
 }
 
 fn passes<T: Number>(draw: &mut Draw<T>) {
@@ -1292,6 +1319,8 @@ cases![
     bearing_rows,
     fields,
     passes,
+    #[cfg(feature = "std")]
+    bodies,
     accumulator,
     laws,
     best_heading,

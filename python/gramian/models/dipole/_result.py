@@ -165,7 +165,8 @@ class Localization(Estimate):
         if p_value < level and not (exact or self.fit.warning):
             return (
                 f"neighbouring residuals are correlated, {brief(correlation, 2)} where white "
-                f"noise leaves {brief(mean, 2)} +- {brief(deviation, 1)} (p = {brief(p_value, 2)}): "
+                f"noise leaves {brief(mean, 2)} +- {brief(deviation, 1)} "
+                f"(p = {brief(p_value, 2)}): "
                 'not this model in white noise; correlation="fit" is for noise that is not'
             )
         return ""

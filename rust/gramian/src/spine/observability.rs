@@ -727,7 +727,8 @@ fn determined<T: Real>(a: &[T], errors: &[T], n: usize, rtol: T, units: &[T]) ->
     factor.truncate(n * n);
     spectrum::unit_columns(&factor, n, &mut scale);
     spectrum::decompose(&factor, n, &scale, &mut s, &mut v, &mut work);
-    let rank = spectrum::rank(&s, rtol);
+    // With a tolerance of next to nothing rounding counts too, but no more than the rows.
+    let rank = spectrum::rank(&s, rtol).min(count);
     let mut parts = if rank == n {
         let graded = grade(a, n);
         if graded > T::of(1e3) {

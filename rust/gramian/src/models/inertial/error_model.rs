@@ -413,12 +413,14 @@ pub fn error_model<T: Real>(motion: &Motion<T>) -> Result<ErrorModel<T>, Error> 
         &product(&to_body, &by_velocity),
     );
     put(&mut angular_rate, PLACE, &product(&to_body, &by_place));
-    if !all_finite(a.as_flattened()) || !all_finite(angular_rate.as_flattened()) {
+    let per_metre = metres.map(nalgebra::ComplexField::abs);
+    let parts = [a.as_flattened(), angular_rate.as_flattened(), &per_metre];
+    if !parts.into_iter().all(all_finite) {
         return Err(OVERFLOW);
     }
     Ok(ErrorModel {
         a,
-        per_metre: metres.map(nalgebra::ComplexField::abs),
+        per_metre,
         motion: *motion,
         angular_rate,
         places: [metres, by_latitude, by_height],

@@ -127,6 +127,11 @@ impl<'a, T: Real> Recorded<'a, T> {
         check_place(place[0], place[2])?;
         check_finite("longitude", &place[1..2])?;
         check_finite("earth_rate", &[earth_rate])?;
+        for sample in samples {
+            check_finite("time", &[sample.time])?;
+            check_finite("velocity", &sample.velocity)?;
+            check_finite("angles", &sample.angles)?;
+        }
         Ok(Self {
             samples,
             place,
@@ -141,8 +146,6 @@ impl<'a, T: Real> Recorded<'a, T> {
     fn move_to(&mut self, index: usize) -> Result<(), Error> {
         let (before, after) = (self.samples[index - 1], self.samples[index]);
         let dt = interval(self.samples, index)?;
-        check_finite("velocity", &before.velocity)?;
-        check_finite("velocity", &after.velocity)?;
         let [north, west, up] = mean(before.velocity, after.velocity);
         let earth = Earth::new(self.place[0], self.place[2], self.earth_rate)?;
         self.place[0] += dt * (north / earth.meridian);
@@ -189,7 +192,14 @@ impl<'a, T: Real> Recorded<'a, T> {
         let weight = [T::zero(), T::zero(), gravity(latitude, height)?];
         let force = add(add(acceleration, cross(&coriolis, &velocity)), weight);
         let angular_rate = turned.map(|x| x / duration);
-        for part in [velocity, force, angular_rate, place] {
+        let speed = dot(&velocity, &velocity).sqrt();
+        for part in [
+            velocity,
+            force,
+            angular_rate,
+            place,
+            [speed, duration, T::zero()],
+        ] {
             finite("segment", part)?;
         }
         let attitude = product(&attitude, &rotated(turned.map(|x| half * x)));
@@ -199,7 +209,7 @@ impl<'a, T: Real> Recorded<'a, T> {
             duration,
             time: begin.time,
             heading: (-forward[1]).atan2(forward[0]),
-            speed: dot(&velocity, &velocity).sqrt(),
+            speed,
             longitude: place[1],
             motion: Motion {
                 latitude,
