@@ -540,6 +540,10 @@ fn inertial_models<T: Number>(draw: &mut Draw<T>) {
         }
     }
     assert_eq!(Group::Core.columns().len(), 15);
+    sways_and_flights(draw);
+}
+
+fn sways_and_flights<T: Number>(draw: &mut Draw<T>) {
     draw.again();
     let sway = Sway {
         amplitude: draw.array(),
