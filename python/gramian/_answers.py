@@ -19,6 +19,7 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from gramian import _options as options
 from gramian._core import __version__
 from gramian._files import read_whole, write_whole
 from gramian._text import number, plain
@@ -273,7 +274,7 @@ class Answer(Value):
         StorageError
             The file cannot be written.
         """
-        file = Path(path)
+        file = Path(options.path(path))
         head = {"gramian": __version__, "kind": kind_of(type(self))}
         if file.suffix == ".json":
             content = head | {"answer": self.to_dict(), "fields": encode(self)["fields"]}
@@ -371,7 +372,7 @@ def load(path: str | os.PathLike[str]) -> Answer:
     ...     gm.load(file) == answer
     True
     """
-    file = Path(path)
+    file = Path(options.path(path))
     try:
         data = read_whole(file)
     except OSError as error:

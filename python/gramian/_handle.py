@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gramian import _core
+from gramian import _options as options
+from gramian.exceptions import InputError
 
-__all__ = ["EstimationModel", "handle_of"]
+__all__ = ["EstimationModel", "as_model", "handle_of"]
 
 Array = NDArray[np.float64]
 
@@ -38,6 +40,20 @@ class EstimationModel(Protocol):
 
     def rows(self, x: Any) -> Array:
         """Return the whitened rows (m, n) at a state."""
+
+
+def as_model(model: Any) -> Any:
+    """Return what has the parts of an `EstimationModel`, and refuse what has not."""
+    lacking = [
+        part for part in ("names", "units", "h", "residuals", "rows") if not hasattr(model, part)
+    ]
+    if lacking or isinstance(model, type):
+        raise InputError(
+            f"model = {options.given(model)}: must be a model (`from_function`, "
+            "`bearings.BearingsModel`, ...)"
+            + (f", it has no {', '.join(lacking)}" if lacking else "")
+        )
+    return model
 
 
 def handle_of(model: Any, z: Array) -> _core.Model:

@@ -9,13 +9,23 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _options as options
-from gramian._arrays import as_float_array, finite
+from gramian._arrays import as_float_array, finite, number
 from gramian._text import brief
-from gramian._units import bare
+from gramian._units import bare, labelled
 from gramian._values import Value
 from gramian.exceptions import InputError
 
-__all__ = ["Knowledge", "Noise", "as_knowledge", "as_mean_and_sigma", "as_noise"]
+__all__ = [
+    "Knowledge",
+    "Noise",
+    "as_box",
+    "as_knowledge",
+    "as_known",
+    "as_mean_and_sigma",
+    "as_noise",
+    "as_pair",
+    "negligible",
+]
 
 Array = NDArray[np.float64]
 
@@ -219,6 +229,7 @@ def as_knowledge(
     names: Sequence[str],
     combinations: Mapping[str, Array] | None = None,
     *,
+    units: Sequence[str] = (),
     label: str = "prior",
 ) -> Knowledge:
     """Return prior knowledge of any form.
@@ -232,6 +243,8 @@ def as_knowledge(
     names : sequence of str, length n
     combinations : mapping of str to ndarray, shape (n,), optional
         What else has a name.
+    units : sequence of str, length n, optional
+        Of the states: quantities of pint and astropy by name are converted to them.
     label : str
         What the argument is called.
 
@@ -244,7 +257,7 @@ def as_knowledge(
     if prior is None:
         prior = {}
     if isinstance(prior, Mapping):
-        return _named(prior, names, combinations or {}, label)
+        return _named(prior, names, combinations or {}, units, label)
     mean = np.full(n, np.nan)
     if isinstance(prior, tuple) and len(prior) == 2 and np.ndim(prior[1]) == 2:
         mean, prior = finite(prior[0], f"{label} mean"), prior[1]
@@ -274,6 +287,7 @@ def _named(
     prior: Mapping[str, object],
     names: Sequence[str],
     combinations: Mapping[str, Array],
+    units: Sequence[str],
     label: str,
 ) -> Knowledge:
     given, means, sigmas, rows = [], [], [], []
@@ -291,7 +305,8 @@ def _named(
                 f"{label} of {name!r}: no {what} has that name; there are "
                 f"{', '.join((*names, *combinations))}"
             )
-        mean, sigma = as_mean_and_sigma(value, f"{label} of {name}")
+        unit = units[position[name]] if units and name in position else ""
+        mean, sigma = as_mean_and_sigma(value, f"{label} of {name}", unit)
         if sigma < np.inf:
             given.append(name)
             rows.append(row)
@@ -310,9 +325,9 @@ def _named(
     )
 
 
-def as_mean_and_sigma(value: object, label: str) -> tuple[float, float]:
+def as_mean_and_sigma(value: object, label: str, unit: str = "") -> tuple[float, float]:
     """Return the mean, NaN where none is given, and deviation: 0 exact, inf none."""
-    pair = as_float_array(value, label)  # type: ignore[arg-type]
+    pair = as_float_array(value, labelled(label, unit))  # type: ignore[arg-type]
     if pair.shape not in {(), (2,)}:
         raise InputError(f"{label} = {options.given(value)}: must be a sigma, or (mean, sigma)")
     mean, sigma = (np.nan, float(pair)) if pair.ndim == 0 else (float(pair[0]), float(pair[1]))
@@ -321,6 +336,54 @@ def as_mean_and_sigma(value: object, label: str) -> tuple[float, float]:
     if pair.ndim and not np.isfinite(mean):
         raise InputError(f"{label}: its mean is {mean}: must be finite")
     return mean, sigma
+
+
+def as_pair(value: object, label: str, unit: str = "") -> tuple[float, float]:
+    """Return the mean and deviation, both finite, of a state that a prior says something of."""
+    pair = finite(value, labelled(label, unit))  # type: ignore[arg-type]
+    if pair.shape != (2,):
+        raise InputError(f"{label} = {options.given(value)}: must be (mean, sigma)")
+    mean, sigma = float(pair[0]), float(pair[1])
+    if not sigma > 0:
+        raise InputError(f"{label} = ({mean}, {sigma}): sigma must be > 0")
+    return mean, sigma
+
+
+def as_known(
+    known: Mapping[str, object] | None, names: Sequence[str], units: Sequence[str], label: str
+) -> dict[str, float]:
+    """Return what is known exactly by name, in the units of the states.
+
+    Raises
+    ------
+    InputError
+        A name that is none of the states', a value that is no finite number.
+    """
+    values = {}
+    for name, value in options.mapping(known, label, "name to value").items():
+        if name not in names:
+            raise InputError(f"{label} of {name!r}: the states are {', '.join(names)}")
+        unit = units[list(names).index(name)] if units else ""
+        values[name] = number(value, labelled(f"{label} of {name}", unit))
+    return values
+
+
+def as_box(
+    box: Mapping[str, object] | None, names: Sequence[str], units: Sequence[str]
+) -> dict[str, tuple[float, float]]:
+    """Return two finite ends by name, ascending, in the units of the states."""
+    ends = {}
+    for name, value in options.mapping(box, "box", "name to (low, high)").items():
+        if name not in names:
+            raise InputError(f"box of {name!r}: the states are {', '.join(names)}")
+        unit = units[list(names).index(name)] if units else ""
+        pair = as_float_array(value, labelled(f"box of {name}", unit))  # type: ignore[arg-type]
+        if pair.shape != (2,) or not np.isfinite(pair).all() or not pair[0] < pair[1]:
+            raise InputError(
+                f"box of {name} = {options.given(value)}: must be two finite ends, ascending"
+            )
+        ends[name] = (float(pair[0]), float(pair[1]))
+    return ends
 
 
 def negligible(rows: Array, combinations: Array) -> Array:

@@ -5,6 +5,7 @@ Each returns the value where it is of its kind and names the argument where it i
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Mapping, Set
 from typing import Any, TypeVar
 
@@ -23,6 +24,9 @@ __all__ = [
     "instance",
     "mapping",
     "names",
+    "path",
+    "sequence",
+    "tolerance",
 ]
 
 T = TypeVar("T")
@@ -109,6 +113,32 @@ def fraction(value: float, name: str) -> float:
     if not 0 < value < 1:
         raise InputError(f"{name} = {value}: must be between 0 and 1")
     return value
+
+
+def tolerance(value: float | None, name: str = "rtol") -> float | None:
+    """Return a tolerance between 0 and 1, or None for the default."""
+    return None if value is None else fraction(value, name)
+
+
+def sequence(value: Any, name: str, what: str = "a sequence") -> list[Any]:
+    """Return the entries of a sequence; text and mappings are none."""
+    try:
+        if not isinstance(value, (str, bytes, Mapping, Set)):
+            return list(value)
+    except TypeError:
+        pass
+    raise InputError(f"{name} = {given(value)}: must be {what}")
+
+
+def path(value: str | os.PathLike[str], name: str = "path") -> str:
+    """Return the name of a file or directory."""
+    try:
+        text = os.fspath(value)
+    except TypeError:
+        text = None
+    if isinstance(text, str) and text and "\0" not in text:
+        return text
+    raise InputError(f"{name} = {given(value)}: must be the path of a file")
 
 
 def function(value: C, name: str) -> C:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gramian.exceptions import InputError
 
-__all__ = ["FACTORS", "WANTED", "bare"]
+__all__ = ["FACTORS", "WANTED", "bare", "labelled"]
 
 Array = NDArray[np.float64]
 
@@ -142,6 +142,13 @@ def bare(value: Any, name: str) -> Any:
             )
         wanted = "m"
     return _converted(value, unit, shown, wanted)
+
+
+def labelled(name: str, unit: str) -> str:
+    """Return an argument with the unit of a state, as `bare` reads it: "prior of vx [m/s]"."""
+    plain = unit.replace("^", "**").replace("·", "*").strip()
+    plain = re.sub(r"(?<=[A-Za-z0-9)]) (?=[A-Za-z(])", "*", plain)
+    return f"{name} [{plain}]" if plain else name
 
 
 def _wanted(name: str) -> tuple[str, str | None]:

@@ -187,8 +187,8 @@ class Observability(Answer):
             `inf` throughout where the rank is short.
         """
         found = self._analysis.crlb()
-        chosen = range(len(self.names)) if names is None else map(self.problem.index, names)
-        part = list(chosen)
+        wanted = self.names if names is None else options.names(names, "names", "names of states")
+        part = [self.problem.index(name) for name in wanted]
         if found is None:
             return np.full((len(part), len(part)), np.inf)
         block: Array = found[np.ix_(part, part)]
@@ -247,7 +247,8 @@ class Observability(Answer):
         Of single rows by their leverage, from the factorisation that is there; of
         groups by the rows that are left.
         """
-        if not number(factor, "factor") >= 1:
+        factor = number(factor, "factor")
+        if not factor >= 1:
             raise InputError(f"factor = {factor}: must be >= 1")
         problem, before = self.problem, self.crlb_std
         found = []
@@ -270,14 +271,14 @@ class Observability(Answer):
                 else:
                     self._lose(f"row {i}", [i], lost)
         else:
-            for name, members in groups.items():
+            for name, members in _members(groups, len(problem.rows)).items():
                 self._lose(name, members, lost)
         found.sort(key=lambda one: (-one.nullity, -one.growth))
         return tuple(found)
 
     def _lose(self, name: str, members: Sequence[int], lost: Callable[..., None]) -> None:
         problem = self.problem
-        rows = tuple(whole(i, f"groups[{name!r}]", 0, len(problem.rows) - 1) for i in members)
+        rows = _places(members, name, len(problem.rows))
         kept = np.ones(len(problem.rows), dtype=bool)
         kept[list(rows)] = False
         left = problem.keep_rows(kept).factor()
@@ -315,9 +316,9 @@ class Observability(Answer):
         reference = np.where(np.isnan(self.problem.scale), reference, self.problem.scale)
         reference = np.where(reference > 0, reference, 1.0)
         ranked = []
-        members = groups if groups is not None else {f"row {i}": (i,) for i in range(len(rows))}
+        members = _members(groups, len(rows))
         for name, group in members.items():
-            chosen = tuple(whole(i, f"groups[{name!r}]", 0, len(rows) - 1) for i in group)
+            chosen = _places(group, name, len(rows))
             if len(chosen) == 1:
                 rank, std = self._analysis.knowing(rows[chosen[0]], 1.0)
             else:
@@ -436,6 +437,19 @@ class Observability(Answer):
             deviation.
         """
         return draw(self, "corner", names, level)
+
+
+def _members(groups: Mapping[str, Sequence[int]] | None, rows: int) -> Mapping[str, Sequence[int]]:
+    """Return rows that come together by name: each by itself where none are given."""
+    if groups is None:
+        return {f"row {i}": (i,) for i in range(rows)}
+    return options.mapping(groups, "groups", "name to numbers of rows")
+
+
+def _places(group: Sequence[int], name: str, rows: int) -> tuple[int, ...]:
+    label = f"groups[{name!r}]"
+    members = options.sequence(group, label, "numbers of rows")
+    return tuple(whole(i, label, 0, rows - 1) for i in members)
 
 
 def analyze(

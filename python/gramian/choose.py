@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gramian import _core
+from gramian import _options as options
 from gramian._answers import Answer, Columns
-from gramian._arrays import finite, whole
+from gramian._arrays import finite, number, whole
 from gramian._noise import negligible
 from gramian._text import brief, count
 from gramian.exceptions import InputError
@@ -150,11 +151,19 @@ def select(
     >>> choice.chosen, round(choice.within, 3)
     (('0 deg', '80 deg'), 0.008)
     """
-    named = (
-        {str(key): value for key, value in candidates.items()}
-        if isinstance(candidates, Mapping)
-        else {f"candidate {k}": value for k, value in enumerate(candidates)}
-    )
+    if isinstance(candidates, Mapping):
+        named = {str(key): value for key, value in candidates.items()}
+    else:
+        listed = options.sequence(candidates, "candidates", "rows by name, or a sequence of rows")
+        named = {f"candidate {k}": value for k, value in enumerate(listed)}
+    exchange, relax = options.flag(exchange, "exchange"), options.flag(relax, "relax")
+    if problem is not None:
+        options.instance(problem, Problem, "problem", "a Problem")
+    if not isinstance(goal, (str, Mapping)):
+        raise InputError(
+            f"goal = {options.given(goal)}: must be 'D', 'A', 'E', the name of a state, or "
+            "weights by name"
+        )
     if not named:
         raise InputError("candidates is empty: nothing can be chosen")
     budget = whole(budget, "budget", 1)
@@ -299,11 +308,14 @@ def _goal(goal: str | Mapping[str, float], names: Sequence[str], scale: Array) -
     n = len(names)
     unit = np.where(np.isnan(scale), 1.0, scale)
     if isinstance(goal, Mapping):
+        if not goal:
+            raise InputError("goal is empty: must name at least one state")
         weights = np.zeros(n)
-        for name, weight in goal.items():
+        for name, given in goal.items():
             if name not in names:
-                raise InputError(f"goal names {name!r}: no state has that name")
-            if not 0 < float(weight) < np.inf:
+                raise InputError(f"goal names {options.given(name)}: no state has that name")
+            weight = number(given, f"goal[{name!r}]")
+            if not weight > 0:
                 raise InputError(f"goal[{name!r}] = {weight}: must be > 0 and finite")
             weights[list(names).index(name)] = weight
         return "A", weights

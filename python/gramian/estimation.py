@@ -19,9 +19,16 @@ from numpy.typing import ArrayLike, NDArray
 from gramian import _core
 from gramian import _options as options
 from gramian._answers import Answer, Columns, columns_of_states
-from gramian._arrays import SEED_MOST, finite, whole
-from gramian._handle import EstimationModel, handle_of
-from gramian._noise import Knowledge, as_knowledge, negligible
+from gramian._arrays import SEED_MOST, finite, number, real, whole
+from gramian._handle import EstimationModel, as_model, handle_of
+from gramian._noise import (
+    Knowledge,
+    as_box,
+    as_knowledge,
+    as_known,
+    as_pair,
+    negligible,
+)
 from gramian._registry import draw
 from gramian._text import brief, describe_combination, describe_direction
 from gramian._text import number as readable
@@ -334,6 +341,31 @@ class _Distance:
         return distance, gradient
 
 
+class _OwnFunction:
+    """A function of the caller's, x -> (value, gradient), whose answers are checked."""
+
+    def __init__(self, function: Any, name: str, count: int) -> None:
+        self._function, self._name, self._count = function, name, count
+
+    def __call__(self, x: Array) -> tuple[float, Array]:
+        try:
+            found: Any = self._function(x)
+        except TypeError as error:
+            raise InputError(f"{self._name} cannot be called with a state: {error}") from error
+        try:
+            value, gradient = found
+        except (TypeError, ValueError) as error:
+            raise InputError(
+                f"{self._name} returned {options.given(found)}: must be (value, gradient)"
+            ) from error
+        slope = finite(gradient, f"gradient of {self._name}")
+        if slope.shape != (self._count,):
+            raise InputError(
+                f"gradient of {self._name} has shape {slope.shape}: must be ({self._count},)"
+            )
+        return number(value, f"value of {self._name}"), slope
+
+
 class _Partly:
     """A function of all states as one of those that are not known."""
 
@@ -427,10 +459,7 @@ class Estimate(Answer):
             For each the derivatives of the measurements, whitened, with respect to its
             parameters, at zero.
         """
-        columns = {}
-        for name, given in alternatives.items():
-            column = finite(given, f"alternatives[{name!r}]")
-            columns[name] = column[:, None] if column.ndim == 1 else column
+        columns = _columns(alternatives, self.measurements.size)
         records, alike = self._handle.scores(self.state, list(columns.values()), self.alpha, 0.8)
         names = list(columns)
         found = [
@@ -530,8 +559,10 @@ class Estimate(Answer):
         return float(self.state[self._index(name)])
 
     def _index(self, name: str) -> int:
-        if name not in self.names:
-            raise InputError(f"no state {name!r}: the states are {', '.join(self.names)}")
+        if not isinstance(name, str) or name not in self.names:
+            raise InputError(
+                f"no state {options.given(name)}: the states are {', '.join(self.names)}"
+            )
         return self.names.index(name)
 
     def _named(self, what: str) -> tuple[str, str, Any, float]:
@@ -559,11 +590,12 @@ class Estimate(Answer):
         if isinstance(what, Mapping):
             row = np.zeros(len(self.names))
             for name, factor in what.items():
-                row[self._index(name)] = factor
+                row[self._index(name)] = number(factor, f"coefficient of {name}")
             return describe_combination(row, self.names), "", row, float(row @ self.state)
         if callable(what):
             name = getattr(what, "__name__", "function")
-            return name, "", what, float(what(self.state.copy())[0])
+            checked = _OwnFunction(what, name, len(self.names))
+            return name, "", checked, checked(self.state.copy())[0]
         row = finite(what, "combination")
         if row.shape != self.state.shape:
             raise InputError(
@@ -626,9 +658,10 @@ class Estimate(Answer):
         InputError
             As `interval`; not two.
         """
-        if isinstance(pair, str) or len(pair) != 2:
-            raise InputError(f"pair = {pair!r}: must be two states or functions")
-        first, second = (self._function(what) for what in pair)
+        both = options.sequence(pair, "pair", "two states or functions")
+        if len(both) != 2:
+            raise InputError(f"pair = {options.given(pair)}: must be two states or functions")
+        first, second = (self._function(what) for what in both)
         found = self._handle.contours(
             self.state, self._other_states(), (first[2], second[2]), self._rise(level, 2)
         )
@@ -932,19 +965,16 @@ def estimate(
     Damped Gauss-Newton steps on orthogonally reduced rows. Where a search finds a state
     that fits better than where the starts ended, that is the answer.
     """
+    model = as_model(model)
     z = _measured(model, measurements)
-    known, box = dict(known or {}), dict(box or {})
-    for given, what in ((known, "known"), (box, "box")):
-        for name in given:
-            if name not in model.names:
-                raise InputError(f"{what} of {name!r}: the states are {', '.join(model.names)}")
+    known = as_known(known, model.names, model.units, "known")
+    box = as_box(box, model.names, model.units)
     before, known = _knowledge(model, prior, known)
     free = [k for k, name in enumerate(model.names) if name not in known]
     names = tuple(model.names[k] for k in free)
     if not names:
         raise InputError("every state is known: nothing is left to estimate")
-    if loss not in _LOSSES:
-        raise InputError(f"loss = {loss!r}: must be one of {', '.join(_LOSSES)}")
+    loss = options.choice(loss, "loss", _LOSSES)
     levels(alpha, chance, weak_ratio)
     search = options.flag(search, "search")
     starts = whole(starts, "starts", 0, 2**31)
@@ -1126,6 +1156,7 @@ def estimate_trials(
     >>> bool(found.inside.mean() > 0.85)
     True
     """
+    model = as_model(model)
     x = finite(truth, "truth")
     names = tuple(model.names)
     if x.shape != (len(names),):
@@ -1133,17 +1164,23 @@ def estimate_trials(
     seed, first = whole(seed, "seed", 0, SEED_MOST), whole(first, "first")
     trials, starts = whole(trials, "trials", 1), whole(starts, "starts", 0, 2**31)
     levels(alpha, chance, weak_ratio)
-    given = dict(prior or {})
     z = finite(model.h(x), "exact data")
-    centred = {name: (float(x[names.index(name)]), sigma) for name, (_, sigma) in given.items()}
+    centred = {}
+    for state, pair in options.mapping(prior, "prior", "name to (mean, sigma)").items():
+        if state not in names:
+            raise InputError(f"prior of {state!r}: the states are {', '.join(names)}")
+        k = names.index(state)
+        centred[state] = (float(x[k]), as_pair(pair, f"prior of {state}", model.units[k])[1])
     before, exact = _knowledge(model, centred or None, {})
     if exact:
         raise InputError(f"prior of {next(iter(exact))}: sigma = 0, must be > 0 in trials")
     handle = informed(model, z, before, {})
-    spread = _spread(names, before, dict(box or {}), names)
+    spread = _spread(names, before, as_box(box, names, model.units), names)
     places = _starts(model, z, start, list(range(len(names))), spread, before, names)
     functions = getattr(model, "functions", {})
     judged = tuple(getattr(model, "judged", functions))
+    if function is not None and not isinstance(function, str):
+        raise InputError(f"function = {options.given(function)}: must be the name of a function")
     name = function if function is not None else (judged[0] if judged else None)
     what = None
     if name is not None:
@@ -1156,10 +1193,7 @@ def estimate_trials(
     if alternatives is None:
         made = getattr(model, "alternatives", None)
         alternatives = {} if made is None else made(x, z)
-    columns = {}
-    for key, value in alternatives.items():
-        column = finite(value, f"alternatives[{key!r}]")
-        columns[key] = column[:, None] if column.ndim == 1 else column
+    columns = _columns(alternatives, z.size)
     out = handle.trials(
         x,
         places,
@@ -1212,12 +1246,26 @@ def estimate_trials(
 
 def levels(alpha: float, chance: float, weak_ratio: float) -> tuple[float, float, float]:
     """Return the levels of a status, checked."""
-    for value, what in ((alpha, "alpha"), (chance, "chance")):
-        if not 0 < value < 1:
-            raise InputError(f"{what} = {value}: must be between 0 and 1")
+    alpha, chance = options.fraction(alpha, "alpha"), options.fraction(chance, "chance")
+    weak_ratio = real(weak_ratio, "weak_ratio")
     if not weak_ratio > 0:
         raise InputError(f"weak_ratio = {weak_ratio}: must be > 0")
     return alpha, chance, weak_ratio
+
+
+def _columns(alternatives: Mapping[str, ArrayLike] | None, count: int) -> dict[str, Array]:
+    """Return the columns (m, parameters) of alternatives by name."""
+    columns = {}
+    of = "name to derivatives of the measurements"
+    for name, given in options.mapping(alternatives, "alternatives", of).items():
+        column = finite(given, f"alternatives[{name!r}]")
+        if column.ndim not in (1, 2) or column.shape[0] != count or column.size == 0:
+            raise InputError(
+                f"alternatives[{name!r}] has shape {column.shape}: must be ({count},) or "
+                f"({count}, parameters)"
+            )
+        columns[name] = column[:, None] if column.ndim == 1 else column
+    return columns
 
 
 def other_solutions(
@@ -1248,12 +1296,13 @@ def other_solutions(
     InputError
         As `estimate`.
     """
+    model = as_model(model)
     state = finite(x, "x")
     names = tuple(model.names)
     if state.shape != (len(names),):
         raise InputError(f"x has shape {state.shape}: must be ({len(names)},)")
     before, _ = _knowledge(model, prior, {})
-    spread = _spread(names, before, dict(box or {}), names)
+    spread = _spread(names, before, as_box(box, names, model.units), names)
     handle = informed(model, model.h(state), None, {})
     starts, seed = whole(starts, "starts", 0, 2**31), whole(seed, "seed", 0, SEED_MOST)
     found = handle.others(state, spread, starts, seed)
@@ -1312,7 +1361,7 @@ def _knowledge(
     """
     names = tuple(model.names)
     combinations = getattr(model, "combinations", {})
-    found = as_knowledge(prior, names, combinations)
+    found = as_knowledge(prior, names, combinations, units=tuple(model.units))
     mean, at = found.mean.copy(), getattr(model, "x", None)
     if (lacking := np.isnan(mean)).any():
         if at is None:
@@ -1353,9 +1402,6 @@ def informed(
             sigma = np.where(exact, _negligible(model, prior.rows), sigma)
         handle = handle.with_prior(prior.rows, prior.mean, sigma)
     if known:
-        for name, value in known.items():
-            if not np.isfinite(value):
-                raise InputError(f"known {name} = {value}: must be finite")
         handle = handle.with_known([known.get(name) for name in model.names])
     return handle
 
@@ -1375,9 +1421,6 @@ def _spread(
     states: tuple[str, ...],
 ) -> tuple[str, list[float], list[float]] | None:
     """Return where the states may be; None where one of them may be anywhere."""
-    for name, (low, high) in box.items():
-        if not (np.isfinite(low) and np.isfinite(high) and low < high):
-            raise InputError(f"box of {name} = ({low}, {high}): must be two finite ends, ascending")
     known = _prior_of_states(prior, names, states)
     if any(name not in known and name not in box for name in names):
         return None
@@ -1437,6 +1480,4 @@ def _starts(
 
 
 def _critical(level: float, dof: int) -> float:
-    if not 0 < level < 1:
-        raise InputError(f"level = {level}: must be between 0 and 1")
-    return _core.chi_square_critical(1 - level, dof)
+    return _core.chi_square_critical(1 - options.fraction(level, "level"), dof)

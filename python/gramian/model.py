@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from gramian import _core
 from gramian._arrays import SEED_MOST, as_float_array, finite, number, whole
 from gramian._noise import Noise, as_noise, negligible
+from gramian._units import bare
 from gramian._values import Value
 from gramian.exceptions import InputError
 from gramian.problem import Accuracy, Array, Problem, ProblemSource, checked_names
@@ -113,7 +114,7 @@ class Model(ProblemSource, Value):
 
         NaN marks a missing one.
         """
-        given = np.asarray(z)
+        given = np.asarray(bare(z, "measurements"))
         if self._options["memory"].get("complex") or np.iscomplexobj(given):
             if np.iscomplexobj(given):
                 given = np.concatenate([given.real.ravel(), given.imag.ravel()])

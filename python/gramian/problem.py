@@ -191,7 +191,7 @@ class Problem(Value):
         if units is not None and len(units) != n:
             raise InputError(f"units has {len(units)} entries: must have {n}, one for each state")
         scales = np.full(n, np.nan) if scale is None else as_float_array(scale, "scale").copy()
-        scales = _checked_scale(scales, names)
+        scales = checked_scale(scales, names)
         if rtol is not None:
             rtol = options.fraction(rtol, "rtol")
         checked = {
@@ -347,6 +347,7 @@ class Problem(Value):
 
     def factor(self, *, prior: bool = True, rtol: float | None = None) -> _core.Analysis:
         """Return the rows reduced, with or without prior knowledge, exact one included."""
+        prior, rtol = options.flag(prior, "prior"), options.tolerance(rtol)
         doubt = self.doubt()
         rows, errors = self.data_rows, self.row_error
         if cut := doubt.vague + doubt.nothing:
@@ -373,7 +374,7 @@ class Problem(Value):
 
     def keep_rows(self, kept: ArrayLike) -> Problem:
         """Return the problem with some of its measurements: indices, or a mask (K,)."""
-        chosen = np.asarray(kept)
+        chosen = _chosen(kept, self.rows.shape[0])
         errors = None if self.row_error is None else self.row_error[chosen]
         return self._replaced(rows=self.rows[chosen], row_error=errors)
 
@@ -385,7 +386,7 @@ class Problem(Value):
                 values[self.index(name)] = as_float_array(value, f"scale of {name}")
         else:
             values = as_float_array(scale, "scale").copy()
-        return self._replaced(scale=_checked_scale(values, self.names))
+        return self._replaced(scale=checked_scale(values, self.names))
 
     def fix(self, *names: str) -> Problem:
         """Return the problem with these known exactly.
@@ -430,7 +431,7 @@ class Problem(Value):
             prior of the same state is combined with the first. As an array, one for each
             state, or their covariance, also as a tuple (mean, covariance).
         """
-        known = as_knowledge(sigmas, self.names, self.combinations)
+        known = as_knowledge(sigmas, self.names, self.combinations, units=self.units)
         priors, rows = dict(self.priors), [self.prior_rows]
         for name, row, sigma in zip(known.names, known.rows, known.sigma.tolist(), strict=True):
             if sigma == 0:
@@ -620,12 +621,34 @@ def checked_names(names: Sequence[str]) -> tuple[str, ...]:
     return checked
 
 
-def _checked_scale(scale: Array, names: tuple[str, ...]) -> Array:
+def _chosen(kept: ArrayLike, rows: int) -> NDArray[np.intp]:
+    """Return the numbers of the rows that are kept, given by these or by a mask."""
+    try:
+        given = np.asarray(kept)
+    except (TypeError, ValueError):
+        given = np.zeros((0, 0))
+    wrong = f"kept = {options.given(kept)}: must be a mask ({rows},) or numbers of rows"
+    if given.dtype == bool:
+        if given.shape != (rows,):
+            raise InputError(f"kept has shape {given.shape}: must be a mask ({rows},)")
+        return np.flatnonzero(given)
+    if given.ndim != 1 or (given.size and given.dtype.kind not in "iu"):
+        raise InputError(wrong)
+    outside = (given < -rows) | (given >= rows)
+    if outside.any():
+        i = int(np.argmax(outside))
+        raise InputError(f"kept[{i}] = {given[i]}: there are {rows} rows")
+    return given.astype(np.intp)
+
+
+def checked_scale(scale: Array, names: tuple[str, ...]) -> Array:
+    """Return the deviations that would be useless, each > 0 and finite or NaN for none."""
     if scale.shape != (len(names),):
         raise InputError(f"scale has shape {scale.shape}: must be ({len(names)},)")
-    for name, value in zip(names, scale, strict=True):
-        if not (np.isnan(value) or 0 < value < np.inf):
-            raise InputError(f"scale of {name} = {value}: must be > 0 and finite")
+    wrong = ~np.isnan(scale) & ~((scale > 0) & (scale < np.inf))
+    if wrong.any():
+        i = int(np.argmax(wrong))
+        raise InputError(f"scale of {names[i]} = {scale[i]}: must be > 0 and finite")
     return scale
 
 

@@ -4,7 +4,7 @@ An answer is a result without NaN, an error of this package that says what was w
 MemoryError. Everything else is a finding: a panic, a crash, a hang, NaN in silence, an
 exception of another kind.
 
-    python tests/attack/attack.py --calls 100000 [--seed 0] [--only bearings.rows]
+    python tests/attack/attack.py --calls 100000 [--seed 0] [--only bearings.rows,dipole]
 
 Call i depends on (seed, i) alone: `--first 1234 --calls 1` repeats one.
 """
@@ -250,7 +250,9 @@ class Attack:
 
     def __init__(self, seed: int, only: str = "") -> None:
         self.seed = seed
-        self.targets = {k: v for k, v in sorted(targets().items()) if only in k}
+        self.targets = {
+            k: v for k, v in sorted(targets().items()) if any(part in k for part in only.split(","))
+        }
         self.names = list(self.targets)
         self.known: dict[str, set[str]] = {}
 

@@ -5,7 +5,9 @@ Each entry gives the arguments by name; `*` holds positional ones that have none
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -39,6 +41,41 @@ def _ranges(x: Any) -> Any:
 
 def _linear() -> Any:
     return gm.Problem(ROWS, ["x", "y", "z"])
+
+
+MODEL = gm.from_function(
+    _ranges, [30.0, 40.0], [1.0, 2.0], ["east", "north"], units=["m", "m"], scale=[100.0, 100.0]
+)
+MODEL_PRIOR = {"east": (30.0, 20.0), "north": (40.0, 20.0)}
+SHIP = gm.tracks.Carrier(PATH, T)
+SCENE = gm.tracks.Scene(
+    gm.tracks.Motion.constant_velocity(), [gm.tracks.Sensor.bearing(SHIP, T, sigma=0.01)]
+)
+BAY = Path(gm.__file__).parent / "demo" / "bay.csv"
+_FOLDER = tempfile.TemporaryDirectory(prefix="attack-")
+SAVED = Path(_FOLDER.name) / "answer.json"
+gm.analyze(ROWS).save(SAVED)
+
+
+def _decay(t: Any, x: Any) -> Any:
+    return np.array([x[1], -0.5 * x[0]])
+
+
+def _seen(t: Any, x: Any) -> Any:
+    return np.array([x[0] ** 2 + x[1]])
+
+
+def _sparse() -> Any:
+    triplets = ([1.0, -1.0, 1.0, -1.0, 0.5], ([0, 0, 1, 1, 2], [0, 1, 1, 2, 0]))
+    return gm.large.SparseProblem(triplets, ["a", "b", "c"])
+
+
+def _answer() -> Any:
+    return gm.bearings.estimate(T, SEEN, PATH, 0.01)
+
+
+def _path() -> Any:
+    return gm.dynamics.from_map(_decay, _seen, [1.0, 2.0], np.arange(4.0), ["a", "b"])
 
 
 #: By the name under `gramian`: what is called, and its arguments.
@@ -439,47 +476,228 @@ CALLS: dict[str, dict[str, Any]] = {
         "sigma": 0.01,
         "standoff": 100.0,
     },
+    "estimate": {
+        "model": MODEL,
+        "measurements": np.array([49.5, 81.0]),
+        "start": np.array([25.0, 45.0]),
+        "prior": {"east": (30.0, 20.0)},
+        "known": {},
+        "box": {"north": (0.0, 200.0)},
+        "search": True,
+        "starts": 2,
+        "seed": 0,
+        "loss": "squares",
+        "alpha": 0.001,
+        "chance": 0.01,
+        "weak_ratio": 0.25,
+        "max_iterations": 50,
+    },
+    "estimate_trials": {
+        "model": MODEL,
+        "truth": np.array([30.0, 40.0]),
+        "seed": 1,
+        "trials": 3,
+        "first": 0,
+        "level": 0.95,
+        "function": None,
+        "alternatives": {"offset": np.ones(2)},
+        "shift": np.zeros(2),
+        "start": np.array([25.0, 45.0]),
+        "prior": {"east": (30.0, 20.0)},
+        "box": {"north": (0.0, 200.0)},
+        "starts": 1,
+        "alpha": 0.001,
+        "chance": 0.01,
+        "weak_ratio": 0.25,
+    },
+    "other_solutions": {
+        "model": MODEL,
+        "x": np.array([30.0, 40.0]),
+        "prior": {"east": (30.0, 20.0)},
+        "box": {"north": (-200.0, 200.0)},
+        "starts": 4,
+        "seed": 0,
+    },
+    "load": {"path": str(SAVED)},
+    "choose.select": {
+        "candidates": {f"look {i}": row[None] for i, row in enumerate(ROWS)},
+        "budget": 4,
+        "goal": "A",
+        "problem": _linear(),
+        "exchange": True,
+        "relax": True,
+    },
+    "io.read": {
+        "*": (str(BAY),),
+        "columns": {"time": "t_s"},
+        "units": {"t_s": "s"},
+        "separator": ",",
+        "decimal": ".",
+        "trust": (),
+        "size_limit": 1 << 20,
+    },
+    "io.table": {"path": str(BAY), "separator": ",", "decimal": "."},
+    "io.joined": {"recordings": [gm.io.read(BAY)], "trust": ()},
+    "bounds.barankin": {
+        "model": MODEL,
+        "x": np.array([30.0, 40.0]),
+        "points": np.array([[30.0, -40.0], [31.0, 40.0]]),
+    },
+    "bounds.weiss_weinstein": {
+        "model": MODEL,
+        "prior": MODEL_PRIOR,
+        "vectors": np.eye(2),
+        "samples": 8,
+    },
+    "bounds.threshold": {
+        "model": MODEL,
+        "prior": MODEL_PRIOR,
+        "vectors": np.array([[0.0, 80.0]]),
+        "noise": np.array([1.0, 10.0]),
+        "samples": 8,
+    },
+    "bearings.estimate": {
+        "times": T,
+        "bearings": SEEN,
+        "observer": PATH,
+        "sigma": 0.01,
+        "prior": {"x0": (2000.0, 500.0)},
+        "order": 1,
+    },
+    "dipole.check_record": {"times": PASS_TIMES, "field": FIELD, "channels": ("x", "y", "z")},
+    "dynamics.empirical_gramian": {
+        "f": _decay,
+        "h": _seen,
+        "x0": np.array([1.0, 2.0]),
+        "times": np.arange(4.0),
+        "step": np.array([0.1, 0.1]),
+        "sigma": np.array([1.0]),
+        "discrete": False,
+        "vectorized": False,
+        "rtol": 1e-6,
+    },
+    "dynamics.from_map": {
+        "f": _decay,
+        "h": _seen,
+        "x0": np.array([1.0, 2.0]),
+        "times": np.arange(4.0),
+        "names": ["a", "b"],
+        "sigma": np.array([1.0]),
+        "units": ["m", "s"],
+        "scale": np.ones(2),
+        "jacobian": "auto",
+        "vectorized": False,
+    },
+    "dynamics.from_ode": {
+        "f": _decay,
+        "h": _seen,
+        "x0": np.array([1.0, 2.0]),
+        "times": np.arange(4.0),
+        "names": ["a", "b"],
+        "sigma": np.array([1.0]),
+        "units": ["m", "s"],
+        "scale": np.ones(2),
+        "jacobian": "auto",
+        "vectorized": False,
+        "rtol": 1e-6,
+    },
+    "dynamics.unit_norm": {"*": ([0, 1], [2, 3])},
+    "large.SparseProblem": {
+        "rows": ([1.0, -1.0, 1.0, -1.0], ([0, 0, 1, 1], [0, 1, 1, 2])),
+        "names": ["a", "b", "c"],
+        "units": ["m", "m", "m"],
+        "scale": np.ones(3),
+        "rtol": 1e-9,
+        "combinations": {"sum": np.ones(3)},
+        "gauges": {"shift": np.ones(3)},
+        "shape": (2, 3),
+    },
+    "large.analyze_sparse": {
+        "problem": _sparse(),
+        "weak_ratio": 1.0,
+        "weak_condition": 1e8,
+        "rtol": 1e-9,
+    },
+    "large.similarity_gauges": {
+        "positions": [np.array([1.0, 2.0]), None],
+        "states": [["x", "y", "theta"], ["bias"]],
+        "axes": ("x", "y", "z"),
+        "scale": True,
+    },
+    "linear.distance": {
+        "A": A2,
+        "C": C2,
+        "scaling": "balanced",
+        "certify": True,
+        "slack": 0.05,
+        "most": 1000,
+        "names": ["x", "v"],
+        "prior": np.ones(2),
+        "R": np.eye(1),
+    },
+    "linear.unobservable": {"A": A2, "C": C2, "names": ["x", "v"], "rtol": 1e-9},
+    "linear.gramian_factor": {
+        "A": A2 - np.eye(2),
+        "C": C2,
+        "R": np.eye(1),
+        "discount": 0.1,
+        "time": "continuous",
+    },
+    "linear.hankel": {"A": A2 - np.eye(2), "B": np.ones((2, 1)), "C": C2, "time": "continuous"},
+    "linear.split_gramian": {"A": np.diag([-1.0, 2.0]), "C": np.ones((1, 2)), "R": np.eye(1)},
+    "maneuver.two_legs": {
+        "range_": 50e3,
+        "speed": 5.0,
+        "duration": 600.0,
+        "samples": 61,
+        "sigma": 0.01,
+        "cross_speed": 1.0,
+        "turn": 0.4,
+        "goal": "determinant",
+    },
+    "monte_carlo.Tracks": {"scene": SCENE, "state": STATE, "prior": {"x0": (2000.0, 500.0)}},
+    "tracks.Carrier": {
+        "path": PATH,
+        "times": T,
+        "velocity": np.ones((T.size, 2)),
+        "heading": np.zeros(T.size),
+        "name": "ship",
+    },
+    "tracks.Scene": {
+        "motion": gm.tracks.Motion.constant_velocity(),
+        "sensors": SCENE.sensors,
+        "reference": 0.0,
+    },
+    "tracks.choose_legs": {"scene": SCENE, "measurements": [SEEN], "most": 1, "penalty": 5.0},
+    "tracks.estimate": {
+        "scene": SCENE,
+        "measurements": [SEEN],
+        "prior": {"x0": (2000.0, 500.0)},
+        "known": {},
+        "loss": "huber",
+        "constant": 1.5,
+        "start": STATE,
+        "alpha": 0.001,
+        "weak_ratio": 0.25,
+        "max_iterations": 20,
+        "polish": 1,
+        "rtol": 1e-9,
+    },
+    "tracks.leg_penalty": {
+        "scene": SCENE.with_motion(gm.tracks.Motion.legs(count=1)),
+        "state": STATE,
+        "level": 0.1,
+        "trials": 20,
+        "seed": 0,
+    },
+    "tracks.problem": {"scene": SCENE, "state": STATE},
+    "tracks.rows": {"scene": SCENE, "state": {"x0": 2000.0, "y0": 6000.0, "vx": 3.0, "vy": -1.0}},
+    "tracks.simulate": {"scene": SCENE, "state": STATE, "trials": 2, "seed": 0, "first": 0},
 }
 
 #: Not attacked by themselves, with the reason.
 WITHOUT = {
-    "load": "reads a file that `save` wrote: tests/answers",
-    "io.joined": "takes recordings, which `io.read` makes",
-    "io.read": "reads files: tests/io",
-    "io.table": "reads files: tests/io",
     "monte_carlo.Experiment": "a base class",
-    **dict.fromkeys(
-        (
-            "bearings.estimate",
-            "bounds.barankin",
-            "bounds.threshold",
-            "bounds.weiss_weinstein",
-            "estimate",
-            "estimate_trials",
-            "maneuver.two_legs",
-            "other_solutions",
-            "linear.distance",
-            "linear.unobservable",
-            "tracks.choose_legs",
-            "tracks.estimate",
-            "tracks.leg_penalty",
-            "tracks.problem",
-            "tracks.rows",
-            "tracks.simulate",
-            "choose.select",
-            "dipole.check_record",
-            "dynamics.empirical_gramian",
-            "dynamics.from_map",
-            "dynamics.from_ode",
-            "dynamics.unit_norm",
-            "large.analyze_sparse",
-            "large.similarity_gauges",
-            "linear.gramian_factor",
-            "linear.hankel",
-            "linear.split_gramian",
-        ),
-        "newer than this list: a call is missing",
-    ),
     "bearings.Monitor": "its methods: METHODS",
 }
 
@@ -497,6 +715,135 @@ METHODS: dict[str, tuple[Callable[[], Any], dict[str, Any]]] = {
     "Observability.knowing": (
         lambda: gm.analyze(ROWS),
         {"combination": np.ones(3), "sigma": 1.0},
+    ),
+    "Problem.constrain": (_linear, {"rows": np.ones((1, 3))}),
+    "Problem.keep_rows": (_linear, {"kept": np.array([True, True, True, True, False, True])}),
+    "Problem.factor": (_linear, {"prior": True, "rtol": 1e-9}),
+    "Observability.critical": (
+        lambda: gm.analyze(_linear()),
+        {"factor": 2.0, "groups": {"a": [0]}},
+    ),
+    "Observability.candidates": (
+        lambda: gm.analyze(_linear()),
+        {"rows_or_problem": ROWS[:2], "groups": {"a": [0]}},
+    ),
+    "Observability.covariance": (lambda: gm.analyze(_linear()), {"names": ["x"]}),
+    "Observability.save": (lambda: gm.analyze(_linear()), {"path": str(SAVED)}),
+    "SparseProblem.fix": (_sparse, {"*": ("a",)}),
+    "SparseProblem.prior": (_sparse, {"sigmas": {"a": 1.0}}),
+    "SparseProblem.with_rows": (_sparse, {"rows": _sparse().rows}),
+    "SparseObservability.covariance_of": (
+        lambda: gm.analyze(_sparse()),
+        {"combinations": ["a", np.ones(3), {"a": 1.0, "b": -1.0}]},
+    ),
+    "SparseObservability.differences": (lambda: gm.analyze(_sparse()), {"pairs": [("a", "b")]}),
+    "SparseObservability.rank_gain": (lambda: gm.analyze(_sparse()), {"rows": _sparse().rows}),
+    "SparseObservability.weakest": (lambda: gm.analyze(_sparse()), {"count": 1}),
+    "Model.at": (lambda: MODEL, {"x": np.array([30.0, 40.0])}),
+    "Model.residuals": (
+        lambda: MODEL,
+        {"x": np.array([30.0, 40.0]), "z": np.array([49.5, 81.0])},
+    ),
+    "Model.rows": (lambda: MODEL, {"x": np.array([30.0, 40.0])}),
+    "Model.simulate": (
+        lambda: MODEL,
+        {"x": np.array([30.0, 40.0]), "seed": 0, "trials": 2, "first": 0},
+    ),
+    "Estimate.contains": (_answer, {"state": STATE, "level": 0.9}),
+    "Estimate.interval": (_answer, {"what": "x0", "level": 0.9}),
+    "Estimate.region": (_answer, {"pair": ("x0", "y0"), "level": 0.9}),
+    "Estimate.sample": (_answer, {"count": 8, "seed": 0}),
+    "Estimate.summary": (_answer, {"level": 0.9}),
+    "Estimate.test": (_answer, {"alternatives": {"offset": np.ones(T.size)}}),
+    "Posterior.of_prior": (
+        lambda: gm.bounds.Posterior,
+        {"prior": {"a": (0.0, 1.0), "b": (1.0, 2.0)}, "form": "covariance", "names": ["a", "b"]},
+    ),
+    "Posterior.predict": (
+        lambda: gm.bounds.Posterior.of_prior(np.eye(2)),
+        {"transition": np.eye(2), "process_noise": np.eye(2)},
+    ),
+    "Posterior.update": (
+        lambda: gm.bounds.Posterior.of_prior(np.eye(2)),
+        {"rows": np.ones((1, 2)), "detection": 0.9},
+    ),
+    "Trajectory.windows": (_path, {"width": 2.0, "rtol": 1e-9}),
+    "Trajectory.rows": (_path, {"about": 0.0, "until": 2.0}),
+    "Trajectory.posterior": (_path, {"Q": np.eye(2), "prior": np.eye(2)}),
+    "Track.at": (
+        lambda: next(iter(gm.io.read(BAY).tracks.values())),
+        {"times": np.array([1.0, 2.0]), "max_gap": 60.0},
+    ),
+    "Levels.level_of": (lambda: gm.linear.levels(A2, C2), {"combination": np.ones(2)}),
+    "Hankel.order": (
+        lambda: gm.linear.hankel(A2 - np.eye(2), np.ones((2, 1)), C2),
+        {"error": 0.01},
+    ),
+    "Unobservable.left_by": (
+        lambda: gm.linear.unobservable(A2, C2),
+        {"outputs": {"place": np.array([1.0, 0.0])}},
+    ),
+    "Unobservable.project": (lambda: gm.linear.unobservable(A2, C2), {"rows": C2}),
+    "Piecewise.rows": (
+        lambda: gm.linear.piecewise([A2, 2 * A2], [C2, C2], np.ones(2)),
+        {"dt": 0.5, "R": np.eye(1)},
+    ),
+    "Reports.positions": (lambda: REPORTS, {"sensors": SENSORS, "sigma": SIGMA2}),
+    "Flight.rows": (
+        lambda: gm.inertial.segments([gm.inertial.Leg(20.0)], 0.7, speed=50.0),
+        {"dt": 5.0},
+    ),
+    "Carrier.at": (lambda: SHIP, {"times": np.array([1.0, 2.0])}),
+    "Motion.legs": (
+        lambda: gm.tracks.Motion,
+        {"turns": np.array([100.0]), "constant_speed": True, "dimension": 2},
+    ),
+    "Motion.polynomial": (lambda: gm.tracks.Motion, {"order": 2, "dimension": 2}),
+    "Scene.track": (lambda: SCENE, {"state": STATE, "times": np.array([1.0, 2.0])}),
+    "Scene.values": (lambda: SCENE, {"state": STATE}),
+    "Sensor.bearing": (
+        lambda: gm.tracks.Sensor,
+        {"carrier": SHIP, "times": T, "sigma": 0.01, "bias": "compass"},
+    ),
+    "Sensor.frequency": (
+        lambda: gm.tracks.Sensor,
+        {"carrier": SHIP, "times": T, "speed": 1500.0, "tonal": "tonal", "sigma": 0.1},
+    ),
+    "Sensor.time_difference": (
+        lambda: gm.tracks.Sensor,
+        {
+            "carrier": SHIP,
+            "second": gm.tracks.Carrier([0.0, 9.0]),
+            "times": T,
+            "speed": 1500.0,
+            "sigma": 0.1,
+        },
+    ),
+    "Sensor.signal_strength": (
+        lambda: gm.tracks.Sensor,
+        {"carrier": SHIP, "times": T, "power": 60.0, "exponent": 2.0, "sigma": 1.0},
+    ),
+    "TrackEstimate.track": (
+        lambda: gm.tracks.estimate(SCENE, [SEEN]),
+        {"times": np.array([1.0, 2.0])},
+    ),
+    "Localization.sample_passes": (
+        lambda: gm.dipole.localize(PASS_TIMES, FIELD, {"vz": 0.0, "z0": 5.0}, sigma=1e-9, starts=2),
+        {"count": 4, "seed": 0},
+    ),
+    "SingularTrack.distances": (
+        lambda: gm.registration.singular_tracks(SENSORS)[0],
+        {"positions": PLACES},
+    ),
+    "SweepResult.values": (
+        lambda: gm.monte_carlo.sweep(
+            lambda size: gm.Problem(ROWS * size, ["x", "y", "z"]),
+            {"size": np.array([1.0, 2.0])},
+            10,
+            1,
+            progress=False,
+        ),
+        {"what": "rmse", "state": "x"},
     ),
     "Monitor.push": (
         gm.bearings.Monitor,

@@ -201,6 +201,205 @@ def _closed_loop() -> Callable[[], Any]:
     )
 
 
+def _interval() -> Callable[[], Any]:
+    model = gm.from_function(_slow, np.zeros(6), 1.0, [f"x{i}" for i in range(6)])
+    found = gm.estimate(model, _slow(np.full(6, 0.3)), starts=2)
+    return lambda: [found.interval("x0", level) for level in np.linspace(0.5, 0.99, 100)]
+
+
+def _region() -> Callable[[], Any]:
+    given = _bearings(2000)
+    seen = gm.bearings.simulate(**given, seed=1)
+    found = gm.bearings.estimate(given["times"], seen, given["observer"], 0.01)
+    return lambda: [found.region(("x0", "y0"), level) for level in np.linspace(0.5, 0.99, 1000)]
+
+
+def _scene() -> tuple[Any, Any]:
+    given = _bearings(400)
+    ship = gm.tracks.Carrier(given["observer"], given["times"])
+    sensor = gm.tracks.Sensor.bearing(ship, given["times"], sigma=0.002)
+    scene = gm.tracks.Scene(gm.tracks.Motion.constant_velocity(), [sensor])
+    return scene, gm.tracks.simulate(scene, given["target"], seed=1)
+
+
+def _choose_legs() -> Callable[[], Any]:
+    scene, seen = _scene()
+    return lambda: [gm.tracks.choose_legs(scene, [seen], most=4) for _ in range(30)]
+
+
+def _leg_penalty() -> Callable[[], Any]:
+    scene, _ = _scene()
+    legs = scene.with_motion(gm.tracks.Motion.legs(count=1))
+    return lambda: gm.tracks.leg_penalty(legs, [2000.0, 6000.0, 3.0, -1.0], trials=20_000)
+
+
+def _track_estimate() -> Callable[[], Any]:
+    scene, seen = _scene()
+    legs = scene.with_motion(gm.tracks.Motion.legs(count=3))
+    return lambda: [gm.tracks.estimate(legs, [seen], polish=64) for _ in range(300)]
+
+
+_PRIOR = {f"x{i}": (0.3, 1.0) for i in range(6)}
+
+
+def _threshold(function: Callable[[Any], Any], samples: int) -> Callable[[], Any]:
+    model = gm.from_function(function, np.zeros(6), 1.0, [f"x{i}" for i in range(6)])
+    noise = np.geomspace(0.1, 10.0, 20)
+    return lambda: gm.bounds.threshold(model, _PRIOR, np.eye(6), noise, samples=samples)
+
+
+def _weiss_weinstein(function: Callable[[Any], Any], samples: int) -> Callable[[], Any]:
+    model = gm.from_function(function, np.zeros(6), 1.0, [f"x{i}" for i in range(6)])
+    vectors = _rng().normal(size=(40, 6))
+    return lambda: gm.bounds.weiss_weinstein(model, _PRIOR, vectors, samples=samples)
+
+
+def _barankin() -> Callable[[], Any]:
+    model = gm.from_function(_slow, np.zeros(6), 1.0, [f"x{i}" for i in range(6)])
+    points = 0.1 * _rng().normal(size=(3000, 6))
+    return lambda: gm.bounds.barankin(model, np.full(6, 0.3), points)
+
+
+def _native() -> Any:
+    given = _bearings(2000)
+    return gm.bearings.BearingsModel(given["times"], given["observer"], np.array([0.01]))
+
+
+_WHERE = {"x0": (2e3, 5e2), "y0": (6e3, 5e2), "vx": (3.0, 1.0), "vy": (-1.0, 1.0)}
+
+
+def _threshold_native() -> Callable[[], Any]:
+    model, noise, vectors = _native(), np.geomspace(0.1, 10.0, 20), 100.0 * np.eye(4)
+    return lambda: gm.bounds.threshold(model, _WHERE, vectors, noise, samples=20_000)
+
+
+def _weiss_weinstein_native() -> Callable[[], Any]:
+    model, vectors = _native(), _rng().normal(size=(40, 4)) * [1e3, 1e3, 1.0, 1.0]
+    return lambda: gm.bounds.weiss_weinstein(model, _WHERE, vectors, samples=20_000)
+
+
+def _barankin_native() -> Callable[[], Any]:
+    model, truth = _native(), np.array([2e3, 6e3, 3.0, -1.0])
+    points = truth + _rng().normal(size=(2500, 4))
+    return lambda: gm.bounds.barankin(model, truth, points)
+
+
+def _registration_estimate(samples: int, method: Any) -> Callable[[], Any]:
+    places = np.linspace([10e3, 80e3], [50e3, 60e3], samples)
+    sensors, sigma = [[0.0, 0.0], [60e3, 0.0]], [[50.0, 0.002], [50.0, 0.002]]
+    reports = gm.registration.simulate(places, sensors, sigma, seed=1).values
+    prior = np.array([1e3, 0.1, 1e3, 0.1])
+    return lambda: [
+        gm.registration.estimate(reports, sensors, sigma, method, prior=prior) for _ in range(100)
+    ]
+
+
+def _dipole_sources() -> Callable[[], Any]:
+    given = _dipole(2000)
+    sigma = given.pop("sigma")
+    other = given | {"r0": given["r0"] + [1.5, -1.0, 0.0], "m": np.array([5.0, -9.0, 20.0])}
+    field = gm.dipole.measure(**given) + gm.dipole.measure(**other)
+    field += sigma * _rng().normal(size=field.shape)
+    known = {"vz": 0.0}
+    return lambda: [
+        gm.dipole.localize(given["times"], field, known, sigma=sigma, sources=3) for _ in range(5)
+    ]
+
+
+def _dipole_motion() -> Callable[[], Any]:
+    given = _dipole(4000)
+    sigma = given.pop("sigma")
+    field = gm.dipole.measure(**given)
+    field += sigma * _rng().normal(size=field.shape)
+    known = {"vz": 0.0}
+    return lambda: [
+        gm.dipole.localize(given["times"], field, known, sigma=sigma, motion="turning")
+        for _ in range(20)
+    ]
+
+
+def _distance() -> Callable[[], Any]:
+    A, C = _system(60, 1)
+    return lambda: gm.linear.distance(A, C, certify=True)
+
+
+def _unobservable() -> Callable[[], Any]:
+    A, C = _system(500, 1)
+    return lambda: gm.linear.unobservable(A, C)
+
+
+def _hankel() -> Callable[[], Any]:
+    A, C = _system(500, 1)
+    return lambda: gm.linear.hankel(A - np.eye(500), C.T, C)
+
+
+def _gramian_factor() -> Callable[[], Any]:
+    A, C = _system(700, 1)
+    return lambda: gm.linear.gramian_factor(A - np.eye(700), C)
+
+
+def _decay(t: Any, x: Any) -> Any:
+    time.sleep(1e-5)
+    return np.array([x[1], -x[0]])
+
+
+def _from_ode() -> Callable[[], Any]:
+    return lambda: gm.dynamics.from_ode(
+        _decay, lambda t, x: x[:1] ** 2, [1.0, 0.5], np.arange(20_000.0), ["a", "b"]
+    )
+
+
+def _empirical() -> Callable[[], Any]:
+    return lambda: gm.dynamics.empirical_gramian(
+        _decay, lambda t, x: x[:1] ** 2, [1.0, 0.5], np.arange(20_000.0), step=0.1
+    )
+
+
+def _from_map() -> Callable[[], Any]:
+    return lambda: gm.dynamics.from_map(
+        lambda t, x: _decay(t, x) * 0.99,
+        lambda t, x: x[:1] ** 2,
+        [1.0, 0.5],
+        np.arange(200_000.0),
+        ["a", "b"],
+    )
+
+
+def _from_function() -> Callable[[], Any]:
+    def h(x: Any) -> Any:
+        time.sleep(1e-4)
+        return np.sin(np.outer(np.arange(300.0), np.ones(300)) @ x)
+
+    return lambda: gm.from_function(h, np.ones(300), 1.0, [f"x{i}" for i in range(300)]).rows()
+
+
+def _two_legs() -> Callable[[], Any]:
+    return lambda: [
+        gm.maneuver.two_legs(50e3, 5.0, 600.0, 100_000, sigma=0.01) for _ in range(10_000)
+    ]
+
+
+def _check_record() -> Callable[[], Any]:
+    given = _dipole(500_000)
+    field = gm.dipole.simulate(**given, seed=1)
+    return lambda: gm.dipole.check_record(given["times"], field)
+
+
+def _field() -> Callable[[], Any]:
+    return lambda: gm.registration.field(
+        [[0.0, 0.0], [60e3, 0.0]],
+        [[50.0, 0.002], [50.0, 0.002]],
+        [0.0, 60e3, 10e3, 90e3],
+        2000.0,
+        points=3000,
+    )
+
+
+def _maneuvers() -> Callable[[], Any]:
+    flight = gm.inertial.segments([gm.inertial.Leg(600.0)] * 40, 0.7, speed=50.0, step=1.0)
+    return lambda: gm.inertial.maneuvers(flight, dt=0.5)
+
+
 def _monte_carlo() -> Callable[[], Any]:
     problem = gm.Problem(_rng().normal(size=(60, 30)), [f"x{i}" for i in range(30)])
     return lambda: gm.monte_carlo.run(problem, trials=20_000_000, seed=1, progress=False)
@@ -237,6 +436,32 @@ CASES: dict[str, Callable[[], Callable[[], Any]]] = {
     "estimate": _estimate,
     "estimate_trials": _estimate_trials,
     "other_solutions": _other_solutions,
+    "Estimate.interval": _interval,
+    "Estimate.region": _region,
+    "tracks.choose_legs": _choose_legs,
+    "tracks.leg_penalty": _leg_penalty,
+    "tracks.estimate": _track_estimate,
+    "bounds.threshold": _threshold_native,
+    "bounds.threshold of a Python h": lambda: _threshold(_slow, 4096),
+    "bounds.weiss_weinstein": _weiss_weinstein_native,
+    "bounds.weiss_weinstein of a Python h": lambda: _weiss_weinstein(_slow, 4096),
+    "bounds.barankin": _barankin_native,
+    "bounds.barankin of a Python h": _barankin,
+    "registration.estimate": lambda: _registration_estimate(20_000, "ml"),
+    "registration.estimate, gls": lambda: _registration_estimate(20_000, "gls"),
+    "registration.field": _field,
+    "dipole.localize of several sources": _dipole_sources,
+    "dipole.localize with a turn": _dipole_motion,
+    "dipole.check_record": _check_record,
+    "linear.distance": _distance,
+    "linear.unobservable": _unobservable,
+    "linear.hankel": _hankel,
+    "linear.gramian_factor": _gramian_factor,
+    "dynamics.from_ode": _from_ode,
+    "dynamics.from_map": _from_map,
+    "dynamics.empirical_gramian": _empirical,
+    "from_function": _from_function,
+    "inertial.maneuvers": _maneuvers,
     "bearings.localize_trials": _bearings_trials,
     "bearings.discriminant_sum": _quadruples,
     "dipole.localize": _dipole_localize,
@@ -296,6 +521,8 @@ class Interrupted:
 
 
 def _serve() -> None:
+    # A shell that starts this in the background has the signal ignored, and children inherit it.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     for line in sys.stdin:
         call = CASES[line.strip()]()
         try:

@@ -44,6 +44,31 @@ def test_faults_are_named(change, kind, text):
     assert [f.kind for f in found.findings if f.text.startswith(text)] == [kind], found.summary()
 
 
+def coarse(step=2e-7):
+    """A record whose steps hide the noise: 2y keeps one value before the pass."""
+    y = gm.dipole.simulate(
+        [-6, 1, 0.5], [1, 0, 0], [300, 160, 230], T, 1e-8, seed=1, sensors=SENSORS
+    )
+    y += 1.3e-6
+    return step * np.round(y / step)
+
+
+def test_a_spike_elsewhere_does_not_make_a_coarse_channel_stuck():
+    y = coarse()
+    y[:300, 1, 1] = y[0, 1, 1]  # nothing passes yet: so would a sound channel read
+    y[100, 0, 0] += 60e-6
+    y[205, 0, 1] -= 60e-6
+    kinds = {(f.kind, f.channel) for f in gm.dipole.check_record(T, y).findings}
+    assert kinds == {("spikes", "1x"), ("spikes", "1y")}
+
+
+def test_a_coarse_channel_is_stuck_while_others_see_a_pass():
+    y = coarse()
+    y[400:800, 1, 1] = y[400, 1, 1]
+    found = gm.dipole.check_record(T, y)
+    assert [(f.kind, f.channel) for f in found.findings if f.kind == "stuck"] == [("stuck", "2y")]
+
+
 def test_axes_that_are_swapped():
     y = record()
     y[:, 1] = y[:, 1][:, [1, 0, 2]]
@@ -79,6 +104,8 @@ def test_recorded_car(recorded):
     )
     found = gm.dipole.check_record(t, y)
     assert all(found.usable), found.summary()
+    # 2y reads 0.4 uT for 7 s before the car comes: steps of 0.2 uT, and spikes elsewhere.
+    assert {f.kind for f in found.findings} == {"spikes"}, found.summary()
     np.testing.assert_allclose(found.step, 2e-7, rtol=0.01)
     broken = y.copy()
     broken[:, 0, 1] = 4e-6

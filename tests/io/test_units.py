@@ -201,8 +201,9 @@ def of_known_unit():
     return [
         pytest.param(*case.values, id=case.id)
         for case in numeric()
-        # A linear system has its own unit of time.
-        if WANTED.get(case.values[1], "place") != "place" and "linear." not in case.values[0]
+        # A system of the caller's own has its own unit of time.
+        if WANTED.get(case.values[1], "place") != "place"
+        and not case.values[0].startswith(("linear.", "dynamics."))
     ]
 
 
@@ -218,3 +219,71 @@ OTHER = {
     "s": U.minute, "m": U.ft, "m/s": U.knot, "rad": U.deg, "rad/s": U.deg / U.s, "T": U.nT,
     "A*m**2": U.mA * U.m**2, "m/s**2": U.gravity, "m**3": U.liter,
 }  # fmt: skip
+
+
+def scene(times):
+    carrier = gm.tracks.Carrier(PATH, times)
+    sensor = gm.tracks.Sensor.bearing(carrier, times, sigma=1e-3)
+    return gm.tracks.Scene(gm.tracks.Motion.constant_velocity(), [sensor])
+
+
+#: Estimates with knowledge by name: of km and knots, as a unit of a library or as a factor.
+KNOWING = [
+    lambda km, kn: gm.bearings.localize(T, SEEN, PATH, 1e-3, {"x0": (2 * km, 0.5 * km)}).state,
+    lambda km, kn: gm.bearings.estimate(T, SEEN, PATH, 1e-3, {"vx": (6 * kn, 1 * kn)}).state,
+    lambda km, kn: gm.estimate(
+        gm.bearings.BearingsModel(T, PATH, np.array([1e-3])), SEEN, search=False,
+        known={"x0": 2 * km}, prior={"vx": (6 * kn, 1 * kn)}, box={"y0": (1 * km, 9 * km)},
+    ).state,
+    lambda km, kn: gm.tracks.estimate(
+        scene(T), [SEEN], known={"x0": 2 * km}, prior={"vx": (6 * kn, 1 * kn)}
+    ).state,
+    lambda km, kn: gm.tracks.rows(scene(T), {"x0": 2 * km, "y0": 6 * km, "vx": 6 * kn, "vy": -1.0}),
+    lambda km, kn: gm.dipole.localize(
+        PASS_TIMES, FIELD, {"vz": 0 * kn, "z": 0.005 * km}, {"x0": (-0.01 * km, 0.001 * km)},
+        sigma=1e-12,
+    ).state,
+    lambda km, kn: gm.analyze(
+        gm.bearings.problem(T, PATH, STATE, 1e-3), prior={"x0": 0.5 * km}
+    ).crlb_std,
+    lambda km, kn: gm.registration.estimate(
+        gm.registration.simulate(PLACES, SENSORS, SIGMA2, seed=1), SENSORS, SIGMA2,
+        prior={"A.range": 0.1 * km, "B.range": 0.1 * km},
+    ).state,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("call", KNOWING)
+@pytest.mark.parametrize("library", ["pint", "astropy"])
+def test_what_is_known_by_name_may_have_units(call, library):
+    if library == "pint":
+        km, kn = U.km, U.knot
+    else:
+        units = pytest.importorskip("astropy.units")
+        km, kn = units.km, KN * units.m / units.s
+    np.testing.assert_allclose(call(km, kn), call(KM, KN), rtol=1e-7, atol=1e-12)
+
+
+@pytest.mark.parametrize("call", KNOWING)
+def test_what_is_known_by_name_in_another_unit_is_refused(call):
+    with pytest.raises(gm.InputError, match="candela: must be convertible to m"):
+        call(WRONG, WRONG)
+
+
+def test_dates_are_times_of_tracks_and_passes():
+    start = np.datetime64("2026-05-01T12:00:00")
+    dates = start + (T * 1e3).astype("timedelta64[ms]")
+    dated, plain_one = scene(dates), scene(T)
+    assert dated.origin == gm.io.unix_seconds("2026-05-01T12:00:00")
+    np.testing.assert_allclose(
+        gm.tracks.rows(dated, STATE), gm.tracks.rows(plain_one, STATE), rtol=1e-6, atol=1e-6
+    )
+    found = gm.tracks.estimate(dated, [SEEN])
+    np.testing.assert_allclose(found.track(dates[:2]), found.track(dated.origin + T[:2]))
+    moments = start + (PASS_TIMES * 1e3).astype("timedelta64[ms]")
+    known = {"vz": 0.0, "z": 5.0}
+    by_date = gm.dipole.localize(moments, FIELD, known, sigma=1e-12)
+    by_second = gm.dipole.localize(PASS_TIMES, FIELD, known, sigma=1e-12)
+    assert by_date.closest.time - dated.origin == pytest.approx(by_second.closest.time, abs=1e-5)
+    with pytest.raises(gm.InputError, match="holds dates"):
+        scene(T).state({"x0": start, "y0": 6000.0, "vx": 3.0, "vy": -1.0})

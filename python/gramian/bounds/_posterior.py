@@ -95,6 +95,8 @@ class Posterior(Value):
             A deviation that is negative, a matrix that is not a covariance, a form that
             cannot hold the prior.
         """
+        if names is not None:
+            names = options.names(names, "names", "names of states")
         start, exact = _start(prior, form, names, combinations)
         return start.know(exact) if len(exact) else start
 
@@ -210,7 +212,10 @@ class Posterior(Value):
             self.form == "covariance",
             False,
         )
-        return replace(self, root=found["roots"][..., 0, :, :])
+        after = found["roots"][..., 0, :, :]
+        if np.isnan(after).any():
+            raise InputError("a bound overflows float64: choose other units")
+        return replace(self, root=after)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -373,7 +378,9 @@ def posterior(
     else:
         source = _first_problem(rows)
         names = None if source is None else source.names
-        start, exact = _start(prior, form, names, None if source is None else source.combinations)
+        more = None if source is None else source.combinations
+        units = () if source is None else source.units
+        start, exact = _start(prior, form, names, more, units)
     n = start.n
     plain, constraints = _plain_rows(rows, exact)
     if constraints:
@@ -410,6 +417,7 @@ def _start(
     form: Form | None,
     names: Sequence[str] | None,
     combinations: Mapping[str, Array] | None,
+    units: Sequence[str] = (),
 ) -> tuple[Posterior, Array]:
     """Return the start of a prior, and what it knows exactly and that start does not hold."""
     if form is not None:
@@ -423,7 +431,7 @@ def _start(
             return _of_covariance(given, form), np.zeros((0, given.shape[-1]))
         names = [f"x{i}" for i in range(given.size)]
     n = len(names)
-    known = as_knowledge(prior, names, combinations)
+    known = as_knowledge(prior, names, combinations, units=units)
     rows, exact = known.whitened, known.exact
     everything = np.linalg.matrix_rank(known.rows) == n if len(known.rows) >= n else False
     if form == "covariance" and not everything:

@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian import _options as options
 from gramian._answers import Answer, Columns
 from gramian._arrays import finite, whole
-from gramian._handle import EstimationModel, handle_of
+from gramian._handle import EstimationModel, as_model, handle_of
+from gramian._noise import as_pair
 from gramian.exceptions import InputError, UnobservableError
 
 __all__ = ["Threshold", "WeissWeinstein", "barankin", "threshold", "weiss_weinstein"]
@@ -103,6 +105,7 @@ def barankin(model: EstimationModel, x: ArrayLike, points: ArrayLike) -> Array:
     -----
     McAulay & Hofstetter 1971. A test point that noise never prefers adds nothing.
     """
+    model = as_model(model)
     state, others = finite(x, "x"), finite(points, "points")
     n = len(model.names)
     if state.shape != (n,):
@@ -149,6 +152,7 @@ def weiss_weinstein(
     -----
     Weiss & Weinstein 1988 with s = 1/2. Vectors whose integral is below 1e-8 are left out.
     """
+    model = as_model(model)
     mean, sigma = _normal(model, prior)
     steps = finite(vectors, "vectors")
     if steps.ndim != 2 or steps.shape[1] != mean.size:
@@ -181,10 +185,14 @@ def threshold(
     -------
     Threshold
     """
+    model = as_model(model)
     factors = finite(noise, "noise")
     if factors.ndim != 1 or factors.size < 2 or not (np.diff(factors) > 0).all() or factors[0] <= 0:
         raise InputError(f"noise = {factors}: must be two factors or more, ascending and > 0")
     mean, sigma = _normal(model, prior)
+    given = finite(vectors, "vectors")
+    if given.ndim != 2 or given.shape[1] != mean.size:
+        raise InputError(f"vectors has shape {given.shape}: must be (k, {mean.size})")
     draws = _core.normals(0, 0, whole(samples, "samples", 1, 2**31), mean.size)
     rows = np.array([model.rows(mean + sigma * draw) for draw in draws])
     information = np.einsum("sij,sik->jk", rows, rows) / len(rows)
@@ -193,7 +201,7 @@ def threshold(
         covariance = np.linalg.inv(information / factor**2 + np.diag(sigma**-2))
         local.append(np.diagonal(covariance))
         small = 0.01 * np.diag(np.sqrt(local[-1]))
-        steps = np.concatenate([small, np.atleast_2d(finite(vectors, "vectors"))])
+        steps = np.concatenate([small, given])
         found = weiss_weinstein(_Louder(model, float(factor)), prior, steps, samples=samples)
         bound.append(np.diagonal(found.bound))
     low, high = np.array(local), np.array(bound)
@@ -229,10 +237,14 @@ class _Louder:
 def _normal(
     model: EstimationModel, prior: Mapping[str, tuple[float, float]]
 ) -> tuple[Array, Array]:
-    missing = [name for name in model.names if name not in prior]
+    given = options.mapping(prior, "prior", "name to (mean, sigma)")
+    missing = [name for name in model.names if name not in given]
     if missing:
         raise InputError(f"prior lacks {', '.join(missing)}: every state must have one")
-    pairs = finite([prior[name] for name in model.names], "prior")
-    if pairs.shape != (len(model.names), 2) or (pairs[:, 1] <= 0).any():
-        raise InputError("prior: must be (mean, sigma) of each state, sigma > 0")
-    return pairs[:, 0].copy(), pairs[:, 1].copy()
+    if more := [name for name in given if name not in model.names]:
+        raise InputError(f"prior of {more[0]!r}: the states are {', '.join(model.names)}")
+    pairs = [
+        as_pair(given[name], f"prior of {name}", unit)
+        for name, unit in zip(model.names, model.units, strict=True)
+    ]
+    return np.array([mean for mean, _ in pairs]), np.array([sigma for _, sigma in pairs])

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gramian import _options as options
+from gramian._arrays import whole
 from gramian._files import read_text, read_whole
 from gramian.exceptions import InputError
 from gramian.io import _gpx, _kml, _nmea, _rep, _slips, _table
@@ -113,6 +114,11 @@ def read(
     """
     if not paths:
         raise InputError("read was given no file")
+    columns = options.mapping(columns, "columns", "what a column holds to its heading")
+    units = options.mapping(units, "units", "what a column holds to its unit")
+    separator, decimal = _signs(separator, decimal)
+    if size_limit is not None:
+        size_limit = whole(size_limit, "size_limit", 1)
     if dates is not None:
         options.choice(dates, "dates", ("day first", "month first"))
     found = []
@@ -132,8 +138,13 @@ def read(
 
 def joined(recordings: Sequence[Recording], trust: Collection[str] = ()) -> Recording:
     """Return recordings as one, on one clock and in one plane, checked for slips."""
-    recording = merged(recordings)
-    _slips.check(recording, trust)
+    given = options.sequence(recordings, "recordings", "recordings that `read` returned")
+    if not given:
+        raise InputError("recordings is empty: there must be at least one")
+    for i, one in enumerate(given):
+        options.instance(one, Recording, f"recordings[{i}]", "a recording that `read` returned")
+    recording = merged(given)
+    _slips.check(recording, _trusted(trust))
     return recording
 
 
@@ -204,11 +215,25 @@ def table(path: Path | str, *, separator: str | None = None, decimal: str | None
     >>> io.table(path).numbers("x_uT").tolist()
     [1.5, nan]
     """
-    path = Path(path)
+    path = Path(options.path(path))
+    separator, decimal = _signs(separator, decimal)
     text = _text(path, None)
     if text is None:
         return _table.read_parquet(path)
     return _table.read_table(path, text, separator=separator, decimal=decimal)
+
+
+def _signs(separator: str | None, decimal: str | None) -> tuple[str | None, str | None]:
+    """Return what separates cells, and the decimal sign."""
+    if separator is not None and not (isinstance(separator, str) and len(separator) == 1):
+        raise InputError(f"separator = {options.given(separator)}: must be one character")
+    return separator, None if decimal is None else options.choice(decimal, "decimal", (".", ","))
+
+
+def _trusted(trust: Collection[str]) -> tuple[str, ...]:
+    if isinstance(trust, (set, frozenset)):
+        trust = sorted(trust, key=str)
+    return options.names(trust, "trust", "checks")
 
 
 def _text(path: Path, size_limit: int | None) -> str | None:

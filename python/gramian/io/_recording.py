@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gramian._answers import Answer, Columns
+from gramian._arrays import finite, real
 from gramian.exceptions import InputError
 from gramian.io._plane import centre, to_plane
 from gramian.io._times import utc
@@ -100,6 +101,10 @@ class Track(Answer):
         InputError
             Times beyond the track, or in a gap longer than `max_gap` seconds.
         """
+        times = finite(times, "times")
+        if times.ndim != 1 or not times.size:
+            raise InputError(f"times has shape {times.shape}: must be (m,), not empty")
+        max_gap = real(max_gap, "max_gap")
         t, first, last = self.times, float(times.min()), float(times.max())
         if first < t[0] or last > t[-1]:
             raise InputError(

@@ -10,13 +10,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian import _options as options
 from gramian._answers import Columns
-from gramian._arrays import as_float_array, representable
+from gramian._arrays import finite, number, real, representable, whole
 from gramian._registry import draw
 from gramian._text import brief, plain
 from gramian.analysis import Observability, Suggestion
 from gramian.exceptions import InputError
-from gramian.large._problem import SparseProblem, available_bytes
+from gramian.large._problem import (
+    SparseProblem,
+    available_bytes,
+    compressed,
+    require_finite_rows,
+)
 from gramian.large._words import NullCombination, null_combinations, some_blocks
 
 if TYPE_CHECKING:
@@ -215,6 +221,7 @@ class SparseObservability(Observability):
         """
         from scipy.sparse import csc_array, diags_array
 
+        count = whole(count, "count", 1)
         values, (start, index, value) = self._sparse.weakest(count)
         vectors = csc_array((value, index, start), shape=(len(self.names), len(values)))
         scaled = diags_array(self._sparse.scale()) @ vectors @ diags_array(1 / values)
@@ -249,7 +256,15 @@ class SparseObservability(Observability):
         Such bounds exist where those of the states do not: a common shift has no part
         in them.
         """
-        return self.std_of_all([{a: 1.0, b: -1.0} for a, b in pairs])
+        differences = []
+        for i, pair in enumerate(options.sequence(pairs, "pairs")):
+            both = options.names(pair, f"pairs[{i}]", "two names")
+            if len(both) != 2:
+                raise InputError(f"pairs[{i}] has {len(both)} names: must have 2")
+            index = self.problem.index
+            same = index(both[0]) == index(both[1])
+            differences.append({both[0]: 0.0} if same else {both[0]: 1.0, both[1]: -1.0})
+        return self.std_of_all(differences)
 
     def covariance(self, names: Sequence[str] | None = None) -> Array:
         """Return the covariance at the bound of some states or blocks.
@@ -264,9 +279,8 @@ class SparseObservability(Observability):
         ndarray, shape (m, m)
             `inf` on the diagonal and NaN beside it for states that are not observable.
         """
-        states = [
-            self.names[j] for name in names or self.names for j in self.problem.columns_of(name)
-        ]
+        wanted = self.names if names is None else options.names(names, "names")
+        states = [self.names[j] for name in wanted for j in self.problem.columns_of(name)]
         start, column, value = self._lines(states)
         return self._sparse.covariance(start, column, value)
 
@@ -277,12 +291,15 @@ class SparseObservability(Observability):
 
     def rank_gain(self, rows: Any) -> int:
         """Return how much rank rows (m, n), dense or sparse, would add together."""
-        from scipy.sparse import csr_array
+        from scipy.sparse import csr_array, issparse
 
-        array = csr_array(rows)
-        if array.shape[1] != len(self.names):
-            raise InputError(f"rows has shape {array.shape}: must be (m, {len(self.names)})")
-        array.sum_duplicates()
+        if not issparse(rows):
+            dense = np.atleast_2d(finite(rows, "rows"))
+            if dense.ndim != 2 or dense.shape[1] != len(self.names):
+                raise InputError(f"rows has shape {dense.shape}: must be (m, {len(self.names)})")
+            rows = csr_array(dense)
+        array = compressed(rows, len(self.names), None)
+        require_finite_rows(array, self.names)
         return self._sparse.rank_gain(
             array.indptr.astype(np.int64), array.indices.astype(np.int64), array.data * 1.0
         )
@@ -297,7 +314,8 @@ class SparseObservability(Observability):
         sigma : float
             Its standard deviation; 0 for exactly (states and blocks only).
         """
-        if not 0 <= sigma < np.inf:
+        sigma = number(sigma, "sigma")
+        if sigma < 0:
             raise InputError(f"sigma = {sigma}: must be >= 0 and finite")
         if sigma == 0 and not isinstance(combination, str):
             raise InputError("sigma = 0 is for a state or block: give a combination sigma > 0")
@@ -353,16 +371,19 @@ class SparseObservability(Observability):
         self, combinations: Sequence[Combination]
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
         start, column, value = [0], [], []
-        for combination in combinations:
+        for combination in options.sequence(combinations, "combinations"):
             if isinstance(combination, str) and combination not in self.problem.combinations:
                 entries = {self.problem.index(combination): 1.0}
             elif isinstance(combination, Mapping):
-                entries = {self.problem.index(k): float(v) for k, v in combination.items()}
+                entries = {
+                    self.problem.index(k): number(v, f"coefficient of {k}")
+                    for k, v in combination.items()
+                }
             else:
                 vector = (
                     self.problem.combinations[combination]
                     if isinstance(combination, str)
-                    else as_float_array(combination, "combination")
+                    else finite(combination, "combination")
                 )
                 if vector.shape != (len(self.names),):
                     raise InputError(
@@ -491,7 +512,11 @@ def analyze_sparse(
     >>> answer.rank, answer.null_combinations
     (1, ('a +1, b +1',))
     """
-    tolerance = problem.rtol if rtol is None else rtol
+    options.instance(problem, SparseProblem, "problem", "a sparse problem")
+    for label, limit in (("weak_ratio", weak_ratio), ("weak_condition", weak_condition)):
+        if limit is not np.inf and not real(limit, label) > 0:
+            raise InputError(f"{label} = {limit}: must be > 0")
+    tolerance = problem.rtol if rtol is None else options.fraction(rtol, "rtol")
     analysis = _reduced(problem.all_rows, tolerance)
     answer = SparseObservability(problem, analysis, tolerance)
     status, reason, decided_by = _status(problem, answer, weak_ratio, weak_condition)

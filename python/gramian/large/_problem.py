@@ -12,12 +12,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import as_float_array, finite
+from gramian import _options as options
+from gramian._arrays import as_float_array, finite, whole
 from gramian._noise import as_mean_and_sigma
 from gramian.exceptions import InputError
-from gramian.problem import Problem
+from gramian.problem import Problem, checked_scale
 
-__all__ = ["SparseProblem", "available_bytes", "compressed", "similarity_gauges"]
+__all__ = [
+    "SparseProblem",
+    "available_bytes",
+    "compressed",
+    "require_finite_rows",
+    "similarity_gauges",
+]
 
 Array = NDArray[np.float64]
 
@@ -94,21 +101,28 @@ class SparseProblem(Problem):
         gauges: Mapping[str, ArrayLike] | None = None,
         shape: tuple[int, int] | None = None,
     ) -> None:
+        if names is not None and not callable(names):
+            names = options.names(names, "names", "names or a function")
         count = None if names is None or callable(names) else len(names)
         array = compressed(rows, count, shape)
         n = array.shape[1]
         if n == 0:
             raise InputError(f"rows has shape {array.shape}: must have at least one column")
         listed = _names(names, n)
+        if units is not None:
+            units = options.names(units, "units", "strings")
         if units is not None and len(units) != n:
             raise InputError(f"units has {len(units)} entries: must have {n}, one for each state")
         scales = np.full(n, np.nan) if scale is None else as_float_array(scale, "scale").copy()
-        if scales.shape != (n,) or (scales[~np.isnan(scales)] <= 0).any():
-            raise InputError(f"scale has shape {scales.shape}: must be ({n},), > 0 or NaN for none")
-        if rtol is not None and not 0 < rtol < 1:
-            raise InputError(f"rtol = {rtol}: must be between 0 and 1")
-        _require_finite(array, listed)
-        own = [_before_dot(name) for name in listed] if blocks is None else list(blocks)
+        scales = checked_scale(scales, listed)
+        if rtol is not None:
+            rtol = options.fraction(rtol, "rtol")
+        require_finite_rows(array, listed)
+        own = (
+            [_before_dot(name) for name in listed]
+            if blocks is None
+            else options.names(blocks, "blocks", "names of blocks")
+        )
         if len(own) != n:
             raise InputError(f"blocks has {len(own)} entries: must have {n}, one for each state")
         number: dict[str, int] = {}
@@ -158,25 +172,25 @@ class SparseProblem(Problem):
 
     def index(self, name: str) -> int:
         """Return the column of a state."""
-        try:
+        if isinstance(name, str) and name in self._columns:
             return self._columns[name]
-        except KeyError:
-            raise InputError(f"no state is named {name!r}: {_some(self.names)}") from None
+        raise InputError(f"no state is named {options.given(name)}: {_some(self.names)}")
 
     def columns_of(self, name: str) -> list[int]:
         """Return the column of a state, or the columns of a block."""
-        if name in self._columns:
-            return [self._columns[name]]
-        if name in self._block_columns:
-            return [int(j) for j in self._block_columns[name]]
+        if isinstance(name, str):
+            if name in self._columns:
+                return [self._columns[name]]
+            if name in self._block_columns:
+                return [int(j) for j in self._block_columns[name]]
         raise InputError(
-            f"no state or block is named {name!r}: {_some(self.names)}; "
+            f"no state or block is named {options.given(name)}: {_some(self.names)}; "
             f"the blocks are {_some(self.blocks, '')}"
         )
 
     def direction(self, name: str) -> Array:
         """Return the coefficients (n,) of a state or named combination."""
-        if name in self.combinations:
+        if isinstance(name, str) and name in self.combinations:
             return self.combinations[name]
         direction = np.zeros(self.n)
         direction[self.index(name)] = 1.0
@@ -210,7 +224,7 @@ class SparseProblem(Problem):
     def with_rows(self, rows: Any) -> SparseProblem:
         """Return the same problem with other measurement rows (K, n)."""
         array = compressed(rows, self.n, None)
-        _require_finite(array, self.names)
+        require_finite_rows(array, self.names)
         return self._replaced(rows=array)
 
     def prior(self, sigmas: Mapping[str, Any] | ArrayLike) -> SparseProblem:
@@ -229,14 +243,15 @@ class SparseProblem(Problem):
                 raise InputError(f"prior has shape {each.shape}: must be ({self.n},)")
             sigmas = dict(zip(self.names, each.tolist(), strict=True))
         spread: dict[str, Any] = {}
-        for name, sigma in sigmas.items():
+        for name, sigma in options.mapping(sigmas, "prior").items():
             if name in self.combinations or name in self._columns:
                 spread[name] = sigma
             else:
                 spread |= {self.names[j]: sigma for j in self.columns_of(name)}
         priors = dict(self.priors)
         for name, sigma in spread.items():
-            _, value = as_mean_and_sigma(sigma, f"prior of {name}")
+            unit = self.units[self._columns[name]] if name in self._columns else ""
+            _, value = as_mean_and_sigma(sigma, f"prior of {name}", unit)
             if value == np.inf:
                 continue
             if value == 0:
@@ -249,6 +264,32 @@ class SparseProblem(Problem):
     def fix(self, *names: str) -> SparseProblem:
         """Return the problem with these states, or all states of these blocks, known exactly."""
         return self._kept(self._gone(names))
+
+    def constrain(self, rows: ArrayLike) -> SparseProblem:
+        """Refuse: a sparse problem knows states and blocks exactly, not combinations.
+
+        Raises
+        ------
+        InputError
+            Always: name the combination in `combinations` and give it a prior.
+        """
+        raise InputError(
+            "a sparse problem takes no exact combination of states: name it in combinations= "
+            "and give it a prior with a small deviation, or fix the states"
+        )
+
+    def factor(self, *, prior: bool = True, rtol: float | None = None) -> _core.Analysis:
+        """Refuse: a sparse problem is factored sparsely, by `gramian.analyze`.
+
+        Raises
+        ------
+        InputError
+            Always.
+        """
+        raise InputError(
+            "a sparse problem has no dense factor: `gramian.analyze` answers for it, or make a "
+            "problem of rows.toarray() where it is small"
+        )
 
     def marginalize(self, names: Iterable[str]) -> SparseProblem:
         """Return the problem of the other states, with these not known at all.
@@ -265,7 +306,8 @@ class SparseProblem(Problem):
         first: the Schur complement, without forming it. What is left below about 1e-9 of
         a column is taken for rounding (`rtol` of the result).
         """
-        gone = self._gone([names] if isinstance(names, str) else list(names))
+        wanted = (names,) if isinstance(names, str) else names
+        gone = self._gone(options.names(wanted, "names", "names of states or blocks"))
         used = [name for name in self.priors if self.direction(name)[gone].any()]
         rows = _stacked([self.rows, self._prior_rows(used)]) if used else self.rows
         from scipy.sparse import csr_array
@@ -425,14 +467,31 @@ def similarity_gauges(
     >>> gauges["rotation about z"]
     array([-2.,  1.,  1.])
     """
-    d = len(next((np.atleast_1d(p) for p in positions if p is not None), np.zeros(2)))
+    axes = options.names(axes, "axes")
+    scale = options.flag(scale, "scale")
+    places, blocks = options.sequence(positions, "positions"), options.sequence(states, "states")
+    if len(places) != len(blocks):
+        raise InputError(
+            f"positions has {len(places)} entries and states {len(blocks)}: must be one for "
+            "each block"
+        )
+    where = [None if p is None else finite(p, f"positions[{i}]") for i, p in enumerate(places)]
+    wanted = [options.names(own, f"states[{i}]") for i, own in enumerate(blocks)]
+    d = next((p.size for p in where if p is not None), 2)
+    for i, p in enumerate(where):
+        if p is not None and (p.shape != (d,) or d not in (2, 3)):
+            raise InputError(
+                f"positions[{i}] has shape {p.shape}: must be (2,) for all, or (3,) for all"
+            )
+    if len(axes) < d:
+        raise InputError(f"axes has {len(axes)} entries: must have {d}")
     used = list(axes[:d])
     turning = {"theta": 2} | {f"r{axis}": i for i, axis in enumerate(axes)}
     directions: dict[str, list[float]] = {f"translation along {axis}": [] for axis in used}
     about = list(range(3)) if d == 3 else [2]
     directions |= {f"rotation about {axes[i] if i < len(axes) else 'z'}": [] for i in about}
     directions |= {"scale": []} if scale else {}
-    for place, own in zip(positions, states, strict=True):
+    for place, own in zip(where, wanted, strict=True):
         p = np.zeros(3)
         if place is not None:
             p[:d] = place
@@ -488,14 +547,19 @@ def compressed(rows: Any, count: int | None, shape: tuple[int, int] | None) -> A
 def _from_triplets(
     rows: Any, count: int | None, shape: tuple[int, int] | None, coo_array: Any
 ) -> Any:
-    values, (i, j) = rows
+    try:
+        values, (i, j) = rows
+        indices = [np.asarray(i), np.asarray(j)]
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"rows = {options.given(rows)}: must be a matrix of scipy.sparse, or "
+            "(values, (rows, columns))"
+        ) from error
     values = as_float_array(values, "values of the triplets").ravel()
     places = []
-    for label, given in (("row", i), ("column", j)):
-        index = np.asarray(given)
-        if index.size == 0:
-            index = index.astype(np.int64)
-        if index.dtype.kind not in "iu" or index.ndim != 1 or len(index) != len(values):
+    for label, index in zip(("row", "column"), indices, strict=True):
+        kind = index.dtype.kind if index.size else "i"
+        if kind not in "iu" or index.ndim != 1 or len(index) != len(values):
             raise InputError(
                 f"{label} numbers of the triplets are {index.dtype} of shape {index.shape}: must "
                 f"be whole numbers below 2^63, ({len(values)},), one for each value"
@@ -506,8 +570,8 @@ def _from_triplets(
             raise InputError(f"{label}[{k}] = {index[k]}: must be from 0 to 2^63 - 1")
         places.append(index.astype(np.int64))
     most = [int(p.max(initial=-1)) + 1 for p in places]
-    if shape is None:
-        shape = (most[0], most[1] if count is None else count)
+    by_data = (most[0], most[1] if count is None else count)
+    shape = by_data if shape is None else _shape(shape)
     for label, place, limit in zip(("row", "column"), places, shape, strict=True):
         if place.max(initial=-1) >= limit:
             k = int(np.argmax(place >= limit))
@@ -520,7 +584,18 @@ def _from_triplets(
     return coo_array((values, tuple(places)), shape=shape)
 
 
-def _require_finite(array: Any, names: Sequence[str]) -> None:
+def _shape(given: Any) -> tuple[int, int]:
+    try:
+        rows, columns = given
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"shape = {options.given(given)}: must be (measurements, states)"
+        ) from error
+    return whole(rows, "shape[0]"), whole(columns, "shape[1]")
+
+
+def require_finite_rows(array: Any, names: Sequence[str]) -> None:
+    """Raise where an entry of a sparse matrix is not finite."""
     wrong = ~np.isfinite(array.data)
     if wrong.any():
         k = int(np.argmax(wrong))
@@ -534,8 +609,6 @@ def _require_finite(array: Any, names: Sequence[str]) -> None:
 def _names(names: Sequence[str] | Callable[[int], str] | None, n: int) -> tuple[str, ...]:
     if names is None:
         return tuple(f"x{j}" for j in range(n))
-    if isinstance(names, str):
-        raise InputError(f"names = {names!r}: must be a sequence of names or a function")
     listed = tuple(names(j) for j in range(n)) if callable(names) else tuple(names)
     wrong = next((name for name in listed if not isinstance(name, str) or not name), None)
     if wrong is not None:
@@ -549,7 +622,7 @@ def _names(names: Sequence[str] | Callable[[int], str] | None, n: int) -> tuple[
 
 def _vectors(given: Mapping[str, ArrayLike] | None, label: str, n: int) -> Mapping[str, Array]:
     made = {}
-    for key, value in (given or {}).items():
+    for key, value in options.mapping(given, label, "name to coefficients").items():
         vector = finite(value, f"{label}[{key!r}]")
         if vector.shape != (n,):
             raise InputError(f"{label}[{key!r}] has shape {vector.shape}: must be ({n},)")

@@ -309,7 +309,9 @@ def _maximum_likelihood(experiment: Measurements, seed: int, first: int, trials:
     errors = np.full((trials, n), np.nan)
     nees = np.full(trials, np.nan)
     status = np.zeros(trials, dtype=np.int16)
-    known = as_knowledge(experiment.prior, model.names, model.combinations)
+    known = as_knowledge(
+        experiment.prior, model.names, model.combinations, units=tuple(model.units)
+    )
     # Streams of their own for the means: past all trials of the measurements.
     drawn = normals(seed, first + 2**62, trials, len(known.rows)) * known.sigma
     for k, z in enumerate(experiment.simulate(seed, first, trials)):

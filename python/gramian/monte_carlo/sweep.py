@@ -76,6 +76,12 @@ class SweepResult(Answer):
         state : str, optional
             Which state; without it, those of all states on a last axis.
         """
+        if not isinstance(what, str):
+            raise InputError(
+                f"what = {options.given(what)}: must be a word or the name of a quantity"
+            )
+        if state is not None and not isinstance(state, str):
+            raise InputError(f"state = {options.given(state)}: must be the name of a state")
         picked = [_value(result, what) for result in self.results]
         array = np.array(picked, dtype=float)
         array = array.reshape(*self.shape, *array.shape[1:])

@@ -13,7 +13,7 @@ use pyo3::types::{PyDict, PyInt};
 
 use crate::convert::Input;
 use crate::errors::{InputError, input_at};
-use crate::output::Batch;
+use crate::output::{self, Batch};
 use crate::run;
 
 /// An array and a matrix beside it.
@@ -317,7 +317,7 @@ impl TrackScene {
         seed: u64,
         first: u64,
         trials: usize,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let (n, m) = (self.scene.states(), self.scene.measurements());
         let state = Input::new(state, "state", 1)?;
         state.expect(&[Some(n)], "one number for each state")?;
@@ -325,7 +325,7 @@ impl TrackScene {
             .scene
             .values(state.slice()?)
             .map_err(|error| self.error("", error))?;
-        let out = PyArray2::zeros(py, [trials, m], false);
+        let out = output::array(py, &[trials, m])?;
         {
             let mut write = out.readwrite();
             let write = write.as_slice_mut()?;

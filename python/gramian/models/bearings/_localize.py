@@ -13,6 +13,7 @@ from gramian import _core
 from gramian import _options as options
 from gramian._answers import Answer, Columns, columns_of_states
 from gramian._arrays import SEED_MOST, as_float_array, finite, number, whole, wrap_angles
+from gramian._noise import as_pair
 from gramian._text import brief, describe_direction, plain
 from gramian.exceptions import InputError, UnobservableError
 from gramian.models.bearings._rows import check_index, state_names
@@ -254,11 +255,11 @@ def localize(
     """
     names, units = state_names(order)
     n = len(names)
-    known = _prior(prior, names)
+    known = _prior(prior, names, units)
     seen = as_float_array(bearings, "bearings")
     _check_options(weak_ratio, max_iterations, rtol)
     options.fraction(alpha, "alpha")
-    known = _prior(prior, names)
+    known = _prior(prior, names, units)
     _check_count(seen.shape[-1] if seen.ndim else 0, order, len(prior or {}))
     check_index(times, observer_index)
     found = _core.bearings_localize(
@@ -358,9 +359,9 @@ def localize_trials(
         raise InputError(
             f"target has shape {truth.shape}: must be (..., n), a state of 2, 4, 6 or 8 numbers"
         )
-    names, _ = state_names(n // 2 - 1)
+    names, units = state_names(n // 2 - 1)
     _check_options(weak_ratio, max_iterations, rtol)
-    known = _prior(prior, names)
+    known = _prior(prior, names, units)
     when = as_float_array(times, "times")
     _check_count(when.shape[-1] if when.ndim else 0, n // 2 - 1, len(prior or {}))
     check_index(when, observer_index)
@@ -449,7 +450,9 @@ def _check_options(weak_ratio: float, max_iterations: int, rtol: float | None) -
 
 
 def _prior(
-    prior: Mapping[str, tuple[float, float]] | None, names: tuple[str, ...]
+    prior: Mapping[str, tuple[float, float]] | None,
+    names: tuple[str, ...],
+    units: tuple[str, ...],
 ) -> tuple[Array, Array] | None:
     if prior is None or not options.mapping(prior, "prior", "name to (mean, sigma)"):
         return None
@@ -457,20 +460,8 @@ def _prior(
     for name, given in prior.items():
         if name not in names:
             raise InputError(f"prior of {name!r}: the states are {', '.join(names)}")
-        try:
-            value, deviation = given
-        except (TypeError, ValueError):
-            raise InputError(f"prior of {name} = {given!r}: must be (mean, sigma)") from None
-        value, deviation = (
-            float(as_float_array(x, f"prior of {name}").reshape(())) if np.ndim(x) == 0 else np.nan
-            for x in (value, deviation)
-        )
-        if not (np.isfinite(value) and 0 < deviation < np.inf):
-            raise InputError(
-                f"prior of {name} = ({value}, {deviation}): "
-                "the mean must be finite, sigma > 0 and finite"
-            )
-        mean[names.index(name)], sigma[names.index(name)] = value, deviation
+        k = names.index(name)
+        mean[k], sigma[k] = as_pair(given, f"prior of {name}", units[k])
     return mean, sigma
 
 

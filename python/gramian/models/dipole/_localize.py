@@ -14,13 +14,15 @@ from numpy.typing import ArrayLike, NDArray
 from gramian import _core
 from gramian import _options as options
 from gramian._arrays import SEED_MOST, as_float_array, finite, number, whole
+from gramian._noise import as_pair
 from gramian._text import brief, describe_null_space
+from gramian._units import labelled
 from gramian.analysis import analyze
 from gramian.estimation import Solution as Other
 from gramian.estimation import levels
 from gramian.exceptions import InputError, UnobservableError
 from gramian.models.dipole._estimate import KNOWABLE, Description, DipoleModel
-from gramian.models.dipole._model import NAMES, Pass, problem
+from gramian.models.dipole._model import NAMES, UNITS, Pass, problem
 from gramian.models.dipole._result import (
     ClosestPoint,
     Localization,
@@ -42,6 +44,9 @@ Loss = Literal["gaussian", "huber"]
 _PLAIN = Description()
 
 _ALIASES = {"x": "x0", "y": "y0", "z": "z0"}
+
+#: The unit of each that may be known.
+_UNITS = dict(zip(KNOWABLE, (*UNITS, "m/s", "A m^2"), strict=True))
 
 #: A window of the pass reaches this many times the time from the closest point
 #: to 45 degrees: the field is down to 1 or 2 per cent there.
@@ -567,24 +572,13 @@ class _Setup:
         drift: bool = False,
     ) -> None:
         self.known = {
-            _name(key): _number(value, f"known[{key!r}]")
+            _name(key): number(value, labelled(f"known[{key!r}]", _UNITS[_name(key)]))
             for key, value in options.mapping(known, "known").items()
         }
-        self.prior = {}
-        for key, value in options.mapping(prior, "prior", "name to (mean, sigma)").items():
-            try:
-                mean, deviation = value
-            except (TypeError, ValueError):
-                raise InputError(
-                    f"prior[{key!r}] = {value!r}: must be a mean and a standard deviation"
-                ) from None
-            mean, deviation = (
-                _number(mean, f"prior[{key!r}]"),
-                _number(deviation, f"sigma of {key}"),
-            )
-            if deviation <= 0:
-                raise InputError(f"prior[{key!r}] has sigma = {deviation}: must be > 0")
-            self.prior[_name(key)] = (mean, deviation)
+        self.prior = {
+            _name(key): as_pair(value, f"prior of {key}", _UNITS[_name(key)])
+            for key, value in options.mapping(prior, "prior", "name to (mean, sigma)").items()
+        }
         if both := set(self.known) & set(self.prior):
             raise InputError(
                 f"{sorted(both)[0]} is known exactly and has a prior: give one of them"
@@ -969,16 +963,6 @@ def _name(key: str) -> str:
     if name not in KNOWABLE:
         raise InputError(f"{key!r} cannot be known: there are {', '.join(KNOWABLE)}")
     return name
-
-
-def _number(value: float, name: str) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} = {value!r}: must be a number") from None
-    if not np.isfinite(number):
-        raise InputError(f"{name} = {number}: must be finite")
-    return number
 
 
 def _three(value: ArrayLike, name: str) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian import _options as options
 from gramian._answers import Answer, Columns
 from gramian._arrays import as_float_array
 from gramian._text import brief
@@ -148,6 +149,9 @@ def check_record(
             f"times has shape {t.shape} and field {y.shape}: must be (K,) and (K, 3) or (K, S, 3)"
         )
     flat = np.ascontiguousarray(y.reshape(t.size, -1))
+    largest = np.fmax.reduce(np.abs(flat), axis=None, initial=0.0)
+    if not largest < 1e100:
+        raise InputError(f"field has a reading of {largest:g} T: must be below 1e100 T")
     count = flat.shape[1]
     names = _names(channels, count)
     found, noise = _core.dipole_check(t, flat)
@@ -162,8 +166,8 @@ def _names(channels: Sequence[str] | None, count: int) -> tuple[str, ...]:
         return tuple(
             axes[c % 3] if count == 3 else f"{c // 3 + 1}{axes[c % 3]}" for c in range(count)
         )
-    names = tuple(str(name) for name in channels)
-    if isinstance(channels, str) or len(names) != count or len(set(names)) != count:
+    names = options.names(channels, "channels", "names of the channels")
+    if len(names) != count or len(set(names)) != count:
         raise InputError(f"channels = {channels!r}: must be {count} different names")
     return names
 

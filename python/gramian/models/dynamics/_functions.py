@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gramian import _options as options
+from gramian._arrays import as_float_array
 from gramian.exceptions import InputError
 
-__all__ = ["Function", "complex_step", "derivative", "many"]
+__all__ = ["Function", "complex_step", "derivative", "many", "real_array"]
 
 Array = NDArray[np.float64]
 Function = Callable[..., Any]
@@ -19,11 +21,17 @@ Function = Callable[..., Any]
 Many = Callable[[Array, Array], Array]
 
 
+def real_array(value: Any, what: str) -> Array:
+    """Return what a function of the caller's returned as real numbers: NaN is its own."""
+    array: Array = as_float_array(value, what)
+    return array
+
+
 def many(function: Function, name: str, size: int | None, vectorized: bool) -> Many:
     """Return the function of times (k,) and states (k, n) with values (k, size)."""
 
     def checked(value: Any, count: int) -> Array:
-        array = np.asarray(value, dtype=float)
+        array = real_array(value, f"what {name} returned")
         if array.ndim == 0:
             array = array[None]
         wanted = (size, count) if vectorized else (size,)
@@ -45,7 +53,7 @@ def given(function: Function, name: str, shape: tuple[int, int], vectorized: boo
 
     def call(t: Array, x: Array) -> Array:
         if vectorized:
-            values = np.asarray(function(t, x.T), dtype=float)
+            values = real_array(function(t, x.T), f"what {name} returned")
             if values.shape == shape:
                 values = np.broadcast_to(values[:, :, None], (*shape, len(t)))
             if values.shape != (*shape, len(t)):
@@ -55,7 +63,7 @@ def given(function: Function, name: str, shape: tuple[int, int], vectorized: boo
             return np.ascontiguousarray(np.moveaxis(values, -1, 0))
         out = np.empty((len(t), *shape))
         for k, (a, b) in enumerate(zip(t, x, strict=True)):
-            value = np.asarray(function(float(a), b), dtype=float)
+            value = real_array(function(float(a), b), f"what {name} returned")
             if value.shape != shape:
                 raise InputError(f"{name} returned shape {value.shape}: must be {shape}")
             out[k] = value
@@ -121,17 +129,18 @@ def derivative(
     """
     if callable(jacobian):
         return given(jacobian, f"the Jacobian of {name}", shape, vectorized)
-    if jacobian == "differences":
+    word = jacobian if isinstance(jacobian, str) else ""
+    if word == "differences":
         return None
-    if jacobian == "jax":
+    if word == "jax":
         return by_jax(function, vectorized)
     found = complex_step(function, shape[0], vectorized)
-    if jacobian == "complex":
+    if word == "complex":
         return found
-    if jacobian != "auto":
+    if not isinstance(jacobian, str) or jacobian != "auto":
         raise InputError(
-            f'jacobian = {jacobian!r}: must be "auto", "complex", "differences", "jax" '
-            "or two functions"
+            f'jacobian = {options.given(jacobian)}: must be "auto", "complex", "differences", '
+            '"jax" or two functions'
         )
     t, x = at
     plain = many(function, name, shape[0], vectorized)

@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian import _options as options
 from gramian._answers import Answer, Columns
-from gramian._arrays import as_float_array, finite, number
+from gramian._arrays import as_float_array, finite, number, real, whole
+from gramian._units import labelled
 from gramian.bounds import PosteriorBound, posterior
 from gramian.exceptions import InputError
 from gramian.models.dynamics._functions import Function, derivative, many
@@ -65,8 +67,9 @@ class Trajectory(Answer):
     def _place(self, time: float | None, default: int, name: str) -> int:
         if time is None:
             return default
-        found = int(np.argmin(np.abs(self.times - number(time, name))))
-        if not np.isclose(self.times[found], time, rtol=1e-9, atol=1e-12):
+        at = number(time, f"{name} [-]")
+        found = int(np.argmin(np.abs(self.times - at)))
+        if not np.isclose(self.times[found], at, rtol=1e-9, atol=1e-12):
             raise InputError(f"{name} = {time}: must be one of the times of the trajectory")
         return found
 
@@ -107,7 +110,7 @@ class Trajectory(Answer):
         -------
         Windows
         """
-        width = number(width, "width")
+        width, rtol = number(width, "width"), options.tolerance(rtol)
         count = int(np.sum(self.times <= self.times[0] + width * (1 + 1e-12)))
         if not width > 0 or width > (self.times[-1] - self.times[0]) * (1 + 1e-9):
             span = self.times[-1] - self.times[0]
@@ -143,8 +146,11 @@ class Trajectory(Answer):
             for name, value in prior.items():
                 if name not in self.names:
                     states = ", ".join(self.names)
-                    raise InputError(f"no state is named {name!r}: the states are {states}")
-                known[self.names.index(name)] = value
+                    raise InputError(
+                        f"no state is named {options.given(name)}: the states are {states}"
+                    )
+                k = self.names.index(name)
+                known[k] = real(value, labelled(f"prior of {name}", self.units[k]))
             prior = known
         return posterior(self._white(), self.transitions, Q, prior)
 
@@ -283,6 +289,9 @@ def _follow(
     tangent: Callable[[Array], ArrayLike] | None,
     rtol: float | None,
 ) -> Trajectory:
+    for function, name in ((f, "f"), (h, "h")):
+        options.function(function, name)
+    vectorized = options.flag(vectorized, "vectorized")
     start = np.atleast_1d(finite(x0, "x0"))
     if start.ndim != 1 or not start.size:
         raise InputError(f"x0 has shape {start.shape}: must be (n,)")
@@ -293,28 +302,21 @@ def _follow(
     if (bad := np.flatnonzero(np.diff(at) <= 0)).size:
         k = bad[0] + 1
         raise InputError(f"times[{k}] = {at[k]}: must be later than the one before, {at[k - 1]}")
-    if rtol is not None and not 1e-14 <= rtol < 1:
-        raise InputError(f"rtol = {rtol}: must be at least 1e-14 and below 1")
-    labels = tuple(names) if names is not None else tuple(f"x{i}" for i in range(n))
-    if len(labels) != n or len(set(labels)) < n or isinstance(names, str):
-        raise InputError(f"names has {len(labels)} entries: must have {n} different ones")
-    measures = tuple(units) if units is not None else ("",) * n
-    if len(measures) != n:
-        raise InputError(f"units has {len(measures)} entries: must have {n}, one for each state")
-    moves = np.maximum(np.abs(start), 1.0) if scale is None else finite(scale, "scale").copy()
-    if moves.shape != (n,):
-        raise InputError(f"scale has shape {moves.shape}: must be ({n},), one for each state")
-    if (bad := np.flatnonzero(~(moves > 0))).size:
-        raise InputError(f"scale[{bad[0]}] = {moves[bad[0]]}: must be > 0")
+    if rtol is not None:
+        rtol = options.fraction(rtol, "rtol")
+        if rtol < 1e-14:
+            raise InputError(f"rtol = {rtol}: must be at least 1e-14 and below 1")
+    labels, measures, moves = _described(names, units, scale, start)
     here = at[:1], start[None]
     p = many(h, "h", None, vectorized)(*here).shape[1]
     rate = many(f, "f", n, vectorized)
     rate(*here)
     output = many(h, "h", p, vectorized)
-    parts = (jacobian, jacobian) if isinstance(jacobian, str) else jacobian
-    if len(parts) != 2:
-        raise InputError("jacobian has to be a word or two functions, of f and of h")
-    deviations = np.broadcast_to(as_float_array(sigma, "sigma"), (p,)).copy()
+    parts = _two(jacobian)
+    given = as_float_array(sigma, "sigma")
+    if given.shape not in {(), (1,), (p,)}:
+        raise InputError(f"sigma has shape {given.shape}: must be one number or ({p},)")
+    deviations = np.broadcast_to(given, (p,)).copy()
     if (bad := np.flatnonzero(~((deviations > 0) & np.isfinite(deviations)))).size:
         raise InputError(f"sigma[{bad[0]}] = {deviations[bad[0]]}: must be > 0 and finite")
     states, outputs, transitions, jacobians, steps = _core.dynamics_follow(
@@ -330,7 +332,8 @@ def _follow(
     )
     free = None
     if tangent is not None:
-        bases = [np.asarray(tangent(x), dtype=float) for x in states]
+        options.function(tangent, "tangent")
+        bases = [finite(tangent(x), "what tangent returned") for x in states]
         if any(b.ndim != 2 or b.shape != bases[0].shape or len(b) != n for b in bases):
             raise InputError(f"tangent returned shape {bases[0].shape}: must be ({n}, m)")
         free = np.array(bases)
@@ -347,6 +350,41 @@ def _follow(
         tangent=free,
         steps=steps,
     )
+
+
+def _two(jacobian: str | tuple[Any, Any]) -> list[Any]:
+    """Return where the derivatives of f and of h come from."""
+    wanted = "a word or two functions, of f and of h"
+    parts = (
+        [jacobian, jacobian]
+        if isinstance(jacobian, str)
+        else options.sequence(jacobian, "jacobian", wanted)
+    )
+    if len(parts) != 2:
+        raise InputError(f"jacobian = {options.given(jacobian)}: must be {wanted}")
+    return parts
+
+
+def _described(
+    names: Sequence[str] | None,
+    units: Sequence[str] | None,
+    scale: ArrayLike | None,
+    start: Array,
+) -> tuple[tuple[str, ...], tuple[str, ...], Array]:
+    """Return names, units and typical moves of the states."""
+    n = len(start)
+    labels = tuple(f"x{i}" for i in range(n)) if names is None else options.names(names, "names")
+    if len(labels) != n or len(set(labels)) < n:
+        raise InputError(f"names has {len(labels)} entries: must have {n} different ones")
+    measures = ("",) * n if units is None else options.names(units, "units", "strings")
+    if len(measures) != n:
+        raise InputError(f"units has {len(measures)} entries: must have {n}, one for each state")
+    moves = np.maximum(np.abs(start), 1.0) if scale is None else finite(scale, "scale").copy()
+    if moves.shape != (n,):
+        raise InputError(f"scale has shape {moves.shape}: must be ({n},), one for each state")
+    if (bad := np.flatnonzero(~(moves > 0))).size:
+        raise InputError(f"scale[{bad[0]}] = {moves[bad[0]]}: must be > 0")
+    return labels, measures, moves
 
 
 def unit_norm(*groups: Sequence[int]) -> Callable[[Array], Array]:
@@ -369,13 +407,21 @@ def unit_norm(*groups: Sequence[int]) -> Callable[[Array], Array]:
            [ 0.,  0.],
            [ 0.,  1.]])
     """
+    places = []
+    for i, group in enumerate(groups):
+        whole_ones = options.sequence(group, f"groups[{i}]", "a sequence of places of components")
+        places.append([whole(k, f"groups[{i}]") for k in whole_ones])
+        if not places[-1]:
+            raise InputError(f"groups[{i}] is empty: must name at least one component")
+    most = max((k for group in places for k in group), default=-1)
 
     def tangent(x: ArrayLike) -> Array:
-        state = np.asarray(x, dtype=float)
+        state = finite(x, "x")
+        if state.ndim != 1 or state.size <= most:
+            raise InputError(f"x has shape {state.shape}: must be (n,) with n > {most}")
         n = len(state)
         normals = np.zeros((n, len(groups)))
-        for column, group in enumerate(groups):
-            chosen = list(group)
+        for column, chosen in enumerate(places):
             length = np.linalg.norm(state[chosen])
             if not length > 0:
                 raise InputError(f"unit_norm: the states {chosen} are all zero")
@@ -421,8 +467,14 @@ def empirical_gramian(
     >>> empirical_gramian(lambda t, x: -x, lambda t, x: x, [1.0], [0.0, 1.0], step=0.1).round(4)
     array([[1.1353]])
     """
+    discrete = options.flag(discrete, "discrete")
     start = np.atleast_1d(finite(x0, "x0"))
-    moves = np.broadcast_to(finite(step, "step"), start.shape)
+    given = finite(step, "step")
+    if start.ndim != 1 or given.shape not in {(), (1,), start.shape}:
+        raise InputError(
+            f"step has shape {given.shape}: must be one number or {start.shape}, as x0"
+        )
+    moves = np.broadcast_to(given, start.shape)
     if not (moves > 0).all():
         raise InputError(f"step = {moves.tolist()}: must be > 0")
     columns = []
@@ -431,11 +483,11 @@ def empirical_gramian(
         for sign in (1.0, -1.0):
             moved = start.copy()
             moved[i] += sign * move
-            options: dict[str, Any] = {"sigma": sigma, "vectorized": vectorized}
+            given_too: dict[str, Any] = {"sigma": sigma, "vectorized": vectorized}
             path = (
-                from_map(f, h, moved, times, **options)
+                from_map(f, h, moved, times, **given_too)
                 if discrete
-                else from_ode(f, h, moved, times, rtol=rtol, **options)
+                else from_ode(f, h, moved, times, rtol=rtol, **given_too)
             )
             ends.append((path.outputs / path.sigma).ravel())
         columns.append((ends[0] - ends[1]) / (2 * move))

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from gramian import _core
 from gramian._answers import Answer, Columns
 from gramian._arrays import finite, number
+from gramian._options import choice
 from gramian._text import brief
 from gramian.exceptions import InputError
 from gramian.models.linear._systems import SystemLike, system_of, whitener
@@ -74,9 +75,7 @@ def _discounted(a: Array, discount: float, time: str) -> Array:
     discount = number(discount, "discount")
     if discount < 0:
         raise InputError(f"discount = {discount}: must be >= 0")
-    if time not in ("continuous", "discrete"):
-        raise InputError(f'time = {time!r}: must be "continuous" or "discrete"')
-    if time == "discrete":
+    if choice(time, "time", ("continuous", "discrete")) == "discrete":
         smaller: Array = a * np.exp(-discount / 2)
         return smaller
     shifted: Array = a - discount / 2 * np.eye(len(a))

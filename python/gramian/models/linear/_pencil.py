@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian import _options as options
 from gramian._answers import Answer
-from gramian._arrays import number, whole
+from gramian._arrays import finite, number, whole
 from gramian._text import brief, describe_direction
 from gramian.exceptions import InputError
 from gramian.models.linear._levels import coefficients
@@ -218,11 +219,13 @@ class Unobservable(Answer):
         if outputs is None:
             labels, rows = self.names, np.eye(len(self.names))
         elif isinstance(outputs, Mapping):
-            labels = tuple(outputs)
+            labels = tuple(options.mapping(outputs, "outputs", "name to coefficients"))
             parts = [coefficients(value, self.names) for value in outputs.values()]
             rows = np.array(parts).reshape(-1, len(self.names))
         else:
-            rows = np.atleast_2d(np.asarray(outputs, dtype=float))
+            rows = np.atleast_2d(finite(outputs, "outputs"))
+            if rows.ndim != 2 or rows.shape[1] != len(self.names):
+                raise InputError(f"outputs has shape {rows.shape}: must be (k, {len(self.names)})")
             labels = tuple(f"output {i}" for i in range(len(rows)))
         return dict(zip(labels, self._found.left_by(rows), strict=True))
 
@@ -309,12 +312,16 @@ def distance(
     """
     system = system_of(A, C, names, prior=prior, R=R)
     a, c = system.A, system.C
+    options.choice(scaling, "scaling", ("none", "balanced", "prior"))
+    certify = options.flag(certify, "certify")
+    if R is not None:
+        whitener(R, len(system.C), None)
     if scaling == "none":
         words = "as given"
     elif scaling == "balanced":
         a, c = _core.linear_balanced(a, c)
         words = "balanced"
-    elif scaling == "prior":
+    else:
         missing = [n for n, s in zip(system.names, system.prior, strict=True) if np.isnan(s)]
         if missing:
             raise InputError(f"prior is missing for {missing[0]}: scaling = 'prior' needs all")
@@ -323,8 +330,6 @@ def distance(
         fastest = float(np.abs(_core.LinearPencil(a, c).eigenvalues()).max()) or 1.0
         a, c = a * d / d[:, None] / fastest, white @ c * d
         words = f"prior, noise, and the fastest mode ({brief(fastest, 4)} per unit of time)"
-    else:
-        raise InputError(f'scaling = {scaling!r}: must be "none", "balanced" or "prior"')
     pencil = _core.LinearPencil(a, c)
     at_least, complete = None, False
     if certify:
@@ -399,8 +404,8 @@ def unobservable(
     >>> found.left_by()
     {'first': 0, 'second': 0}
     """
-    if time not in ("continuous", "discrete"):
-        raise InputError(f'time = {time!r}: must be "continuous" or "discrete"')
+    options.choice(time, "time", ("continuous", "discrete"))
+    rtol = options.tolerance(rtol)
     if not isinstance(A, System) and getattr(A, "dt", None) not in (None, 0, False):
         time = "discrete"
     system = system_of(A, C, names)

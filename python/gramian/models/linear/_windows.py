@@ -292,8 +292,11 @@ class Piecewise(Answer):
         ndarray, shape (samples p, n)
             About the state at the beginning.
         """
-        if not number(dt, "dt [-]") > 0:
+        dt = number(dt, "dt [-]")
+        if not dt > 0:
             raise InputError(f"dt = {dt}: must be > 0 and finite")
+        if self.durations.sum() / dt > MOST_SAMPLES:
+            raise InputError(f"dt = {dt}: more than {MOST_SAMPLES} samples: take a longer dt")
         n, p = self.A.shape[-1], self.C.shape[-2]
         white = whitener(R, p)
         ends = np.cumsum(self.durations)

@@ -124,15 +124,24 @@ def two_legs(
         share, first, second = number(turn, "turn"), 1.0, -1.0
         det, variance = _core.maneuver_two_leg_terms(share, 1.0 - cross, -1.0 - cross)
     # The terms are those of unit speed and time.
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         log_det = (
-            4 * np.log(count / (noise * r) ** 2)
+            4 * np.log(count)
+            - 8 * (np.log(noise) + np.log(r))
             + 8 * np.log(time)
             - 4 * np.log(r)
             + np.log(det)
             + 4 * np.log(v)
         )
-    std = noise * r**2 / (v * time) * float(np.sqrt(variance / count))
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        std = float(
+            np.float64(noise) * r * (r / (np.float64(v) * time)) * np.sqrt(variance / count)
+        )
+    if np.isnan(log_det) or np.isnan(std) or (np.isinf(log_det) and log_det > 0):
+        raise InputError(
+            f"range_ = {r:g} m, speed = {v:g} m/s, duration = {time:g} s, sigma = {noise:g} rad, "
+            f"cross_speed = {cross_speed} m/s: the bound overflows float64"
+        )
     headings = (float(np.arcsin(first)), float(np.arcsin(second)))
     return TwoLegs(share, share * time, headings, float(log_det), std)
 

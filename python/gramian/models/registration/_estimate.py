@@ -13,8 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from gramian import _core
 from gramian import _options as options
 from gramian._answers import Answer, Columns, columns_of_states
-from gramian._arrays import SEED_MOST, as_float_array, number, whole
+from gramian._arrays import SEED_MOST, as_float_array, number, real, whole
 from gramian._text import brief, describe_direction
+from gramian._units import labelled
 from gramian._values import Value
 from gramian.estimation import Estimate as General
 from gramian.estimation import Status, levels
@@ -459,7 +460,7 @@ def estimate(
             )
         model = _model(known, values, times, truth, truth_sigma, bool(clocks))
         return _general(model, prior, fixed, loss, on_failure, limits)
-    deviations = _prior(known.names, prior)
+    deviations = _prior(known.names, known.units, prior)
     found = _core.registration_estimate(
         values, known.places, known.sigma, known.flags, deviations, method,
         (count, tolerance, NOISE_SHARE, BEND), True,
@@ -516,7 +517,7 @@ def estimate_trials(
     if method == "ls" and prior is not None:
         raise InputError('method "ls" is not weighted: a prior needs "gls" or "ml"')
     count = _iterations(iterations, method)
-    deviations = _prior(known.names, prior)
+    deviations = _prior(known.names, known.units, prior)
     found = _core.registration_estimate_trials(
         positions, known.places, known.sigma, known.biases(biases), known.flags, deviations,
         method, (count, tolerance, NOISE_SHARE, BEND), seed, first, trials,
@@ -531,7 +532,11 @@ def _iterations(given: int | None, method: str) -> int:
     return whole(given, "iterations", 1, 100_000)
 
 
-def _prior(names: tuple[str, ...], prior: ArrayLike | Mapping[str, float] | None) -> Array | None:
+def _prior(
+    names: tuple[str, ...],
+    units: tuple[str, ...],
+    prior: ArrayLike | Mapping[str, float] | None,
+) -> Array | None:
     if prior is None:
         return None
     deviations = np.full(len(names), np.inf)
@@ -541,7 +546,8 @@ def _prior(names: tuple[str, ...], prior: ArrayLike | Mapping[str, float] | None
                 raise InputError(
                     f"no bias is named {options.given(name)}: there are {', '.join(names)}"
                 )
-            deviations[names.index(name)] = as_float_array(value, f"prior of {name}")
+            k = names.index(name)
+            deviations[k] = real(value, labelled(f"prior of {name}", units[k]))
     else:
         given = as_float_array(prior, "prior")
         if given.shape != deviations.shape:
@@ -642,7 +648,7 @@ def _general(
 ) -> Estimate:
     """Estimate by the one solver: whatever is missing, robust, or more than biases."""
     known, values = model.sensors, model.reports
-    deviations = _prior(model.names, prior)
+    deviations = _prior(model.names, model.units, prior)
     texts: tuple[str, ...] = ()
     noise_share, bend, refused = np.nan, np.nan, ""
     whole_looks = np.isfinite(values).all(axis=(1, 2))

@@ -76,7 +76,10 @@ def report_array(value: ArrayLike | Sequence[ArrayLike]) -> Array:
     try:
         array = as_float_array(value, "reports")  # type: ignore[arg-type]
     except InputError:
-        lengths = [np.size(item) for item in value]  # type: ignore[union-attr]
+        try:
+            lengths = [np.size(item) for item in value]  # type: ignore[union-attr]
+        except (TypeError, ValueError):
+            lengths = []
         if len(set(lengths)) < 2:
             raise
         raise InputError(

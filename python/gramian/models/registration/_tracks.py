@@ -195,7 +195,10 @@ def _frame(known: Setup, positions: ArrayLike) -> tuple[Array, Array, float]:
     """Coordinates along the baseline from A and to its left, and its length."""
     span = known.places[1] - known.places[0]
     length = float(np.hypot(*span))
-    offset = as_float_array(positions, "positions") - known.places[0]
+    given = finite(positions, "positions")
+    if given.shape[-1:] != (2,):
+        raise InputError(f"positions has shape {given.shape}: must be (..., 2)")
+    offset = given - known.places[0]
     along = (offset @ span) / length
     left = (offset[..., 1] * span[0] - offset[..., 0] * span[1]) / length
     return along, left, length

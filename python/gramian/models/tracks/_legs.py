@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian._answers import Answer, Columns
-from gramian._arrays import whole
+from gramian._arrays import number, whole
+from gramian._options import fraction
 from gramian._registry import draw
 from gramian._text import brief
 from gramian.exceptions import InputError
 from gramian.models.tracks._motion import Motion
-from gramian.models.tracks._scene import Scene, simulate
+from gramian.models.tracks._scene import Scene, as_scene, simulate
 from gramian.models.tracks._solve import TrackEstimate, solve
 
 if TYPE_CHECKING:
@@ -141,8 +142,9 @@ def leg_penalty(
     >>> bool(gm.tracks.leg_penalty(scene, [3000.0, 4000.0, -4.0, 2.0], trials=40) > 3)
     True
     """
-    z = simulate(scene, state, trials=whole(trials, "trials", 2), seed=seed)
+    scene, level = as_scene(scene), fraction(level, "level")
     motion = _legs_of(scene.motion, scene.motion.count + 1)
+    z = simulate(scene, state, trials=whole(trials, "trials", 2), seed=seed)
     plain = solve(scene, z, **options)
     more = solve(scene.with_motion(motion), z, **options)
     return float(np.quantile(plain.cost - more.cost, 1 - level))
@@ -200,7 +202,7 @@ def choose_legs(
     1
     """
     most = whole(most, "most", 1, 5)
-    motion = scene.motion
+    motion = as_scene(scene).motion
     steady = motion.kind == "steady_legs"
     straight = motion.kind == "polynomial" and motion.order == 1
     if not (straight or motion.kind == "legs" or steady):
@@ -220,7 +222,7 @@ def choose_legs(
         m = max(int(np.count_nonzero(~np.isnan(z), axis=-1).max()), 2)
         extra = np.array([one.scene.n - found[0].scene.n for one in found]) * np.log(m)
     else:
-        extra = float(penalty) * np.arange(len(found))
+        extra = number(penalty, "penalty") * np.arange(len(found))
     total = cost + extra.reshape(-1, *[1] * (cost.ndim - 1))
     count = 1 + np.argmin(total, axis=0)
     return LegChoice(tuple(found), np.asarray(count), cost, extra)

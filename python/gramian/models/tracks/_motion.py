@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian._arrays import finite, number, whole
+from gramian._options import choice, flag, given
 from gramian._values import Value
 from gramian.exceptions import InputError
 
@@ -56,8 +57,7 @@ class Motion(Value):
     unknown_turns: int = 0
 
     def __post_init__(self) -> None:
-        if self.dimension not in (2, 3):
-            raise InputError(f"dimension = {self.dimension!r}: must be 2 or 3")
+        object.__setattr__(self, "dimension", choice(self.dimension, "dimension", (2, 3)))
 
     @classmethod
     def fixed(cls, *, dimension: int = 2) -> Motion:
@@ -104,7 +104,7 @@ class Motion(Value):
         """
         if (turns is None) == (count is None):
             raise InputError("legs takes the times of the turns, or the count of legs")
-        kind = "steady_legs" if constant_speed else "legs"
+        kind = "steady_legs" if flag(constant_speed, "constant_speed") else "legs"
         if turns is not None:
             times = np.atleast_1d(finite(turns, "turns"))
             if times.ndim != 1 or (np.diff(times) <= 0).any():
@@ -202,6 +202,8 @@ class Carrier(Value):
     name: str = "carrier"
 
     def __post_init__(self) -> None:
+        if not isinstance(self.name, str):
+            raise InputError(f"name = {given(self.name)}: must be a string")
         path = finite(self.path, "path")
         if path.ndim != (1 if self.times is None else 2) or path.shape[-1] not in (2, 3):
             wanted = "(2,) or (3,)" if self.times is None else "(m, 2) or (m, 3)"

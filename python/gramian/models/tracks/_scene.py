@@ -11,7 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import SEED_MOST, as_float_array, finite, whole
+from gramian._arrays import SEED_MOST, as_float_array, finite, number, whole
+from gramian._options import given as shown
+from gramian._options import instance, sequence
+from gramian._units import labelled
 from gramian._values import Value
 from gramian.exceptions import InputError
 from gramian.models.tracks._motion import Motion
@@ -64,14 +67,16 @@ class Scene(Value):
     units: tuple[str, ...] = field(init=False)
 
     def __post_init__(self) -> None:
-        sensors = tuple([self.sensors] if isinstance(self.sensors, Sensor) else self.sensors)
+        instance(self.motion, Motion, "motion", "a Motion")
+        given = [self.sensors] if isinstance(self.sensors, Sensor) else self.sensors
+        sensors = tuple(sequence(given, "sensors", "a Sensor, or a sequence of them"))
         if not sensors:
             raise InputError("sensors is empty: at least one must see the target")
         for i, sensor in enumerate(sensors):
             if not isinstance(sensor, Sensor):
                 raise InputError(f"sensors[{i}] = {sensor!r}: must be a Sensor")
         first = min(float(sensor.times.min()) for sensor in sensors)
-        reference = first if self.reference is None else float(self.reference)
+        reference = first if self.reference is None else number(self.reference, "reference [s]")
         names, units = list(self.motion.names), list(self.motion.units)
         for sensor in sensors:
             for name, unit in sensor.quantities():
@@ -161,7 +166,10 @@ class Scene(Value):
             missing = [name for name in self.names if name not in given]
             if missing:
                 raise InputError(f"state has no {', '.join(missing)}")
-            given = [given[name] for name in self.names]
+            given = [
+                number(given[name], labelled(f"state[{name!r}]", unit))
+                for name, unit in zip(self.names, self.units, strict=True)
+            ]
         x = finite(given, "state")
         if x.ndim < 1 or x.shape[-1] != self.n:
             raise InputError(
@@ -178,8 +186,10 @@ class Scene(Value):
         InputError
             If there is no such state.
         """
-        if name not in self.names:
-            raise InputError(f"no state is named {name!r}: the states are {', '.join(self.names)}")
+        if not isinstance(name, str) or name not in self.names:
+            raise InputError(
+                f"no state is named {shown(name)}: the states are {', '.join(self.names)}"
+            )
         return self.names.index(name)
 
     def values(self, state: ArrayLike | Mapping[str, float]) -> Array:
@@ -214,7 +224,7 @@ class Scene(Value):
                     part = part.reshape(*part.shape[:-1], sensor.count, -1)
                 parts.append(part)
         else:
-            parts = list(measurements)  # type: ignore[arg-type]
+            parts = sequence(measurements, "measurements", "readings for each sensor")
         if len(parts) != len(self.sensors):
             raise InputError(
                 f"measurements has {len(parts)} entries: must have {len(self.sensors)}, "
@@ -232,6 +242,11 @@ class Scene(Value):
         return np.concatenate(
             [np.broadcast_to(part, (*lead, part.shape[-1])) for part in flat], axis=-1
         )
+
+
+def as_scene(scene: Scene) -> Scene:
+    """Return a scene, and refuse what is none."""
+    return instance(scene, Scene, "scene", "a Scene")
 
 
 def rows(scene: Scene, state: ArrayLike | Mapping[str, float]) -> Array:
@@ -263,7 +278,7 @@ def rows(scene: Scene, state: ArrayLike | Mapping[str, float]) -> Array:
     >>> gm.tracks.rows(scene, [0.0, 1000.0, 5.0, 0.0]).shape
     (2, 4)
     """
-    found: Array = scene._inner.rows(scene.state(state))
+    found: Array = as_scene(scene)._inner.rows(scene.state(state))
     return found
 
 
@@ -304,7 +319,7 @@ def problem(scene: Scene, state: ArrayLike | Mapping[str, float]) -> Problem:
     >>> gm.analyze(gm.tracks.problem(scene, state)).nullity
     1
     """
-    x = scene.state(state)
+    x = as_scene(scene).state(state)
     if x.ndim != 1:
         raise InputError(f"state has shape {x.shape}: must be ({scene.n},), one state")
     values = rows(scene, x)
@@ -375,7 +390,7 @@ def simulate(
     count = 1 if trials is None else whole(trials, "trials", 1)
     seed = whole(seed, "seed", 0, SEED_MOST)
     first = whole(first, "first", 0, SEED_MOST)
-    x = scene.state(state)
+    x = as_scene(scene).state(state)
     if x.ndim != 1:
         raise InputError(f"state has shape {x.shape}: must be ({scene.n},), one state")
     found: Array = scene._inner.simulate(x, seed, first, count)

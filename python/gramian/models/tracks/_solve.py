@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian._answers import Answer, Columns, columns_of_states
-from gramian._arrays import finite, number, whole
-from gramian._options import choice
+from gramian._arrays import number, whole
+from gramian._noise import as_known, as_pair
+from gramian._options import choice, mapping, tolerance
 from gramian._registry import draw
 from gramian._text import brief
 from gramian.exceptions import InputError
-from gramian.models.tracks._scene import Scene
+from gramian.models.tracks._scene import Scene, as_scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -215,15 +216,15 @@ def solve(
     rtol: float | None = None,
 ) -> TrackEstimate:
     """Return the most likely state of a scene: `estimate` for a motion as it is."""
-    z = scene.pack(measurements)
+    z = as_scene(scene).pack(measurements)
     n = scene.n
     mean, sigma = priors_of(scene, prior)
     fixed = np.full(n, np.nan)
-    for name, value in (known or {}).items():
+    for name, value in as_known(known, scene.names, scene.units, "known").items():
         index = scene.index(name)
         if np.isfinite(sigma[index]):
             raise InputError(f"{name} is in known and in prior: must be in one of them")
-        fixed[index] = float(finite(value, f"known[{name!r}]"))
+        fixed[index] = value
     free = int(np.isnan(fixed).sum())
     if not free:
         raise InputError("known names every state: at least one must be left")
@@ -234,9 +235,8 @@ def solve(
             f"{free} states from {int(present.min())} measurements and {information} priors: "
             "must be at least as many as the states"
         )
-    if loss not in CONSTANTS:
-        raise InputError(f"loss = {loss!r}: must be one of {', '.join(CONSTANTS)}")
-    tuned = CONSTANTS[loss] if constant is None else float(constant)
+    choice(loss, "loss", CONSTANTS)
+    tuned = CONSTANTS[loss] if constant is None else number(constant, "constant")
     if loss != "squares" and not tuned > 0:
         raise InputError(f"constant = {constant}: must be > 0")
     begin = None if start is None else np.atleast_2d(scene.state(start))
@@ -250,7 +250,7 @@ def solve(
         loss,
         tuned,
         whole(polish, "polish", 1, 1000),
-        rtol,
+        tolerance(rtol),
         number(alpha, "alpha"),
         number(weak_ratio, "weak_ratio"),
     )
@@ -274,16 +274,7 @@ def solve(
 def priors_of(scene: Scene, prior: Mapping[str, tuple[float, float]] | None) -> tuple[Array, Array]:
     """Return means and deviations (n,) of a prior, infinite where there is none."""
     mean, sigma = np.zeros(scene.n), np.full(scene.n, np.inf)
-    for name, given in (prior or {}).items():
+    for name, given in mapping(prior, "prior", "name to (mean, sigma)").items():
         index = scene.index(name)
-        try:
-            value, deviation = (float(x) for x in given)
-        except (TypeError, ValueError):
-            raise InputError(f"prior[{name!r}] = {given!r}: must be (mean, sigma)") from None
-        if not (np.isfinite(value) and 0 < deviation < np.inf):
-            raise InputError(
-                f"prior[{name!r}] = ({value}, {deviation}): "
-                "the mean must be finite, sigma > 0 and finite"
-            )
-        mean[index], sigma[index] = value, deviation
+        mean[index], sigma[index] = as_pair(given, f"prior of {name}", scene.units[index])
     return mean, sigma

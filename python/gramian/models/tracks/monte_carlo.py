@@ -9,8 +9,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gramian.models.tracks._scene import Scene, problem, simulate
-from gramian.models.tracks._solve import STATUSES, solve
+from gramian.models.tracks._scene import Scene, as_scene, problem, simulate
+from gramian.models.tracks._solve import STATUSES, priors_of, solve
 from gramian.monte_carlo.experiment import Estimates, Experiment, squared_over
 from gramian.problem import Problem
 
@@ -64,8 +64,14 @@ class Tracks(Experiment):
         prior: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:
         object.__setattr__(self, "scene", scene)
-        object.__setattr__(self, "state", scene.state(state).copy())
-        object.__setattr__(self, "prior", dict(prior or {}))
+        object.__setattr__(self, "state", as_scene(scene).state(state).copy())
+        mean, sigma = priors_of(scene, prior)
+        pairs = {
+            name: (float(mean[k]), float(sigma[k]))
+            for k, name in enumerate(scene.names)
+            if np.isfinite(sigma[k])
+        }
+        object.__setattr__(self, "prior", pairs)
         # Checks everything else.
         self.problem()
 

@@ -161,6 +161,7 @@ pub fn check(times: &[f64], field: &[f64], channels: usize) -> Result<Check, Num
     let columns: Vec<Vec<f64>> = (0..channels)
         .map(|c| field.iter().skip(c).step_by(channels).copied().collect())
         .collect();
+    let smooth: Vec<Vec<f64>> = columns.iter().map(|column| medians(column)).collect();
     let mut findings = Vec::new();
     let mut noise = Vec::with_capacity(channels);
     let mut constant = vec![false; channels];
@@ -178,7 +179,7 @@ pub fn check(times: &[f64], field: &[f64], channels: usize) -> Result<Check, Num
     }
     for channel in 0..channels {
         if !constant[channel] {
-            runs(channel, &columns, &noise, &mut findings);
+            runs(channel, &columns, &smooth, &noise, &mut findings);
         }
     }
     for channel in 1..channels {
@@ -207,7 +208,7 @@ pub fn check(times: &[f64], field: &[f64], channels: usize) -> Result<Check, Num
                 samples: missing,
             });
         }
-        let samples = spikes(column, &noise[channel]);
+        let samples = spikes(column, &smooth[channel], &noise[channel]);
         if !samples.is_empty() {
             findings.push(Finding::Spikes { channel, samples });
         }
@@ -316,7 +317,13 @@ fn step_of(known: &[f64]) -> f64 {
 }
 
 /// Runs of equal samples that noise does not allow, and cut-off extremes.
-fn runs(channel: usize, columns: &[Vec<f64>], noise: &[Noise], findings: &mut Vec<Finding>) {
+fn runs(
+    channel: usize,
+    columns: &[Vec<f64>],
+    smooth: &[Vec<f64>],
+    noise: &[Noise],
+    findings: &mut Vec<Finding>,
+) {
     let column = &columns[channel];
     let low = column.iter().copied().fold(f64::INFINITY, f64::min);
     let high = column.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -346,10 +353,10 @@ fn runs(channel: usize, columns: &[Vec<f64>], noise: &[Noise], findings: &mut Ve
         share.max(1.0 / column.len() as f64).powi(length - 1) * column.len() as f64 > CHANCE
     };
     // A recorder whose steps hide the noise repeats itself for long: there a channel is
-    // stuck only while others see something pass.
+    // stuck only while others see something pass, which a spike is not.
     let passing = || {
         let run = longest.0..longest.0 + longest.1;
-        columns
+        smooth
             .iter()
             .zip(noise)
             .enumerate()
@@ -537,19 +544,25 @@ fn correlation(a: &[f64], b: &[f64]) -> f64 {
     }
 }
 
+/// The median of the five samples about each, NaN where all are missing.
+fn medians(column: &[f64]) -> Vec<f64> {
+    (0..column.len())
+        .map(|i| {
+            let mut near: Vec<f64> = column[i.saturating_sub(2)..(i + 3).min(column.len())]
+                .iter()
+                .copied()
+                .filter(|x| x.is_finite())
+                .collect();
+            median(&mut near)
+        })
+        .collect()
+}
+
 /// Samples far off the median of the five about them.
-fn spikes(column: &[f64], noise: &Noise) -> Vec<usize> {
-    let off = |i: usize| {
-        let mut near: Vec<f64> = column[i.saturating_sub(2)..(i + 3).min(column.len())]
-            .iter()
-            .copied()
-            .filter(|x| x.is_finite())
-            .collect();
-        column[i] - median(&mut near)
-    };
+fn spikes(column: &[f64], smooth: &[f64], noise: &Noise) -> Vec<usize> {
     let limit = SPIKE * noise.sigma + 2.0 * noise.step;
     (0..column.len())
-        .filter(|i| column[*i].is_finite() && limit > 0.0 && off(*i).abs() > limit)
+        .filter(|&i| column[i].is_finite() && limit > 0.0 && (column[i] - smooth[i]).abs() > limit)
         .collect()
 }
 
