@@ -345,7 +345,7 @@ def as_pair(value: object, label: str, unit: str = "") -> tuple[float, float]:
         raise InputError(f"{label} = {options.given(value)}: must be (mean, sigma)")
     mean, sigma = float(pair[0]), float(pair[1])
     if not sigma > 0:
-        raise InputError(f"{label} = ({mean}, {sigma}): sigma must be > 0")
+        raise InputError(f"{label} = ({mean}, {sigma}): must have sigma > 0")
     return mean, sigma
 
 

@@ -459,7 +459,7 @@ class Estimate(Answer):
             For each the derivatives of the measurements, whitened, with respect to its
             parameters, at zero.
         """
-        columns = _columns(alternatives, self.measurements.size)
+        columns = _columns(alternatives)
         records, alike = self._handle.scores(self.state, list(columns.values()), self.alpha, 0.8)
         names = list(columns)
         found = [
@@ -1193,7 +1193,7 @@ def estimate_trials(
     if alternatives is None:
         made = getattr(model, "alternatives", None)
         alternatives = {} if made is None else made(x, z)
-    columns = _columns(alternatives, z.size)
+    columns = _columns(alternatives)
     out = handle.trials(
         x,
         places,
@@ -1253,16 +1253,15 @@ def levels(alpha: float, chance: float, weak_ratio: float) -> tuple[float, float
     return alpha, chance, weak_ratio
 
 
-def _columns(alternatives: Mapping[str, ArrayLike] | None, count: int) -> dict[str, Array]:
+def _columns(alternatives: Mapping[str, ArrayLike] | None) -> dict[str, Array]:
     """Return the columns (m, parameters) of alternatives by name."""
     columns = {}
     of = "name to derivatives of the measurements"
     for name, given in options.mapping(alternatives, "alternatives", of).items():
         column = finite(given, f"alternatives[{name!r}]")
-        if column.ndim not in (1, 2) or column.shape[0] != count or column.size == 0:
+        if column.ndim not in (1, 2) or column.size == 0:
             raise InputError(
-                f"alternatives[{name!r}] has shape {column.shape}: must be ({count},) or "
-                f"({count}, parameters)"
+                f"alternatives[{name!r}] has shape {column.shape}: must be (m,) or (m, parameters)"
             )
         columns[name] = column[:, None] if column.ndim == 1 else column
     return columns

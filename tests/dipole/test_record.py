@@ -64,7 +64,7 @@ def test_a_spike_elsewhere_does_not_make_a_coarse_channel_stuck():
 
 def test_a_coarse_channel_is_stuck_while_others_see_a_pass():
     y = coarse()
-    y[400:800, 1, 1] = y[400, 1, 1]
+    y[400:800, 1, 1] = 5 * 2e-7
     found = gm.dipole.check_record(T, y)
     assert [(f.kind, f.channel) for f in found.findings if f.kind == "stuck"] == [("stuck", "2y")]
 

@@ -267,10 +267,10 @@ def test_the_answer_pickles_and_compares():
     [
         ({"prior": {"up": (0, 1)}}, "prior of 'up': no state has that name; there are east, north"),
         ({"prior": {"east": (0, -1)}}, "must be >= 0"),
-        ({"known": {"east": np.inf}}, "known east = inf"),
+        ({"known": {"east": np.inf}}, "known of east = inf"),
         ({"known": {"east": 1.0, "north": 2.0}}, "every state is known"),
         ({"box": {"east": (1, 0)}}, "box of east"),
-        ({"alpha": 2}, "alpha = 2: must be between 0 and 1"),
+        ({"alpha": 2}, "alpha = 2.0: must be between 0 and 1"),
         ({"start": [1, 2, 3]}, "start has shape"),
         ({"start": None}, "nowhere to start"),
         ({"loss": "cubes"}, "loss = 'cubes'"),
