@@ -18,6 +18,7 @@ shape (K, n). A model makes rows; `analyze` says what they determine.
 - `large` has what `analyze` answers for sparse rows; `choose` says which measurements to
   add.
 - `io` reads files of tracks and measurements, and pose graphs.
+- `explore` opens a scene in a notebook, to drag it and see what changes.
 - `monte_carlo` simulates and sets an estimator's errors beside the bound.
 - `load` reads an answer that its `save` wrote.
 - `set_threads` limits the threads of the kernels.
@@ -51,6 +52,7 @@ if _typing.TYPE_CHECKING:
     from gramian.analysis import Candidate, Critical, Observability, Suggestion, analyze
     from gramian.bounds import crlb, crlb_std, gram
     from gramian.estimation import Estimate, estimate, estimate_trials, other_solutions
+    from gramian.explorer import explore
     from gramian.model import Model, from_function
     from gramian.models import bearings as bearings
     from gramian.models import dipole as dipole
@@ -87,6 +89,7 @@ __all__ = [
     "dynamics",
     "estimate",
     "estimate_trials",
+    "explore",
     "from_function",
     "gram",
     "io",
@@ -107,6 +110,7 @@ _NAMES = {
     "_answers": ("load",),
     "analysis": ("Candidate", "Critical", "Observability", "Suggestion", "analyze"),
     "bounds": ("crlb", "crlb_std", "gram"),
+    "explorer": ("explore",),
     "estimation": ("Estimate", "estimate", "estimate_trials", "other_solutions"),
     "model": ("Model", "from_function"),
     "problem": ("Accuracy", "Problem"),

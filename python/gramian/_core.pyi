@@ -59,6 +59,21 @@ class Analysis:
 
 def singular_values(rows: ArrayLike) -> _Array: ...
 def rows_without_noise(rows: ArrayLike, sigma: ArrayLike) -> _Array: ...
+def brief(value: float, digits: int) -> str: ...
+def moves(change: ArrayLike, names: Sequence[str]) -> str: ...
+def judge(
+    rank: int,
+    touched: NDArray[np.bool_],
+    data_std: ArrayLike,
+    scale: ArrayLike,
+    prior: ArrayLike,
+    condition: float,
+    hardness: ArrayLike,
+    weak_ratio: float,
+    weak_condition: float,
+    names: Sequence[str],
+    units: Sequence[str],
+) -> tuple[str, str, list[int]]: ...
 
 @final
 class Differences:
@@ -871,6 +886,16 @@ class TrackCarrier:
     ) -> TrackCarrier: ...
     def at(self, times: ArrayLike) -> tuple[_Array, _Array]: ...
 
+def track_reason(
+    status: int,
+    costs: Sequence[float],
+    dof: float,
+    p_value: float,
+    unseen: ArrayLike,
+    names: Sequence[str],
+) -> str: ...
+def track_statuses() -> list[str]: ...
+
 @final
 class TrackScene:
     def __new__(
@@ -894,6 +919,7 @@ class TrackScene:
     def simulate(self, state: ArrayLike, seed: int, first: int, trials: int) -> _Array: ...
     def track(self, state: ArrayLike, times: ArrayLike) -> _Array: ...
     def linearize(self, measurements: ArrayLike, state: ArrayLike) -> tuple[_Array, _Array]: ...
+    def model(self, measurements: ArrayLike) -> Model: ...
     def mirrored(self, state: ArrayLike) -> _Array | None: ...
     def starts(
         self, measurements: ArrayLike, known: ArrayLike, mean: ArrayLike, sigma: ArrayLike

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gramian import _core
+
 __all__ = [
     "brief",
     "count",
@@ -45,10 +47,7 @@ def brief(value: Any, digits: int = 3) -> str:
     >>> brief(583.2, 2), brief(0.0123456), brief(4.2e-9, 2), brief(float("inf"))
     ('580', '0.0123', '4.2e-09', 'inf')
     """
-    text = f"{value:.{digits}g}"
-    if "e" in text and 1 <= abs(float(value)) < 1e6:
-        return f"{float(text):.0f}"
-    return text
+    return _core.brief(value, digits)
 
 
 def signed(value: Any, digits: int = 3) -> str:
@@ -124,7 +123,7 @@ def _described(
 
 
 def _moves(change: Array, names: Sequence[str], part: NDArray[np.intp]) -> str:
-    return ", ".join(f"{names[int(i)]} {signed(change[i], 4)}" for i in part)
+    return _core.moves(change[part], [names[int(i)] for i in part])
 
 
 def _sum(coefficients: Array, names: Sequence[str], part: NDArray[np.intp]) -> str:

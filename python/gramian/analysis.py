@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import isnan
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -593,40 +592,24 @@ def _status(
     weak_condition: float,
 ) -> tuple[Status, str, tuple[str, ...]]:
     n, nullity = null_space.shape
-    if nullity:
-        touched = tuple(
-            name for name, line in zip(problem.names, null_space, strict=True) if line.any()
-        )
-        what = "1 combination is" if nullity == 1 else f"{nullity} combinations are"
-        return "unobservable", f"rank {n - nullity} of {n}: {what} not determined", touched
-    limits = {
-        name: value
-        for name, value in zip(problem.names, problem.scale.tolist(), strict=True)
-        if not isnan(value)
-    }
-    kinds = dict.fromkeys(limits, "scale")
+    prior = np.full(n, np.inf)
     for name, sigma in problem.priors.items():
-        if name in problem.names and sigma <= limits.get(name, np.inf):
-            limits[name], kinds[name] = sigma, "prior"
-    ratios = {name: data_std[problem.index(name)] / limit for name, limit in limits.items()}
-    over = [name for name, ratio in ratios.items() if ratio > weak_ratio]
-    if over:
-        worst = max(over, key=lambda name: ratios[name])
-        i = problem.index(worst)
-        unit = f" {problem.units[i]}" if problem.units[i] else ""
-        source = "from the measurements alone " if kinds[worst] == "prior" else ""
-        reason = (
-            f"the bound of {worst} {source}is {brief(data_std[i], 4)}{unit}, "
-            f"its {kinds[worst]} {brief(limits[worst], 4)}{unit}"
-        )
-        return "weak", reason, tuple(sorted(over, key=lambda name: -ratios[name]))
-    if not limits and condition > weak_condition:
-        hardest = problem.names[int(np.argmax(data_std / _reference(problem)))]
-        reason = (
-            f"condition number {brief(condition)} on unit columns, above {brief(weak_condition)}"
-        )
-        return "weak", reason, (hardest,)
-    return "observable", f"rank {n} of {n}", ()
+        if name in problem.names:
+            prior[problem.index(name)] = sigma
+    status, reason, decided = _core.judge(
+        n - nullity,
+        np.asarray(null_space.any(axis=1)),
+        data_std,
+        problem.scale,
+        prior,
+        condition,
+        data_std / _reference(problem),
+        weak_ratio,
+        weak_condition,
+        problem.names,
+        problem.units,
+    )
+    return cast("Status", status), reason, tuple(problem.names[i] for i in decided)
 
 
 def _undecided(

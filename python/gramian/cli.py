@@ -196,6 +196,48 @@ def localize(
 
 
 @app.command()
+def explore(
+    file: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[FILE.toml]",
+            help="The scenario to begin with: of tracks, bearings, dipole or registration.",
+            show_default=False,
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="PAGE.html",
+            help="Write the page here instead of opening it.",
+            show_default=False,
+        ),
+    ] = None,
+) -> None:
+    """Open the explorer in a browser: drag a scenario and see what changes."""
+    from gramian.explorer import opened, page
+
+    text = page(None if file is None else opened(file))
+    if out is not None:
+        try:
+            write_whole(out, text.encode())
+        except OSError as error:
+            raise StorageError(f"{out}: cannot be written: {error}") from error
+        sys.stdout.write(f"{out}\n")
+        return
+    import tempfile
+    import webbrowser
+
+    # The browser reads it after the command has ended: it stays in the temporary folder.
+    with tempfile.NamedTemporaryFile(
+        "w", prefix="gramian-explorer-", suffix=".html", delete=False, encoding="utf-8"
+    ) as place:
+        place.write(text)
+    if not webbrowser.open(Path(place.name).as_uri()):
+        raise GramianError(f"no browser was found: open {place.name} in one")
+
+
+@app.command()
 def plan(file: File, out: Out = None, json: Json = False, strict: Strict = False) -> None:
     """Choose the observer's path of a scenario so as to know the most."""
     from gramian.scenario import load

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -161,6 +161,10 @@ class Problem(Value):
     row_sigma: Array | None = field(repr=False)
     accuracy: Accuracy | None = field(repr=False)
 
+    #: What a model made it of, where that is remembered: no field, so it is neither compared
+    #: nor stored.
+    _made_of: ClassVar[tuple[str, tuple[Any, ...]] | None] = None
+
     def __new__(cls, rows: Any = None, *args: Any, **options: Any) -> Problem:
         """Make a `gramian.large.SparseProblem` of sparse rows."""
         made: type = load("large").SparseProblem if cls is Problem and is_sparse(rows) else cls
@@ -267,7 +271,15 @@ class Problem(Value):
         other = object.__new__(Problem)
         current = {name: getattr(self, name) for name in self.__dataclass_fields__}
         other._set(**(current | values))
+        # Other rows are not what the model made, nor judged by its scale where that changed.
+        kept = None if values.keys() & {"rows", "scale"} else self._made_of
+        other._set(_made_of=kept)
         return other
+
+    def _of(self, kind: str, *parts: Any) -> Problem:
+        """Return the problem with what a model made it of, for `gramian.explore`."""
+        self._set(_made_of=(kind, parts))
+        return self
 
     @property
     def n(self) -> int:

@@ -534,38 +534,28 @@ def _reduced(rows: Any, rtol: float | None) -> _core.SparseAnalysis:
 def _status(
     problem: SparseProblem, answer: SparseObservability, weak_ratio: float, weak_condition: float
 ) -> tuple[str, str, tuple[str, ...]]:
-    n, nullity = problem.n, answer.nullity
-    if nullity:
-        what = "1 combination is" if nullity == 1 else f"{nullity} combinations are"
-        touched = np.unique(answer.null_space.indices)
-        decided = tuple(problem.names[j] for j in touched)
-        return "unobservable", f"rank {n - nullity} of {n}: {what} not determined", decided
-    limits, kind = problem.scale.copy(), np.full(n, "scale", dtype=object)
+    n = problem.n
+    touched, prior = np.zeros(n, dtype=bool), np.full(n, np.inf)
+    if answer.nullity:
+        touched[answer.null_space.indices] = True
     for name, sigma in problem.priors.items():
-        if name in problem.combinations:
-            continue
-        j = problem.index(name)
-        if np.isnan(limits[j]) or sigma <= limits[j]:
-            limits[j], kind[j] = sigma, "prior"
-    given = np.flatnonzero(~np.isnan(limits))
-    if len(given):
-        ratio = answer.data_std[given] / limits[given]
-        over = given[ratio > weak_ratio]
-        if len(over):
-            order = over[np.argsort(-ratio[ratio > weak_ratio], kind="stable")]
-            j = int(order[0])
-            source = "from the measurements alone " if kind[j] == "prior" else ""
-            unit = f" {problem.units[j]}" if problem.units[j] else ""
-            reason = (
-                f"the bound of {problem.names[j]} {source}is {brief(answer.data_std[j], 4)}{unit}, "
-                f"its {kind[j]} {brief(limits[j], 4)}{unit}"
-            )
-            return "weak", reason, tuple(problem.names[j] for j in order)
-    elif answer.condition > weak_condition:
-        reason = (
-            f"condition number {brief(answer.condition)} on unit columns, above "
-            f"{brief(weak_condition)}"
-        )
-        direction = np.abs(answer.weakest_direction) / answer._sparse.scale()
-        return "weak", reason, (problem.names[int(np.argmax(direction))],)
-    return "observable", f"rank {n} of {n}", ()
+        if name not in problem.combinations:
+            prior[problem.index(name)] = sigma
+    limited = not np.isnan(problem.scale).all() or np.isfinite(prior).any()
+    hardness = answer.data_std
+    if not answer.nullity and not limited:
+        hardness = np.abs(answer.weakest_direction) / answer._sparse.scale()
+    status, reason, decided = _core.judge(
+        n - answer.nullity,
+        touched,
+        answer.data_std,
+        problem.scale,
+        prior,
+        answer.condition,
+        hardness,
+        weak_ratio,
+        weak_condition,
+        problem.names,
+        problem.units,
+    )
+    return status, reason, tuple(problem.names[j] for j in decided)

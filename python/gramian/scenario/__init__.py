@@ -1,6 +1,6 @@
 """Scenario files: what a command works on, in TOML, checked key by key.
 
-- `load`: a file, as the `Scenario` of its model.
+- `load`: a file, as the `Scenario` of its model; `from_values`: what such a file says.
 - `draft`: a scenario to start from, for files of tracks and measurements; `from_files`:
   the analysis of such files without one. `Choices` says which of their tracks are meant.
 - `draft_of_field`: the same for a table of a magnetic field.
@@ -8,7 +8,7 @@
 """
 
 from gramian.scenario._draft import Choices, draft, draft_of_field, from_files
-from gramian.scenario._load import load
+from gramian.scenario._load import from_values, load
 from gramian.scenario._reference import reference, schema
 from gramian.scenario.base import Scenario
 
@@ -18,6 +18,7 @@ __all__ = [
     "draft",
     "draft_of_field",
     "from_files",
+    "from_values",
     "load",
     "reference",
     "schema",

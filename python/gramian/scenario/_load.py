@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -14,7 +16,7 @@ from gramian.exceptions import ScenarioError
 from gramian.scenario.base import Scenario, scenario_class
 from gramian.scenario.validation_errors import describe
 
-__all__ = ["load", "parsed"]
+__all__ = ["from_values", "load", "parsed"]
 
 #: A scenario is written by hand, or nearly: bytes.
 SCENARIO_LIMIT = 1 << 24
@@ -50,6 +52,28 @@ def parsed(text: str, path: Path) -> Scenario:
         raise ScenarioError(f"{path}: is nested too deeply") from None
     except ValueError as error:  # TOMLDecodeError, or an integer of thousands of digits
         raise ScenarioError(f"{path}: is not valid TOML: {error}") from error
+    return from_values(values, path, text)
+
+
+def from_values(
+    values: Mapping[str, Any], path: Path = Path("scenario.toml"), text: str = ""
+) -> Scenario:
+    """Check what a scenario file says, given as a mapping.
+
+    Parameters
+    ----------
+    values : mapping
+        Its keys; files that they name are relative to the folder of `path`.
+    path : path
+        Where it is from, for messages.
+    text : str
+        The text of that file, in which the line of a mistake is looked up.
+
+    Raises
+    ------
+    ScenarioError
+        As `load`.
+    """
     known = ", ".join(f'"{name}"' for name in REGISTRY)
     if "model" not in values:
         raise ScenarioError(f"{path}: model is missing: must be one of {known}")

@@ -15,6 +15,7 @@ from gramian.report import Report
 
 if TYPE_CHECKING:
     from gramian.monte_carlo import Experiment
+    from gramian.problem import Problem
 
 __all__ = ["Scenario", "Section", "Simulation", "models_for", "scenario_class"]
 
@@ -75,6 +76,11 @@ class Scenario(Section):
     def error(self, key: str, message: str) -> ScenarioError:
         """Return an error about a key that only the whole scenario shows to be wrong."""
         return ScenarioError(f"{self._path}: {key}: {message}")
+
+    @property
+    def problem(self) -> Problem:
+        """The rows, with what is known beforehand: what `analyze` answers for."""
+        raise self._unsupported("analyze")
 
     def analyze(self) -> Report:
         """Answer what the measurements can and cannot determine."""

@@ -1,16 +1,20 @@
 //! A magnetic dipole that passes at constant velocity.
 
+use gramian::chi_square;
+use gramian::dipole::localize::{Background, Knowledge, Options, localize};
 use gramian::dipole::{Pass, Sensing, measure, push_rows};
 use gramian::observability::Observability;
 
-use crate::{Answer, Question};
+use crate::{Answer, Limits, Question};
 
 /// What a pass tells of itself: of its state (position, velocity, moment), the times, the
 /// noise (T), the places of the sensors, the combinations of the states that are known
 /// exactly (rows of nine), others that might be (rows of nine), and the size u of a pass
 /// of another size.
 ///
-/// The answer: (rank, states, tolerance, logarithm of the determinant); singular values;
+/// Behind these the names of the states and their units, as lines.
+///
+/// The answer: the verdict, see [`Answer::verdict`]; (rank, states, tolerance, logarithm of the determinant); singular values;
 /// null space; bounds; for each combination that might be known, the rank with it; for
 /// each state what would be useless; the fields of the pass, of its mirror image, and of the pass of another size; the states
 /// of these two.
@@ -40,17 +44,33 @@ pub fn analyze(mut question: Question<'_>) -> Result<Answer, String> {
             .map_err(|error| error.to_string())?;
         repaired.push(rank as f64);
     }
+    // About the first sensor.
+    let Some(&centre) = sensors.first() else {
+        return Err(String::from("there is no sensor"));
+    };
+    let moved = |pass: Pass<f64>, sign: f64| Pass {
+        position: core::array::from_fn(|i| pass.position[i] + sign * centre[i]),
+        ..pass
+    };
+    let seen = moved(pass, -1.0);
     let (mirrored, scaled) = (
-        pass.mirrored(),
-        pass.scaled(size).map_err(|error| error.to_string())?,
+        moved(seen.mirrored(), 1.0),
+        moved(seen.scaled(size).map_err(|error| error.to_string())?, 1.0),
     );
     let mut answer = Answer::default();
+    let (data_std, scale) = (found.crlb_std(), scale(&pass, times, sensors));
+    let limits = Limits {
+        data_std: &data_std,
+        scale: &scale,
+        prior: &[],
+    };
+    answer.verdict(&mut question, &found, limits)?;
     answer.list(&[found.rank() as f64, 9.0, found.rtol(), found.log_det()]);
     answer.list(found.singular_values());
     answer.list(&null_space.concat());
-    answer.list(&found.crlb_std());
+    answer.list(&data_std);
     answer.list(&repaired);
-    answer.list(&scale(&pass, times, sensors));
+    answer.list(&scale);
     for pass in [pass, mirrored, scaled] {
         let mut fields = vec![0.0; 3 * times.len() * sensors.len()];
         measure(times, &pass, sensors, &Sensing::Vector, &mut fields)
@@ -59,6 +79,40 @@ pub fn analyze(mut question: Question<'_>) -> Result<Answer, String> {
     }
     answer.list(&mirrored.state());
     answer.list(&scaled.state());
+    Ok(answer)
+}
+
+/// The pass that fits a recorded field best, with a constant field beside it: of the times,
+/// the field (K, 3) in T, the noise (T), and the place of the sensor.
+///
+/// The answer: the state; the constant field; (chi2, degrees of freedom, p); the field less
+/// what is constant.
+///
+/// # Errors
+/// What is wrong, in words.
+pub fn fit(mut question: Question<'_>) -> Result<Answer, String> {
+    let (times, field) = (question.list()?, question.list()?);
+    let [sigma] = question.array()?;
+    let sensor: [f64; 3] = question.array()?;
+    let options = Options {
+        background: Background::Fit,
+        sigma: Some(sigma),
+        ..Options::default()
+    };
+    let found = localize(times, field, &[sensor], &Knowledge::default(), &options)
+        .map_err(|error| error.to_string())?;
+    let dof = field.len() as f64 - 12.0;
+    let p = chi_square::survival(found.best.cost, dof).unwrap_or(f64::NAN);
+    let alone: Vec<f64> = field
+        .iter()
+        .zip(found.background.iter().cycle())
+        .map(|(value, constant)| value - constant)
+        .collect();
+    let mut answer = Answer::default();
+    answer.list(&found.best.state);
+    answer.list(&found.background);
+    answer.list(&[found.best.cost, dof, p]);
+    answer.list(&alone);
     Ok(answer)
 }
 

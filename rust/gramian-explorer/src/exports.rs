@@ -80,6 +80,12 @@ pub extern "C" fn explorer_track_region() -> u32 {
     ask(track::region)
 }
 
+/// [`track::intervals`].
+#[unsafe(no_mangle)]
+pub extern "C" fn explorer_track_intervals() -> u32 {
+    ask(track::intervals)
+}
+
 /// [`track::fits`].
 #[unsafe(no_mangle)]
 pub extern "C" fn explorer_track_fits() -> u32 {
@@ -114,4 +120,10 @@ pub extern "C" fn explorer_radars_map() -> u32 {
 #[unsafe(no_mangle)]
 pub extern "C" fn explorer_dipole() -> u32 {
     ask(dipole::analyze)
+}
+
+/// [`dipole::fit`].
+#[unsafe(no_mangle)]
+pub extern "C" fn explorer_dipole_fit() -> u32 {
+    ask(dipole::fit)
 }

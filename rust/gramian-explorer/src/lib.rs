@@ -4,10 +4,25 @@
 //! arrays, each behind its length, made by [`Answer`]. No mathematics is here: it is all
 //! in `gramian`. `explorer/explorer.js` is the other side.
 
+use gramian::numbers::words::moves;
+use gramian::observability::Observability;
+use gramian::spine::verdict::{Findings, WEAK_CONDITION, WEAK_RATIO, judge};
+
 pub mod dipole;
 pub mod exports;
 pub mod radars;
 pub mod track;
+
+/// What bounds are judged by.
+#[derive(Clone, Copy, Debug)]
+pub struct Limits<'a> {
+    /// Deviations at the bound from the measurements alone.
+    pub data_std: &'a [f64],
+    /// Deviations that would be useless, NaN for none.
+    pub scale: &'a [f64],
+    /// Deviations beforehand, infinite for none.
+    pub prior: &'a [f64],
+}
 
 /// A question: numbers, and arrays behind their lengths.
 #[derive(Clone, Copy, Debug)]
@@ -53,6 +68,20 @@ impl<'a> Question<'a> {
         Ok(*first)
     }
 
+    /// The next array as lines of text: its numbers are the bytes of UTF-8.
+    ///
+    /// # Errors
+    /// Where it is not there.
+    pub fn lines(&mut self) -> Result<Vec<String>, String> {
+        // What is no byte becomes one: the text is only shown.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let bytes: Vec<u8> = self.list()?.iter().map(|&x| x as u8).collect();
+        Ok(String::from_utf8_lossy(&bytes)
+            .split('\n')
+            .map(String::from)
+            .collect())
+    }
+
     /// The next array, of so many numbers.
     ///
     /// # Errors
@@ -75,6 +104,57 @@ impl Answer {
         self.0.extend_from_slice(values);
     }
 
+    /// Adds a text, as the bytes of UTF-8.
+    pub fn text(&mut self, text: &str) {
+        let bytes: Vec<f64> = text.bytes().map(f64::from).collect();
+        self.list(&bytes);
+    }
+
+    /// Adds what `gm.analyze` says of rows: the status, the reason, and each combination that
+    /// is not determined, as lines of text. `question` goes on with the names of the states
+    /// and their units, as lines.
+    ///
+    /// # Errors
+    /// Where these are missing, or the null space overflows.
+    pub fn verdict(
+        &mut self,
+        question: &mut Question<'_>,
+        found: &Observability<f64>,
+        limits: Limits<'_>,
+    ) -> Result<(), String> {
+        let n = found.states();
+        let (names, units) = (question.lines()?, question.lines()?);
+        if names.len() != n || units.len() != n {
+            return Err(format!(
+                "{} names and {} units: {n} are needed",
+                names.len(),
+                units.len()
+            ));
+        }
+        let null_space = found.null_space().map_err(|error| error.to_string())?;
+        let open: Vec<bool> = (0..n)
+            .map(|i| null_space.iter().any(|vector| vector[i] != 0.0))
+            .collect();
+        let verdict = judge(&Findings {
+            rank: found.rank(),
+            open: &open,
+            data_std: limits.data_std,
+            scale: limits.scale,
+            prior: limits.prior,
+            condition: found.condition(),
+            hardness: limits.data_std,
+            weak_ratio: WEAK_RATIO,
+            weak_condition: WEAK_CONDITION,
+        });
+        let mut lines = vec![
+            String::from(verdict.status.name()),
+            verdict.reason.words(|i| &names[i], |i| &units[i]),
+        ];
+        lines.extend(null_space.iter().map(|vector| moves(vector, &names)));
+        self.text(&lines.join("\n"));
+        Ok(())
+    }
+
     /// The numbers as the page reads them.
     pub fn numbers(&self) -> &[f64] {
         &self.0
@@ -82,7 +162,11 @@ impl Answer {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
+#[allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss
+)]
 mod tests {
     use super::{Question, track};
 
@@ -102,6 +186,10 @@ mod tests {
             out.push(list.len() as f64);
             out.extend_from_slice(list);
         }
+        for text in ["x0\ny0\nvx\nvy", "m\nm\nm/s\nm/s"] {
+            out.push(text.len() as f64);
+            out.extend(text.bytes().map(f64::from));
+        }
         out
     }
 
@@ -109,7 +197,15 @@ mod tests {
     fn a_straight_path_leaves_one_combination() {
         for (corner, rank) in [(0.0, 3.0), (300.0, 4.0)] {
             let answer = track::analyze(Question::new(&question(corner))).unwrap();
-            assert_eq!(answer.numbers()[..3], [4.0, rank, 4.0]);
+            let (text, rest) = answer.numbers()[1..].split_at(answer.numbers()[0] as usize);
+            let text: String = text.iter().map(|&x| char::from(x as u8)).collect();
+            let said = if rank < 4.0 {
+                "unobservable"
+            } else {
+                "observable"
+            };
+            assert_eq!(text.lines().next(), Some(said));
+            assert_eq!(rest[..3], [4.0, rank, 4.0]);
         }
     }
 

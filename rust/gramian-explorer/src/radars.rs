@@ -6,7 +6,7 @@ use gramian::registration::Layout;
 use gramian::registration::batch::{self, Scene};
 use gramian::rounding;
 
-use crate::{Answer, Question};
+use crate::{Answer, Limits, Question};
 
 const NONE: [f64; 4] = [0.0; 4];
 
@@ -34,7 +34,9 @@ fn rows(sensors: &[f64; 4], sigma: &[f64; 4], positions: &[f64]) -> Result<Vec<f
 /// What looks at a track tell of the biases: of the sensors' places, their deviations of
 /// range (m) and azimuth (rad), and the places of the target.
 ///
-/// The answer: (rank, states, tolerance, logarithm of the determinant); singular values;
+/// Behind these the names of the biases and their units, as lines.
+///
+/// The answer: the verdict, see [`Answer::verdict`]; (rank, states, tolerance, logarithm of the determinant); singular values;
 /// null space; bounds of the biases; the degree after each look.
 ///
 /// # Errors
@@ -75,6 +77,13 @@ pub fn analyze(mut question: Question<'_>) -> Result<Answer, String> {
     .map_err(|(_, error)| error.to_string())?;
     let null_space = analysis.null_space().map_err(|error| error.to_string())?;
     let mut answer = Answer::default();
+    let data_std = analysis.crlb_std();
+    let limits = Limits {
+        data_std: &data_std,
+        scale: &[],
+        prior: &[],
+    };
+    answer.verdict(&mut question, &analysis, limits)?;
     answer.list(&[
         analysis.rank() as f64,
         4.0,
@@ -83,7 +92,7 @@ pub fn analyze(mut question: Question<'_>) -> Result<Answer, String> {
     ]);
     answer.list(analysis.singular_values());
     answer.list(&null_space.concat());
-    answer.list(&analysis.crlb_std());
+    answer.list(&data_std);
     answer.list(&degrees);
     Ok(answer)
 }

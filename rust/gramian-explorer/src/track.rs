@@ -5,13 +5,13 @@ use std::borrow::Cow;
 use gramian::batch::{Items, Threads};
 use gramian::chi_square;
 use gramian::observability::Observability;
-use gramian::solve::region::contours;
+use gramian::solve::region::{contours, interval};
 use gramian::solve::{Combination, Model, Options, Solution, WithPrior};
 use gramian::tracks::carrier::Carrier;
 use gramian::tracks::scene::estimate::{self as kernel, Layout, Task};
 use gramian::tracks::scene::{Channel, InSensor, Kind, Measured, Moving, Parameter, Scene};
 
-use crate::{Answer, Question};
+use crate::{Answer, Limits, Question};
 
 /// What is asked about: a scene, a state of its target, and what is known beforehand.
 struct Asked {
@@ -190,8 +190,10 @@ fn observed(rows: &[f64], n: usize) -> Result<Observability<f64>, String> {
 
 /// The verdict and all that is shown beside it.
 ///
-/// The answer: (rank, states, tolerance, logarithm of the determinant); singular values on
-/// unit columns; the null space, vector by vector; bounds; bounds without the prior;
+/// Behind the scene the names of the states and their units, as lines.
+///
+/// The answer: the verdict, see [`Answer::verdict`]; (rank, states, tolerance, logarithm of
+/// the determinant); singular values on unit columns; the null space, vector by vector; bounds; bounds without the prior;
 /// scales; the covariance (empty where it does not exist); the weakest direction; for each
 /// sample the deviations east and north of the target at its time from all samples so
 /// far; what the sensors read without noise.
@@ -223,12 +225,19 @@ pub fn analyze(mut question: Question<'_>) -> Result<Answer, String> {
     }
 
     let mut answer = Answer::default();
+    let (data_std, scale) = (data.crlb_std(), asked.scale());
+    let limits = Limits {
+        data_std: &data_std,
+        scale: &scale,
+        prior: &asked.prior,
+    };
+    answer.verdict(&mut question, &found, limits)?;
     answer.list(&[found.rank() as f64, n as f64, found.rtol(), found.log_det()]);
     answer.list(found.singular_values());
     answer.list(&null_space.concat());
     answer.list(&found.crlb_std());
-    answer.list(&data.crlb_std());
-    answer.list(&asked.scale());
+    answer.list(&data_std);
+    answer.list(&scale);
     answer.list(&found.crlb().unwrap_or_default());
     answer.list(&weakest);
     answer.list(&along);
@@ -241,9 +250,44 @@ pub fn analyze(mut question: Question<'_>) -> Result<Answer, String> {
     Ok(answer)
 }
 
+/// What the likelihood allows, its least chi2 at the state: measurements, none of them where
+/// those of the state itself are meant, and other states that fit.
+struct Likelihood<'a> {
+    model: WithPrior<Measured<'a>>,
+    best: Solution,
+    others: Vec<Solution>,
+}
+
+impl<'a> Likelihood<'a> {
+    fn new(asked: &'a Asked, given: &'a [f64], others: &[f64]) -> Result<Self, String> {
+        let model = asked.model(given)?;
+        let at = |x: &[f64]| -> Result<Solution, String> {
+            Ok(Solution {
+                chi2: chi2(&model, x)?,
+                x: x.to_vec(),
+                iterations: 0,
+                converged: true,
+                held: true,
+                determined: true,
+                slopes: Vec::new(),
+            })
+        };
+        let best = at(&asked.state)?;
+        let others = others
+            .chunks_exact(asked.state.len())
+            .filter_map(|x| at(x).ok())
+            .collect();
+        Ok(Self {
+            model,
+            best,
+            others,
+        })
+    }
+}
+
 /// The likelihood region of the target's place so long after the first sample, at a level
-/// of confidence: behind the scene (after, level), and the measurements, none of them
-/// where those of the state itself are meant. The prior's means are those of the state.
+/// of confidence: behind the scene (after, level), the measurements and other states that
+/// fit, one behind the other. The prior's means are those of the state.
 ///
 /// The answer: the contours, each as points and then (closed, complete).
 ///
@@ -252,25 +296,15 @@ pub fn analyze(mut question: Question<'_>) -> Result<Answer, String> {
 pub fn region(mut question: Question<'_>) -> Result<Answer, String> {
     let asked = Asked::new(&mut question)?;
     let [after, level] = question.array()?;
-    let given = question.list()?;
-    let given = asked.measurements(given)?;
-    let model = asked.model(&given)?;
-    let best = Solution {
-        chi2: chi2(&model, &asked.state)?,
-        x: asked.state.clone(),
-        iterations: 0,
-        converged: true,
-        held: true,
-        determined: true,
-        slopes: Vec::new(),
-    };
+    let given = asked.measurements(question.list()?)?;
+    let likely = Likelihood::new(&asked, &given, question.list()?)?;
     let n = asked.state.len();
     let rise = chi_square::critical(1.0 - level, 2.0).map_err(|error| error.to_string())?;
     let functions = [0, 1].map(|axis| Combination(place(n, axis, after)));
     let found = contours(
-        &model,
-        &best,
-        &[],
+        &likely.model,
+        &likely.best,
+        &likely.others,
         [&functions[0], &functions[1]],
         rise,
         Options::default(),
@@ -282,6 +316,57 @@ pub fn region(mut question: Question<'_>) -> Result<Answer, String> {
             f64::from(u8::from(contour.closed)),
             f64::from(u8::from(contour.complete)),
         ]);
+    }
+    Ok(answer)
+}
+
+/// The values of each state that the likelihood allows: behind the scene (level), the
+/// measurements and other states, as in [`region`].
+///
+/// The answer: for each state the ends of its pieces, ascending, infinite where there is
+/// none.
+///
+/// # Errors
+/// As [`analyze`].
+pub fn intervals(mut question: Question<'_>) -> Result<Answer, String> {
+    let asked = Asked::new(&mut question)?;
+    let [level] = question.array()?;
+    let given = asked.measurements(question.list()?)?;
+    let likely = Likelihood::new(&asked, &given, question.list()?)?;
+    let n = asked.state.len();
+    let rise = chi_square::critical(1.0 - level, 1.0).map_err(|error| error.to_string())?;
+    let mut answer = Answer::default();
+    for state in 0..n {
+        let mut function = Combination(vec![0.0; n]);
+        function.0[state] = 1.0;
+        let ask = |best: &Solution, others: &[Solution]| {
+            interval(
+                &likely.model,
+                best,
+                others,
+                &function,
+                rise,
+                Options::default(),
+            )
+        };
+        let mut found = ask(&likely.best, &likely.others);
+        if let Some(better) = found.better {
+            // What is allowed counts from there.
+            let mut others = likely.others.clone();
+            others.push(likely.best.clone());
+            found = ask(&better, &others);
+        }
+        let ends: Vec<f64> = found
+            .pieces
+            .iter()
+            .flat_map(|piece| {
+                [
+                    piece.low.unwrap_or(f64::NEG_INFINITY),
+                    piece.high.unwrap_or(f64::INFINITY),
+                ]
+            })
+            .collect();
+        answer.list(&ends);
     }
     Ok(answer)
 }
@@ -363,9 +448,10 @@ pub fn headings(mut question: Question<'_>) -> Result<Answer, String> {
 /// The most likely state of measurements, which stand behind the scene; NaN is a missing
 /// one. The prior's means are those of the state.
 ///
-/// The answer: the numbers of one trial of `gramian::tracks::scene::estimate`, and its
-/// verdict at the levels of `gm.tracks.estimate`: status, worst first from 0, degrees of
-/// freedom, p.
+/// Behind the measurements the names of the states, as lines.
+///
+/// The answer: the status and the reason, as lines of text, at the levels of
+/// `gm.tracks.estimate`; the state; the next best solution, empty where there is none.
 ///
 /// # Errors
 /// As [`analyze`].
@@ -397,12 +483,14 @@ pub fn estimate(mut question: Question<'_>) -> Result<Answer, String> {
     )
     .map_err(|error| error.to_string())?;
     let verdict = task.judge(&out, 0.001, 0.25);
+    // State, covariance, null direction, the next best solution, costs.
+    let (state, rest) = out.split_at(n);
+    let (unseen, rest) = rest[n * n..].split_at(n);
+    let (next, costs) = rest.split_at(n);
+    let reason = verdict.reason(costs[0], costs[1], unseen, &question.lines()?);
     let mut answer = Answer::default();
-    answer.list(&out);
-    answer.list(&[
-        f64::from(verdict.status as u8),
-        verdict.dof,
-        verdict.p_value,
-    ]);
+    answer.text(&format!("{}\n{reason}", verdict.status.name()));
+    answer.list(state);
+    answer.list(if costs[1].is_finite() { next } else { &[] });
     Ok(answer)
 }

@@ -1,12 +1,16 @@
 //! `gram`, `crlb_std`, and the analysis of one problem.
+// Arguments come from Python by value.
+#![allow(clippy::needless_pass_by_value)]
 
 use gramian::batch::{self, simd::Path};
+use gramian::numbers::words;
+use gramian::spine::verdict::{self, Findings};
 use gramian::{chi_square, rounding};
 
 use gramian::large::dense;
 use gramian::observability::{Observability, marginal_rows as marginal};
 
-use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
 
 use crate::convert::{self, Input, all_finite};
@@ -399,6 +403,62 @@ fn singular_values<'py>(
     Ok(PyArray1::from_vec(py, values))
 }
 
+/// A number in so many digits, for a sentence.
+#[pyfunction]
+fn brief(value: f64, digits: usize) -> String {
+    words::brief(value, digits)
+}
+
+/// How states move together, in words.
+#[pyfunction]
+fn moves(change: &Bound<'_, PyAny>, names: Vec<String>) -> PyResult<String> {
+    let change = Input::unchecked(change, "change", 1)?;
+    Ok(words::moves(change.slice()?, &names))
+}
+
+/// (status, reason, the states that decided it): see `gramian::spine::verdict`.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+fn judge(
+    rank: usize,
+    touched: PyReadonlyArray1<'_, bool>,
+    data_std: &Bound<'_, PyAny>,
+    scale: &Bound<'_, PyAny>,
+    prior: &Bound<'_, PyAny>,
+    condition: f64,
+    hardness: &Bound<'_, PyAny>,
+    weak_ratio: f64,
+    weak_condition: f64,
+    names: &Bound<'_, PyAny>,
+    units: &Bound<'_, PyAny>,
+) -> PyResult<(&'static str, String, Vec<usize>)> {
+    let (data_std, scale) = (
+        Input::unchecked(data_std, "data_std", 1)?,
+        Input::unchecked(scale, "scale", 1)?,
+    );
+    let (prior, hardness) = (
+        Input::unchecked(prior, "prior", 1)?,
+        Input::unchecked(hardness, "hardness", 1)?,
+    );
+    let found = verdict::judge(&Findings {
+        rank,
+        open: touched.as_slice()?,
+        data_std: data_std.slice()?,
+        scale: scale.slice()?,
+        prior: prior.slice()?,
+        condition,
+        hardness: hardness.slice()?,
+        weak_ratio,
+        weak_condition,
+    });
+    let text = |all: &Bound<'_, PyAny>, i: usize| {
+        let one = all.get_item(i).and_then(|one| one.extract::<String>());
+        one.unwrap_or_default()
+    };
+    let reason = found.reason.words(|i| text(names, i), |i| text(units, i));
+    Ok((found.status.name(), reason, found.decided_by))
+}
+
 /// Rows with the information that random errors of their entries leave.
 #[pyfunction]
 fn rows_without_noise<'py>(
@@ -442,6 +502,9 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(convert::require_finite, module)?)?;
     module.add_function(wrap_pyfunction!(marginal_rows, module)?)?;
     module.add_function(wrap_pyfunction!(rows_without_noise, module)?)?;
+    module.add_function(wrap_pyfunction!(brief, module)?)?;
+    module.add_function(wrap_pyfunction!(moves, module)?)?;
+    module.add_function(wrap_pyfunction!(judge, module)?)?;
     module.add_function(wrap_pyfunction!(singular_values, module)?)?;
     module.add_function(wrap_pyfunction!(run::set_threads, module)?)?;
     module.add_function(wrap_pyfunction!(run::threads, module)?)?;

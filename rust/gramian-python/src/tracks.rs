@@ -1,9 +1,13 @@
 //! Tracks: carriers, scenes, and what follows from them.
+// Arguments come from Python by value.
+#![allow(clippy::needless_pass_by_value)]
 
 use gramian::batch::{Items, Threads};
 use gramian::solve::Model;
 use gramian::tracks::carrier::Carrier;
-use gramian::tracks::scene::estimate::{self as kernel, Layout, Loss, Options, Task, Verdict};
+use gramian::tracks::scene::estimate::{
+    self as kernel, Layout, Loss, Options, Status, Task, Verdict,
+};
 use gramian::tracks::scene::{
     Channel, InSensor, Kind, Measured, Moving, Noise, Parameter, Scene, TurnTimes,
 };
@@ -15,6 +19,7 @@ use crate::convert::Input;
 use crate::errors::{InputError, input_at};
 use crate::output::{self, Batch};
 use crate::run;
+use crate::solve::PyModel;
 
 /// An array and a matrix beside it.
 type Pair<'py, A> = (Bound<'py, A>, Bound<'py, PyArray2<f64>>);
@@ -392,6 +397,15 @@ impl TrackScene {
         Ok((PyArray1::from_vec(py, residuals), out))
     }
 
+    /// The scene with measurements (m,), NaN for those that are missing: a model to estimate
+    /// from.
+    fn model(&self, measurements: &Bound<'_, PyAny>) -> PyResult<PyModel> {
+        let measurements = Input::unchecked(measurements, "measurements", 1)?;
+        let measured = Measured::new(&self.scene, measurements.slice()?, &[])
+            .map_err(|error| self.error("", error))?;
+        Ok(PyModel::native(measured.into_owned()))
+    }
+
     /// The mirror image of a state, where there is one.
     fn mirrored<'py>(
         &self,
@@ -568,7 +582,38 @@ fn put_verdicts(
     Ok(())
 }
 
+/// What decided the status of an estimate, in a sentence.
+#[pyfunction]
+fn track_reason(
+    status: usize,
+    costs: [f64; 2],
+    dof: f64,
+    p_value: f64,
+    unseen: &Bound<'_, PyAny>,
+    names: Vec<String>,
+) -> PyResult<String> {
+    let unseen = Input::unchecked(unseen, "unseen", 1)?;
+    let status = Status::ALL
+        .get(status)
+        .copied()
+        .ok_or_else(|| InputError::new_err(format!("status {status}: there are 6")))?;
+    let verdict = Verdict {
+        status,
+        dof,
+        p_value,
+    };
+    Ok(verdict.reason(costs[0], costs[1], unseen.slice()?, &names))
+}
+
+/// The statuses of an estimate, worst first.
+#[pyfunction]
+fn track_statuses() -> Vec<&'static str> {
+    Status::ALL.iter().map(|status| status.name()).collect()
+}
+
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_function(wrap_pyfunction!(track_reason, module)?)?;
+    module.add_function(wrap_pyfunction!(track_statuses, module)?)?;
     module.add_class::<TrackCarrier>()?;
     module.add_class::<TrackScene>()
 }

@@ -477,7 +477,8 @@ def problem(
             combinations[name][first : first + 3] = along / size
     if scale is None:
         scale = _scales(r0, v, m, times, sensors)
-    return Problem(values, NAMES, units=UNITS, scale=scale, combinations=combinations)
+    made = Problem(values, NAMES, units=UNITS, scale=scale, combinations=combinations)
+    return made if ambient is not None else made._of("dipole", r0, v, m, times, sigma, sensors)
 
 
 def _scales(

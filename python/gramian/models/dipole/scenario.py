@@ -240,15 +240,10 @@ class DipoleScenario(Scenario):
         )
         return problem, state
 
-    def analyze(self) -> Report:
-        """Answer what the field of the pass determines, and what knowledge would add."""
-        if self.record is not None:
-            try:
-                problem, state = self._problem
-            except UnobservableError as error:
-                return self._refusal(error)
-        else:
-            problem, state = self._problem
+    @property
+    def problem(self) -> Problem:
+        """The rows of the pass, with what is known of it."""
+        problem, state = self._problem
         names = {_long(name) for name in self.known}
         sizes = [name for name in names if name not in _model.NAMES]
         fixed = [name for name in _model.NAMES if name in names]
@@ -262,7 +257,17 @@ class DipoleScenario(Scenario):
         for name in sigmas:
             if name not in problem.names and name not in problem.combinations:
                 raise self.error(f"prior.{name}", "is of something that is known")
-        answer = analyze(problem.prior(sigmas) if sigmas else problem)
+        return problem.prior(sigmas) if sigmas else problem
+
+    def analyze(self) -> Report:
+        """Answer what the field of the pass determines, and what knowledge would add."""
+        try:
+            problem = self.problem
+        except UnobservableError as error:
+            if self.record is None:
+                raise
+            return self._refusal(error)
+        answer, state = analyze(problem), self._problem[1]
         return Report(
             title=self._title,
             subtitle=(

@@ -151,13 +151,15 @@ def problem(
         )
         squares += np.linalg.norm(moved - values, axis=0) ** 2
     values, rtol = above_rounding(values, np.sqrt(squares) / many)
-    return Problem(
+    made = Problem(
         values,
         known.names,
         units=known.units,
         scale=scales,
         rtol=rtol,
     )
+    plain = known.is_pair and scale is None and not about.any()
+    return made._of("registration", places, known.places, known.sigma) if plain else made
 
 
 def fisher(

@@ -330,14 +330,19 @@ class RegistrationScenario(Scenario):
         """Positions of all looks of all targets."""
         return np.concatenate([places for _, places in self.seen.values()])
 
-    def problem(self, positions: Array | None = None) -> Problem:
-        """Return the problem of all targets, or of these positions."""
+    @property
+    def problem(self) -> Problem:
+        """The rows of all looks of all targets, with the prior."""
+        return self.problem_at(self.all_positions)
+
+    def problem_at(self, positions: Array) -> Problem:
+        """Return the problem of looks at these positions."""
         scale = {
             key.removesuffix("_deg"): float(np.radians(value)) if key.endswith("_deg") else value
             for key, value in self.useless.items()
         }
         problem = _model.problem(
-            self.all_positions if positions is None else positions,
+            positions,
             self.places,
             self.sigma,
             extras=self.extras,
@@ -348,7 +353,7 @@ class RegistrationScenario(Scenario):
 
     def analyze(self) -> Report:
         """Answer which biases these targets can tell, how well, and which targets do."""
-        answer = analyze(self.problem())
+        answer = analyze(self.problem)
         each = [self._line(name, places) for name, (_, places) in self.seen.items()]
         budget = min(self.select, len(self.seen))
         chosen = _select.select(
@@ -413,8 +418,8 @@ class RegistrationScenario(Scenario):
         return np.concatenate([own, np.ones(per - self.d)])
 
     def _line(self, name: str, places: Array) -> list[str]:
-        std = crlb_std(self.problem(places))
-        units = self.problem(places[:1]).units
+        std = crlb_std(self.problem_at(places))
+        units = self.problem_at(places[:1]).units
         eta = float(_degree.eta(places, self.places, self.sigma))
         near = ""
         if self.d == 2 and len(self.sensors) == 2:
@@ -656,7 +661,7 @@ class RegistrationScenario(Scenario):
             return super().simulate(trials, seed, resume=resume, progress=progress)
         if resume is not None:
             raise self.error("resume", "all trials run in one call: nothing is kept to go on from")
-        bound = crlb_std(self.problem())
+        bound = crlb_std(self.problem)
         found = _estimate.estimate_trials(
             self.all_positions, self.places, self.sigma, self.truth or None, seed=seed,
             trials=trials, method=self.estimate.method, prior=self.prior, extras=self.extras,

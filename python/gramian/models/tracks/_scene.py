@@ -323,7 +323,8 @@ def problem(scene: Scene, state: ArrayLike | Mapping[str, float]) -> Problem:
     if x.ndim != 1:
         raise InputError(f"state has shape {x.shape}: must be ({scene.n},), one state")
     values = rows(scene, x)
-    return Problem(values, scene.names, units=scene.units, scale=_scales(scene, x))
+    made = Problem(values, scene.names, units=scene.units, scale=_scales(scene, x))
+    return made._of("tracks", scene, x)
 
 
 def _scales(scene: Scene, x: Array) -> Array:

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gramian import _core
 from gramian._answers import Answer, Columns, columns_of_states
 from gramian._arrays import number, whole
 from gramian._noise import as_known, as_pair
 from gramian._options import choice, mapping, tolerance
 from gramian._registry import draw
 from gramian._text import brief
+from gramian.estimation import Estimate, Interval, Region, Solution
 from gramian.exceptions import InputError
 from gramian.models.tracks._scene import Scene, as_scene
 
@@ -26,12 +29,24 @@ __all__ = ["Loss", "TrackEstimate", "solve"]
 Array = NDArray[np.float64]
 
 #: Statuses, worst first.
-STATUSES = ("unobservable", "misfit", "not_converged", "ambiguous", "weak", "determined")
+STATUSES = tuple(_core.track_statuses())
 
 #: Constants of the robust losses with 95 % efficiency on normal noise.
 CONSTANTS = {"squares": 0.0, "huber": 1.345, "tukey": 4.685}
 
 Loss = Literal["squares", "huber", "tukey"]
+
+
+class _Likely:
+    """A scene as `gramian.estimate` takes a model."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.names, self.units = scene.names, scene.units
+        self._scene = scene
+
+    def handle(self, z: Array) -> _core.Model:
+        """Return the extension's model of these measurements."""
+        return self._scene._inner.model(z)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -64,6 +79,10 @@ class TrackEstimate(Answer):
     null_direction : ndarray, shape (..., n)
         Where the status is "unobservable", one change that no measurement sees.
     iterations : ndarray of int, shape (...)
+    prior : mapping of str to (mean, sigma)
+    known : mapping of str to float
+    loss : str
+        As given to `estimate`.
     legs : LegChoice or None
         How the number of legs was chosen, where it was.
     """
@@ -81,10 +100,15 @@ class TrackEstimate(Answer):
     other_cost: Array
     null_direction: Array
     iterations: NDArray[np.int32]
+    prior: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    known: Mapping[str, float] = field(default_factory=dict)
+    loss: Loss = "squares"
     legs: Any = None
 
     _more_in_dict = ("status", "names", "units", "std")
-    _not_in_dict = frozenset({"scene", "measurements", "legs", "code", "other", "other_cost"})
+    _not_in_dict = frozenset(
+        {"scene", "measurements", "legs", "code", "other", "other_cost", "prior", "known", "loss"}
+    )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -114,27 +138,15 @@ class TrackEstimate(Answer):
         status = self.status
         if not isinstance(status, str):
             raise InputError("reason is of one estimate: this is a batch")
-        if status == "unobservable":
-            from gramian._text import describe_direction
-
-            direction = self.null_direction.copy()
-            direction[np.abs(direction) < 1e-9 * np.abs(direction).max(initial=0.0)] = 0
-            return f"no measurement sees {describe_direction(direction, self.names)}"
-        if status == "misfit":
-            return (
-                f"chi2 = {brief(float(self.cost), 4)} for {int(self.dof)} degrees of freedom "
-                f"(p = {brief(float(self.p_value), 2)}): the model does not fit"
-            )
-        if status == "ambiguous":
-            rise = float(self.other_cost - self.cost)
-            return f"another solution fits as well: chi2 is larger by {brief(rise, 2)}"
-        if status == "weak":
-            return (
-                "a position of the track is uncertain by a good part of its distance (weak_ratio)"
-            )
-        if status == "not_converged":
-            return "the steps did not come to rest"
-        return "one solution fits"
+        costs = [float(self.cost), float(self.other_cost)]
+        return _core.track_reason(
+            int(self.code),
+            costs,
+            float(self.dof),
+            float(self.p_value),
+            self.null_direction,
+            self.names,
+        )
 
     @property
     def residuals(self) -> Array:
@@ -158,6 +170,92 @@ class TrackEstimate(Answer):
     def track(self, times: ArrayLike) -> Array:
         """Return positions (k, D) of a single estimate at these times."""
         return self.scene.track(self.state, times)
+
+    @cached_property
+    def _likelihood(self) -> Estimate:
+        """The estimate as one of a general model."""
+        if self.state.ndim != 1:
+            raise InputError("intervals and regions are of one estimate: this is a batch")
+        if self.loss != "squares":
+            raise InputError(
+                f"loss = {self.loss!r}: intervals and regions are of the likelihood, "
+                'which is that of loss = "squares"'
+            )
+        free = [i for i, name in enumerate(self.names) if name not in self.known]
+        others: tuple[Solution, ...] = ()
+        if np.isfinite(self.other_cost):
+            others = (Solution(self.other[free], float(self.other_cost), np.nan, np.nan, 1),)
+        return Estimate(
+            model=_Likely(self.scene),
+            measurements=self.measurements,
+            names=tuple(self.names[i] for i in free),
+            units=tuple(self.units[i] for i in free),
+            state=self.state[free],
+            converged=self.status != "not_converged",
+            iterations=int(self.iterations),
+            prior=dict(self.prior),
+            known=dict(self.known),
+            others=others,
+            unseen=1.0,
+            alpha=0.001,
+            chance=0.01,
+            weak_ratio=0.25,
+        )
+
+    def interval(self, what: Any, level: float = 0.95) -> Interval:
+        """Return the values of a state or combination that the measurements allow.
+
+        Parameters
+        ----------
+        what : str, mapping, array_like or callable
+            As for `gramian.Estimate.interval`: a state by its name, ``{"x0": 1, "vx": 60}``
+            for a coordinate a minute later, a function ``x -> (value, gradient)``.
+        level : float
+            Confidence, between 0 and 1.
+
+        Returns
+        -------
+        Interval
+            By profile likelihood; not the local approximation of `covariance`.
+
+        Raises
+        ------
+        InputError
+            Of a batch, of a robust loss; what does not fit.
+
+        Examples
+        --------
+        >>> import gramian as gm, numpy as np
+        >>> times = np.arange(0.0, 600.0, 20.0)
+        >>> ship = gm.tracks.Carrier([[0, 0], [1500, 0], [1500, 1500]], [0.0, 300.0, 600.0])
+        >>> sensor = gm.tracks.Sensor.bearing(ship, times, sigma=0.005)
+        >>> scene = gm.tracks.Scene(gm.tracks.Motion.constant_velocity(), [sensor])
+        >>> bearings = gm.tracks.simulate(scene, [3000.0, 4000.0, -4.0, 2.0], seed=1)
+        >>> found = gm.tracks.estimate(scene, [bearings])
+        >>> 4000.0 in found.interval("y0")
+        True
+        """
+        return self._likelihood.interval(what, level)
+
+    def region(self, pair: Sequence[Any], level: float = 0.95) -> Region:
+        """Return the values of a pair of states or combinations that are allowed.
+
+        Parameters
+        ----------
+        pair : two of what `interval` takes
+        level : float
+
+        Returns
+        -------
+        Region
+            Contours of the profile likelihood.
+
+        Raises
+        ------
+        InputError
+            As `interval`; not two.
+        """
+        return self._likelihood.region(pair, level)
 
     def plot(self, view: Literal["map", "space"] | None = None) -> Figure:
         """Draw a single estimate: carriers, track, error ellipses; needs matplotlib.
@@ -268,6 +366,9 @@ def solve(
         other_cost=found["other_cost"],
         null_direction=found["null_direction"],
         iterations=found["iterations"].astype(np.int32),
+        prior=dict(prior or {}),
+        known=dict(known or {}),
+        loss=loss,
     )
 
 

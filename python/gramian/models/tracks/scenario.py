@@ -17,6 +17,7 @@ from gramian.models.tracks._estimate import estimate
 from gramian.models.tracks._motion import Carrier, Motion
 from gramian.models.tracks._scene import Scene, problem
 from gramian.models.tracks._sensors import Sensor
+from gramian.problem import Problem
 from gramian.report import Picture, Report, Table, Tone, answer_pictures, answer_tables, tone_of
 from gramian.scenario.base import Scenario, Section, Simulation
 
@@ -225,7 +226,8 @@ class TracksScenario(Scenario):
             raise self.error("target", f"has no {', '.join(missing)}")
         return full
 
-    def _priors(self) -> dict[str, tuple[float, float]]:
+    @property
+    def priors(self) -> dict[str, tuple[float, float]]:
         """Means and deviations; a number alone is the deviation about the target's state."""
         found = {}
         for name, value in self.prior.items():
@@ -237,17 +239,19 @@ class TracksScenario(Scenario):
                 found[name] = (self.target.get(name, 0.0), value)
         return found
 
-    def analyze(self) -> Report:
-        """Answer what the sensors determine of a target at the state of `target`."""
-        scene = self.scene
+    @property
+    def problem(self) -> Problem:
+        """The rows at the state of `target`, with the prior and what is known."""
         try:
-            asked = problem(scene, self.state)
-            asked = asked.prior({name: sigma for name, (_, sigma) in self._priors().items()})
-            if self.known:
-                asked = asked.fix(*self.known)
+            asked = problem(self.scene, self.state)
+            asked = asked.prior({name: sigma for name, (_, sigma) in self.priors.items()})
+            return asked.fix(*self.known) if self.known else asked
         except InputError as error:
             raise self.error("target", str(error)) from error
-        answer = analyze(asked)
+
+    def analyze(self) -> Report:
+        """Answer what the sensors determine of a target at the state of `target`."""
+        answer = analyze(self.problem)
         verdict = (
             f"no measurement changes when the states move together: {answer.null_combinations[0]}"
             if answer.nullity
@@ -275,7 +279,7 @@ class TracksScenario(Scenario):
             found = estimate(
                 self.scene,
                 z,
-                prior=self._priors(),
+                prior=self.priors,
                 known=self.known,
                 loss=self.loss,
                 legs="auto" if auto else None,
@@ -330,7 +334,7 @@ class TracksScenario(Scenario):
         if self.known:
             raise self.error("known", "simulate estimates every state: give a [prior] instead")
         return Simulation(
-            Tracks(self.scene, self.state, self._priors()),
+            Tracks(self.scene, self.state, self.priors),
             title=self.path.stem,
             subtitle=self._subtitle(),
         )

@@ -11,3 +11,5 @@ pub mod dual;
 pub mod errors;
 pub mod lane;
 pub mod scalar;
+#[cfg(feature = "alloc")]
+pub mod words;

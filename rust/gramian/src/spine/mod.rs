@@ -12,3 +12,5 @@ pub mod rounding;
 pub mod rows;
 pub mod spectrum;
 pub mod square_root;
+#[cfg(feature = "alloc")]
+pub mod verdict;

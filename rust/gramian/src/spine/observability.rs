@@ -229,6 +229,19 @@ impl<T: Real> Observability<T> {
         &self.singular_values
     }
 
+    /// Condition number of the rows with unit columns, among what is not known exactly;
+    /// infinite where the rank is short.
+    pub fn condition(&self) -> T {
+        if self.parts.rank < self.n {
+            return T::INFINITY;
+        }
+        let mut known = self.singular_values.iter().filter(|s| s.is_finite());
+        match (known.next(), known.next_back()) {
+            (Some(&first), Some(&last)) => first / last,
+            _ => T::one(),
+        }
+    }
+
     /// Basis of the unobservable combinations in physical units, one after the
     /// other: reduced so that each has a leading state with coefficient 1 which
     /// the others do not contain. Rounding noise is set to zero.

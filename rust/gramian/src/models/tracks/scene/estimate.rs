@@ -6,6 +6,8 @@
 //! inverse of the information, from the triangular factor at the solution; with a robust
 //! loss it is that of the sandwich formula (Huber 1981, section 7.6).
 
+use alloc::format;
+use alloc::string::String;
 use alloc::vec;
 use alloc::vec::Vec;
 
@@ -13,6 +15,7 @@ use super::trials::Trials;
 use super::{InSensor, Measured, Scene};
 use crate::batch::{Items, Threads};
 use crate::numbers::chi_square;
+use crate::numbers::words::{brief, moves};
 pub use crate::solve::Loss;
 use crate::solve::Model;
 use crate::solve::side_by_side::{Arrived, losses, minimize_all};
@@ -281,6 +284,68 @@ pub struct Verdict {
     pub p_value: f64,
 }
 
+impl Status {
+    /// All of them, worst first.
+    pub const ALL: [Self; 6] = [
+        Self::Unobservable,
+        Self::Misfit,
+        Self::NotConverged,
+        Self::Ambiguous,
+        Self::Weak,
+        Self::Determined,
+    ];
+
+    /// The status as it is written.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Unobservable => "unobservable",
+            Self::Misfit => "misfit",
+            Self::NotConverged => "not_converged",
+            Self::Ambiguous => "ambiguous",
+            Self::Weak => "weak",
+            Self::Determined => "determined",
+        }
+    }
+}
+
+impl Verdict {
+    /// What decided, in a sentence: from the costs of the solution and of the next best one,
+    /// a change that no measurement sees where there is one, and the names of the states.
+    pub fn reason<S: AsRef<str>>(
+        &self,
+        cost: f64,
+        other: f64,
+        unseen: &[f64],
+        names: &[S],
+    ) -> String {
+        match self.status {
+            Status::Unobservable => {
+                let size = unseen.iter().fold(0.0_f64, |size, x| size.max(x.abs()));
+                let kept: Vec<f64> = unseen
+                    .iter()
+                    .map(|x| if x.abs() < 1e-9 * size { 0.0 } else { *x })
+                    .collect();
+                format!("no measurement sees {}", moves(&kept, names))
+            }
+            Status::Misfit => format!(
+                "chi2 = {} for {} degrees of freedom (p = {}): the model does not fit",
+                brief(cost, 4),
+                self.dof,
+                brief(self.p_value, 2)
+            ),
+            Status::NotConverged => String::from("the steps did not come to rest"),
+            Status::Ambiguous => format!(
+                "another solution fits as well: chi2 is larger by {}",
+                brief(other - cost, 2)
+            ),
+            Status::Weak => String::from(
+                "a position of the track is uncertain by a good part of its distance (weak_ratio)",
+            ),
+            Status::Determined => String::from("one solution fits"),
+        }
+    }
+}
+
 /// Another solution counts as fitting as well where its cost is larger by less than this:
 /// noise prefers it in about one trial of 140.
 const AS_WELL: f64 = 6.0;
@@ -483,7 +548,7 @@ fn write(
     found: &[Arrived],
     out: &mut [f64],
 ) {
-    let scene = measured.scene;
+    let scene = &*measured.scene;
     let n = scene.states();
     let (state, rest) = out.split_at_mut(n);
     let (covariance, rest) = rest.split_at_mut(n * n);

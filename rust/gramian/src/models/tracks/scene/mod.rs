@@ -4,6 +4,7 @@ pub mod estimate;
 mod kernels;
 mod noise;
 
+use alloc::borrow::Cow;
 use alloc::vec;
 use alloc::vec::Vec;
 
@@ -888,8 +889,8 @@ impl Group {
 /// A measurement that is NaN is missing.
 #[derive(Clone, Debug)]
 pub struct Measured<'a> {
-    scene: &'a Scene,
-    measurements: &'a [f64],
+    scene: Cow<'a, Scene>,
+    measurements: Cow<'a, [f64]>,
     present: Option<Vec<bool>>,
     count: usize,
     /// For each state its value where it is known.
@@ -935,12 +936,23 @@ impl<'a> Measured<'a> {
             present = Some(is);
         }
         Ok(Self {
-            scene,
-            measurements,
+            scene: Cow::Borrowed(scene),
+            measurements: Cow::Borrowed(measurements),
             present,
             count,
             known,
         })
+    }
+
+    /// The same, with a copy of what was borrowed.
+    pub fn into_owned(self) -> Measured<'static> {
+        Measured {
+            scene: Cow::Owned(self.scene.into_owned()),
+            measurements: Cow::Owned(self.measurements.into_owned()),
+            present: self.present,
+            count: self.count,
+            known: self.known,
+        }
     }
 
     /// All states, from those that are free.
@@ -985,7 +997,7 @@ impl Model for Measured<'_> {
         residuals: &mut [f64],
         rows: Option<&mut [f64]>,
     ) -> Result<(), InSensor> {
-        let scene = self.scene;
+        let scene = &*self.scene;
         let n = scene.states();
         let whole = self.present.is_none();
         let free = self.known.iter().all(Option::is_none);
@@ -1000,7 +1012,7 @@ impl Model for Measured<'_> {
             // Straight into the memory of the caller.
             let mut rows = rows;
             scene.predict(x, residuals, rows.as_deref_mut())?;
-            for (value, z) in residuals.iter_mut().zip(self.measurements) {
+            for (value, z) in residuals.iter_mut().zip(self.measurements.iter()) {
                 *value = z - *value;
             }
             scene.whiten(residuals, rows, None);
@@ -1017,7 +1029,7 @@ impl Model for Measured<'_> {
         ];
         let with_rows = rows.is_some();
         scene.predict(x, &mut values, with_rows.then_some(&mut wide[..]))?;
-        for (value, z) in values.iter_mut().zip(self.measurements) {
+        for (value, z) in values.iter_mut().zip(self.measurements.iter()) {
             *value = if z.is_nan() { 0.0 } else { z - *value };
         }
         scene.whiten(
@@ -1033,7 +1045,7 @@ impl Model for Measured<'_> {
     }
 
     fn difference(&self, a: &[f64], b: &[f64], out: &mut [f64]) -> Result<(), InSensor> {
-        let scene = self.scene;
+        let scene = &*self.scene;
         let mut values = [vec![0.0; scene.measurements], vec![0.0; scene.measurements]];
         for (x, values) in [a, b].into_iter().zip(&mut values) {
             scene.predict(&self.full(x), values, None)?;
