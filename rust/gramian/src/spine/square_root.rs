@@ -101,6 +101,50 @@ impl<T: Real, const N: usize> SquareRootInformation<T, N> {
         self.count = self.count.saturating_add(1);
     }
 
+    /// [`absorb`](Self::absorb) for several rows at once, which are overwritten: one square
+    /// root for each column instead of one for each of its entries.
+    pub(crate) fn absorb_all(&mut self, rows: &mut [[T; N]]) {
+        let count = u32::try_from(rows.len()).unwrap_or(u32::MAX);
+        self.count = self.count.saturating_add(count);
+        let safe = T::one() / (T::MAX * T::EPSILON).sqrt();
+        for k in 0..N {
+            let squares = rows
+                .iter()
+                .fold(T::zero(), |sum, row| sum + row[k] * row[k]);
+            let pivot = self.factor[k][k];
+            let whole = squares + pivot * pivot;
+            if whole == T::zero() && rows.iter().all(|row| row[k] == T::zero()) {
+                continue;
+            }
+            if !(whole > safe && whole < T::one() / safe) {
+                // Squares that overflow or vanish: rotations scale each pair.
+                for row in rows.iter_mut() {
+                    row[..k].fill(T::zero());
+                    rotate_in(self.factor.as_flattened_mut(), row);
+                }
+                return;
+            }
+            let norm = whole.sqrt();
+            let alpha = if pivot > T::zero() { -norm } else { norm };
+            // H = I - v v^T / beta with v = (head, column), beta = -alpha head.
+            let head = pivot - alpha;
+            let inverse = T::one() / (-alpha * head);
+            let line = &mut self.factor[k];
+            line[k] = alpha;
+            for j in k + 1..N {
+                let mut sum = head * line[j];
+                for row in rows.iter() {
+                    sum += row[k] * row[j];
+                }
+                let share = sum * inverse;
+                line[j] -= share * head;
+                for row in rows.iter_mut() {
+                    row[j] -= share * row[k];
+                }
+            }
+        }
+    }
+
     /// Whether no entry is so large that an answer could overflow, and none is NaN.
     /// Once unsound, a factor stays so whatever is absorbed.
     #[inline]

@@ -114,12 +114,12 @@ pub(crate) fn way_out<T: Real>(at: [T; 2], time: T, limits: &Limits<'_, T>) -> O
 /// step of `length` from `at`; the half width is zero where it forbids none.
 pub(crate) fn forbidden<T: Real>(at: [T; 2], length: T, circle: &Circle<T>) -> (T, T) {
     let (x, y) = (circle.center[0] - at[0], circle.center[1] - at[1]);
-    let distance = hypot(x, y);
-    let middle = x.atan2(y);
-    let (d, s, r) = (distance, length, circle.radius);
+    let (d, s, r) = (hypot(x, y), length, circle.radius);
     if !(r > T::zero()) || d >= s + r {
-        return (middle, T::zero());
+        // No heading: no middle either.
+        return (T::zero(), if d.is_finite() { T::zero() } else { d });
     }
+    let middle = x.atan2(y);
     // Beyond the point where a tangent touches, a step that crosses the circle
     // has its end outside again.
     let touch_squared = (d - r) * (d + r);
@@ -249,6 +249,8 @@ pub(crate) struct Place<T> {
     pub at: [T; 2],
     /// Time since the start.
     pub time: T,
+    /// The same at the end of the step that comes.
+    pub ends: T,
     /// Whether the last heading was turned aside for a limit.
     pub deflected: bool,
 }
@@ -270,6 +272,7 @@ pub(crate) fn follow<T: Real>(
         step: 0,
         at: start,
         time: T::zero(),
+        ends: dt,
         deflected: false,
     };
     let mut before = first;
@@ -278,6 +281,7 @@ pub(crate) fn follow<T: Real>(
         place.step = step;
         place.time = T::of(step as f64) * dt;
         let ends = T::of((step + 1) as f64) * dt;
+        place.ends = ends;
         let asked = wanted(&place);
         let found = aside(place.at, ends, length, asked, before, limits);
         if found.is_none() {
@@ -327,14 +331,15 @@ impl<T: Real> Arc<T> {
         let mut heading = None;
         let mut along = false;
         move |place| {
-            let point = bearings::moved(&aim, place.time);
-            let bearing = bearings::sight(place.at, point);
             let back = place.step >= self.turn_back;
             let side = if back { -self.side } else { self.side };
             if place.step == self.turn_back {
                 heading = None;
             }
             along |= place.deflected;
+            // A circle stands where its target is at the end of the step.
+            let when = if along { place.ends } else { place.time };
+            let bearing = bearings::sight(place.at, bearings::moved(&aim, when));
             if along {
                 // Into the circle: the edge on this side of it is the nearest way.
                 return bearing + side * T::of(1e-3);

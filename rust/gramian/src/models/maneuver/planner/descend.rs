@@ -108,7 +108,8 @@ impl<'a> Program<'a> {
             .objective
             .cost(&self.tracks, sharpness, Some(&mut self.pulls));
         gradient.fill(0.0);
-        self.layout.back(self.problem, x, &self.pulls, gradient);
+        self.layout
+            .back(self.problem, x, &self.tracks, &self.pulls, gradient);
         cost
     }
 
@@ -170,7 +171,8 @@ impl<'a> Program<'a> {
                 sum -= 0.5 * multipliers[index] * multipliers[index] / penalty;
             }
         }
-        self.layout.back(self.problem, x, &self.pulls, gradient);
+        self.layout
+            .back(self.problem, x, &self.tracks, &self.pulls, gradient);
         if gradient.iter().all(|g| g.is_finite()) {
             sum
         } else {
@@ -374,7 +376,8 @@ impl<'a> Program<'a> {
                 &mut self.pulls,
                 &mut row,
             );
-            self.layout.back(self.problem, x, &self.pulls, &mut row);
+            self.layout
+                .back(self.problem, x, &self.tracks, &self.pulls, &mut row);
             rows.push(row);
         }
         rows

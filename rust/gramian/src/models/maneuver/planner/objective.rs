@@ -16,6 +16,9 @@ use crate::tracks::sensors::{
     Bearing, ConeAngle, Frequency, Range, RangeRate, Reading, Sensor as _, Sight, SignalStrength,
 };
 
+/// Rows that are reduced at once.
+const BLOCK: usize = 16;
+
 /// States at most: of all targets together, and of the sensors.
 pub const MOST_STATES: usize = 12;
 
@@ -142,19 +145,61 @@ impl<const N: usize> Sized<N> {
         sample: usize,
         sharpness: Sharpness,
     ) {
+        self.rows(belief, tracks, sample, sharpness, |row| root.absorb(&row));
+    }
+
+    /// What all samples and the prior tell.
+    fn whole(
+        &self,
+        belief: &Belief<N>,
+        tracks: &[Track],
+        sharpness: Sharpness,
+    ) -> SquareRootInformation<f64, N> {
+        let samples = tracks.first().map_or(0, |track| track.at.len());
+        let mut root = self.start(belief);
+        let mut block = [[0.0; N]; BLOCK];
+        let mut filled = 0;
+        for sample in 0..samples {
+            self.rows(belief, tracks, sample, sharpness, |row| {
+                block[filled] = row;
+                filled += 1;
+                if filled == BLOCK {
+                    root.absorb_all(&mut block);
+                    filled = 0;
+                }
+            });
+        }
+        root.absorb_all(&mut block[..filled]);
+        root
+    }
+
+    /// The whitened rows of one sample of all observers, on the scaled states.
+    #[inline]
+    fn rows(
+        &self,
+        belief: &Belief<N>,
+        tracks: &[Track],
+        sample: usize,
+        sharpness: Sharpness,
+        mut each: impl FnMut([f64; N]),
+    ) {
         let time = self.dt * sample as f64;
         for (track, sensors) in tracks.iter().zip(&self.sensors) {
             let (at, velocity, axis) = track.sample(sample);
             for (target, state) in belief.targets.iter().enumerate() {
                 for sensor in sensors {
                     let sight = sight_of(state, time, at, velocity, axis);
-                    let seen = Seen::of(sensor, &sight, time, sharpness);
+                    let seen = if is_plain_bearing(sensor) {
+                        Seen::bearing(sight.offset, time, sensor.detection)
+                    } else {
+                        Seen::of(sensor, &sight, time, sharpness)
+                    };
                     if seen.weight <= 0.0 {
                         continue;
                     }
                     let root_weight = seen.weight.sqrt() / sensor.sigma;
                     let row = self.row(&seen, sensor, target);
-                    root.absorb(&core::array::from_fn(|i| {
+                    each(core::array::from_fn(|i| {
                         row[i] * self.scale[i] * root_weight
                     }));
                 }
@@ -197,7 +242,9 @@ impl<const N: usize> Sized<N> {
                         sensor.kind,
                         Kind::Bearing | Kind::Range | Kind::SignalStrength
                     ) && sensor.blind.is_empty();
-                    let found = if plain {
+                    let found = if is_plain_bearing(sensor) {
+                        self.bearing_by_path(sensor, state, target, by, track, sample, time)
+                    } else if plain {
                         self.by_path::<2>(sensor, state, target, by, track, sample, time, sharpness)
                     } else {
                         self.by_path::<6>(sensor, state, target, by, track, sample, time, sharpness)
@@ -206,6 +253,57 @@ impl<const N: usize> Sized<N> {
                 }
             }
         }
+    }
+
+    /// [`by_path`](Self::by_path) of a bearing that is always seen, in closed form.
+    #[allow(clippy::too_many_arguments)]
+    #[inline]
+    fn bearing_by_path(
+        &self,
+        sensor: &Sensor,
+        state: &[f64; 4],
+        target: usize,
+        by: &[[f64; N]; N],
+        track: &Track,
+        sample: usize,
+        time: f64,
+    ) -> [f64; 6] {
+        let (at, velocity, axis) = track.sample(sample);
+        let [x, y] = sight_of(state, time, at, velocity, axis).offset;
+        let seen = Seen::bearing([x, y], time, sensor.detection);
+        let through = self.through(by, &self.row(&seen, sensor, target));
+        let first = target * self.dimension;
+        let (mut a, mut b) = (through[first], through[first + 1]);
+        if self.dimension == 4 {
+            a += time * through[first + 2];
+            b += time * through[first + 3];
+        }
+        // Of (a y - b x) / (x^2 + y^2).
+        let inverse = 1.0 / (x * x + y * y);
+        let both = 2.0 * (a * y - b * x) * inverse;
+        let factor = 2.0 * sensor.detection * inverse / (sensor.sigma * sensor.sigma);
+        [
+            -factor * (b + both * x),
+            factor * (a - both * y),
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+        ]
+    }
+
+    /// G h for G on the scaled states, back in physical ones.
+    #[inline]
+    fn through(&self, by: &[[f64; N]; N], row: &[f64; N]) -> [f64; N] {
+        let mut out = [0.0; N];
+        for i in 0..N {
+            let mut sum = 0.0;
+            for j in 0..N {
+                sum += by[i][j] * row[j] * self.scale[j];
+            }
+            out[i] = sum * self.scale[i];
+        }
+        out
     }
 
     /// The derivatives by the offset of the target, the velocity of the carrier and its
@@ -245,17 +343,8 @@ impl<const N: usize> Sized<N> {
             return [0.0; 6];
         }
         let row = self.row(&seen.values(), sensor, target);
-        // G h on the scaled states, back in physical ones.
-        let mut through = [0.0; N];
-        let mut square = 0.0;
-        for i in 0..N {
-            let mut sum = 0.0;
-            for j in 0..N {
-                sum += by[i][j] * row[j] * self.scale[j];
-            }
-            through[i] = sum * self.scale[i];
-            square += through[i] * row[i];
-        }
+        let through = self.through(by, &row);
+        let square: f64 = through.iter().zip(&row).map(|(a, b)| a * b).sum();
         let first = target * self.dimension;
         let mut change = Dual::<K>::constant(0.0);
         for (entry, factor) in seen
@@ -282,13 +371,9 @@ impl<const N: usize> Sized<N> {
 
     /// Of each belief: the cost, the value, and its derivative by the scaled information.
     fn costs(&self, tracks: &[Track], sharpness: Sharpness) -> Option<Vec<Judged<N>>> {
-        let samples = tracks.first().map_or(0, |track| track.at.len());
         let mut out = Vec::with_capacity(self.beliefs.len());
         for belief in &self.beliefs {
-            let mut root = self.start(belief);
-            for sample in 0..samples {
-                self.absorb(&mut root, belief, tracks, sample, sharpness);
-            }
+            let root = self.whole(belief, tracks, sharpness);
             if !root.is_sound() {
                 return None;
             }
@@ -423,14 +508,10 @@ impl<const N: usize> Objective for Sized<N> {
     }
 
     fn roots(&self, tracks: &[Track]) -> Vec<Vec<f64>> {
-        let samples = tracks.first().map_or(0, |track| track.at.len());
         self.beliefs
             .iter()
             .map(|belief| {
-                let mut root = self.start(belief);
-                for sample in 0..samples {
-                    self.absorb(&mut root, belief, tracks, sample, f64::INFINITY);
-                }
+                let root = self.whole(belief, tracks, f64::INFINITY);
                 let lines = root.factor().iter();
                 lines
                     .flat_map(|line| (0..N).map(|i| line[i] / self.scale[i]))
@@ -530,6 +611,26 @@ struct Seen<L> {
     by_state: [L; 4],
     by_parameter: [L; 2],
     weight: L,
+}
+
+/// Whether a sensor is a bearing that is seen from everywhere, which most are.
+#[inline]
+fn is_plain_bearing(sensor: &Sensor) -> bool {
+    sensor.kind == Kind::Bearing && sensor.blind.is_empty() && !sensor.reach.is_finite()
+}
+
+impl Seen<f64> {
+    /// A bearing, without its value.
+    #[inline]
+    fn bearing([x, y]: [f64; 2], time: f64, weight: f64) -> Self {
+        let inverse = 1.0 / (x * x + y * y);
+        let (a, b) = (y * inverse, -x * inverse);
+        Self {
+            by_state: [a, b, time * a, time * b],
+            by_parameter: [0.0; 2],
+            weight,
+        }
+    }
 }
 
 impl<L: Lane> Seen<L> {

@@ -138,8 +138,15 @@ impl Layout {
         }
     }
 
-    /// Adds the derivatives by the unknowns.
-    pub fn back(&self, problem: &Problem, x: &[f64], pulls: &[Pull], gradient: &mut [f64]) {
+    /// Adds the derivatives by the unknowns; `tracks` are the paths walked from them.
+    pub fn back(
+        &self,
+        problem: &Problem,
+        x: &[f64],
+        tracks: &[Track],
+        pulls: &[Pull],
+        gradient: &mut [f64],
+    ) {
         for (index, (observer, pull)) in problem.observers.iter().zip(pulls).enumerate() {
             let first = self.first(index);
             let legs = self.legs();
@@ -147,7 +154,7 @@ impl Layout {
             let mut after = [0.0; 2];
             let mut step = pull.velocity.len();
             for leg in (0..legs).rev() {
-                let (sin, cos) = x[first + leg].sin_cos();
+                let [sin, cos] = tracks[index].axis[step - 1];
                 let share = if free { x[first + legs + leg] } else { 1.0 };
                 let mut by_velocity = [0.0; 2];
                 let mut by_axis = [0.0; 2];
