@@ -625,10 +625,13 @@ def plan_steered(
 def maneuver_closed_loop(
     target: ArrayLike,
     start: ArrayLike,
+    dt: float,
     length: float,
     steps: int,
     sigma: float,
     first_range: tuple[float, float],
+    first_speed: float | None,
+    gate: float,
     opening: int,
     when_lost: str,
     standoff: float,
@@ -638,6 +641,7 @@ def maneuver_closed_loop(
     wanted: ArrayLike,
     noise: ArrayLike,
     lost: ArrayLike,
+    alarms: ArrayLike,
 ) -> _Array: ...
 
 # monte_carlo

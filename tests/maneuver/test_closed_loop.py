@@ -97,6 +97,86 @@ def test_limits_hold_in_the_loop():
     assert turns.max() == pytest.approx(0.1, abs=1e-9)
 
 
+# 20 steps away, its speed and course unknown.
+MOVING = ([0.0, 400.0, -5.0, 5.0], [0.0, 0.0], 20.0, 1.0, 60)
+UNKNOWN = {"sigma": np.radians(0.5), "first_range": (500.0, 150.0), "first_speed": 7.0}
+
+
+def moving(**changes):
+    options = {"methods": ["max_det"], "trials": 400, "seed": 5, "standoff": 200.0, **UNKNOWN}
+    return gm.maneuver.closed_loop(*MOVING, **{**options, **changes})
+
+
+@pytest.fixture(scope="module")
+def flown():
+    return moving(methods=["max_det", "circle"])
+
+
+def test_regions_of_a_moving_target_hold_the_truth(flown):
+    for run in flown.runs:
+        assert run.estimates.shape == (400, 60, 4)
+        # Three standard errors of 400 trials.
+        assert abs(run.coverage(0.95)[-1] - 0.95) < 0.033
+        assert abs(run.coverage(0.5)[-1] - 0.5) < 0.075
+        believed = np.sqrt((run.believed[:, -1] ** 2).mean())
+        assert abs(run.final_rms / believed - 1) < 3 * run.uncertainty / run.final_rms + 0.02
+
+
+def test_the_error_of_a_moving_target_is_what_the_bound_of_the_path_allows(flown):
+    run = flown["max_det"]
+    times = np.arange(60.0)
+    truth = np.array(MOVING[0])
+    bounds = []
+    for path in run.paths:
+        offset = truth[:2] + times[:, None] * truth[2:] - path
+        place = offset[:, ::-1] * [1, -1] / (UNKNOWN["sigma"] * (offset**2).sum(axis=1)[:, None])
+        rows = np.hstack([place, times[:, None] * place])
+        # What was known before is not centred on the truth: it tells little in the end.
+        covariance = np.linalg.inv(rows.T @ rows)
+        last = np.hstack([np.eye(2), 59.0 * np.eye(2)])
+        bounds.append(np.trace(last @ covariance @ last.T))
+    bound = np.sqrt(np.mean(bounds))
+    assert abs(run.final_rms / bound - 1) < 3 * run.uncertainty / run.final_rms + 0.03
+
+
+def test_false_alarms_and_missed_detections_cost_little(flown):
+    clean = flown["max_det"]
+    missed = moving(lost=0.3)["max_det"]
+    false = moving(lost=0.3, false_alarms=0.3)["max_det"]
+    assert 1.05 < missed.final_rms / clean.final_rms < 1.5
+    # In the gate of four standard deviations few false bearings come to lie.
+    assert np.median(false.errors[:, -1]) < 1.5 * np.median(missed.errors[:, -1])
+    assert not np.array_equal(false.estimates, missed.estimates)
+    np.testing.assert_array_equal(moving(false_alarms=0.0)["max_det"].errors, clean.errors)
+
+
+def test_time_to_an_accuracy(flown):
+    run = flown["max_det"]
+    times = run.time_to(0.1)
+    assert run.time_to(0.05).mean() > times.mean()
+    for trial in range(5):
+        below = run.errors[trial] <= 0.1 * run.ranges[trial]
+        first = int(times[trial])
+        assert below[first:].all()
+        assert first == 0 or not below[first - 1]
+    assert np.isinf(run.time_to(1e-9)).all()
+    with pytest.raises(gm.InputError, match="share = 0"):
+        run.time_to(0.0)
+    with pytest.raises(gm.InputError, match="level = 1"):
+        run.coverage(1.0)
+
+
+def test_plans_turn_for_a_moving_target():
+    result = moving(
+        trials=6, methods=["plan", "plan_estimate", "perpendicular"], replan=15, horizon=40
+    )
+    for method in ("plan", "plan_estimate"):
+        assert result[method].final_rms < result["perpendicular"].final_rms
+        # The estimate and the true range are near in the end.
+        assert result[method].ranges[:, -1].min() > 150.0
+    assert not np.array_equal(result["plan"].paths, result["plan_estimate"].paths)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -106,6 +186,9 @@ def test_limits_hold_in_the_loop():
         ({"methods": "plan"}, "methods = 'plan': must be a sequence"),
         ({"lost": 1.0}, "lost = 1.0"),
         ({"lost": np.nan}, "lost = nan"),
+        ({"false_alarms": 1.0}, "false_alarms = 1.0"),
+        ({"horizon": 1}, "horizon = 1"),
+        ({"first_speed": 3.0}, "first_speed is for a moving target"),
         ({"first_range": (0.0, 1.0)}, r"first_range\[0\] = 0.0 m: must be > 0"),
         ({"first_range": (1.0, np.inf)}, r"first_range\[1\] = inf: must be finite"),
         ({"sigma": 0.0}, "sigma = 0.0 rad"),

@@ -37,21 +37,33 @@ def test_three_legs_are_the_best_known(seed):
     assert plan.turns.tolist() == scene["turns"]
 
 
-# These have many local optima: of five seeds one finds the best that is known.
-def test_the_best_of_five_long_paths_is_the_best_known():
+@pytest.mark.parametrize("seed", range(5))
+def test_long_paths_are_the_best_known_whatever_the_seed(seed):
     scene = KNOWN["120 steps"]
-    plans = [planned(scene, seed=seed) for seed in range(5)]
-    assert max(plan.value for plan in plans) >= scene["best"] - 0.001
-    assert min(plan.value for plan in plans) >= scene["best"] - 0.06
-    assert all(kept(plan, scene) for plan in plans)
+    plan = planned(scene, seed=seed)
+    # This search found more than the best that was known before, 20.144.
+    assert plan.value >= 20.1542 - 0.001
+    assert kept(plan, scene)
 
 
-def test_the_best_of_five_smallest_eigenvalues_is_the_best_known():
+@pytest.mark.parametrize("seed", range(5))
+def test_the_smallest_eigenvalue_is_the_best_known_whatever_the_seed(seed):
     scene = KNOWN["E, 40 steps"]
-    plans = [planned(scene, seed=seed) for seed in range(5)]
-    assert max(plan.value for plan in plans) >= 0.999 * scene["best"]
-    assert min(plan.value for plan in plans) >= 0.97 * scene["best"]
-    assert all(kept(plan, scene) for plan in plans)
+    plan = planned(scene, seed=seed)
+    assert plan.value >= 0.9999 * scene["best"]
+    assert kept(plan, scene)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_another_long_path_is_the_same_whatever_the_seed(seed):
+    scene = {
+        "target": [800, 1500, -4, -2], "start": [0, 0], "speed": 10, "dt": 5, "steps": 80,
+        "sigma_deg": 1.0, "standoff": 300, "criterion": "D",
+    }  # fmt: skip
+    plan = planned(scene, seed=seed)
+    # Within 0.1 % in det^(1/4) of the best of all seeds tried.
+    assert plan.value >= 18.5902 - 0.004
+    assert kept(plan, scene)
 
 
 SHORT = ([0.0, 1000.0], [0.0, 0.0], 20.0, 1.0, 20)

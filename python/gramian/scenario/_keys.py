@@ -248,19 +248,23 @@ Limits.polygons | m | outlines of areas that are not entered | [[[0.0, 500.0], [
 Goal.criterion | | determinant, trace or largest axis of the covariance | "A"
 Goal.combination | | what is to be known best: "range", "bearing", "speed", "course", or a number for each state | "range"
 Goal.over | | the expectation over several possible targets, or the worst of them | "worst"
+Goal.chance | | instead: what the criterion is at least as good as with this probability | 0.9
 Goal.starts | | how many starts the search has | 24
 Goal.restarts | | how often the best paths are disturbed and refined again | 32
 Goal.time_limit | s | after which the best path so far is taken | 10.0
 Goal.bound | | whether to compute what no path can exceed | false
 Goal.seed | | of the starts | 0
 Loop.first_range | m | what is thought of the range: mean, standard deviation | [1500.0, 500.0]
+Loop.first_speed | m/s | standard deviation of each component of a moving target's velocity | 5.0
 Loop.methods | | what flies | ["plan", "max_det"]
 Loop.trials | | how many flights of each | 40
 Loop.seed | | of the noise | 0
 Loop.lost | | probability that a bearing is lost | 0.2
 Loop.when_lost | | what the observer does then | "hold"
+Loop.false_alarms | | probability that a sample brings a false bearing | 0.1
 Loop.opening | | so many bearings at right angles to the first one, before the method takes over | 5
 Loop.replan | | bearings from one plan to the next | 15
+Loop.horizon | | bearings that are planned ahead, all by default | 40
 """,
     "tracks": """
 TracksScenario.motion | | how the target moves |

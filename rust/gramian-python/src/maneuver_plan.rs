@@ -4,7 +4,9 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use gramian::maneuver::Side;
-use gramian::maneuver::batch::closed_loop::{self, Guidance, LostBearing, PER_SAMPLE, Setting};
+use gramian::maneuver::batch::closed_loop::{
+    self, Guidance, Happens, LostBearing, PER_SAMPLE, Setting,
+};
 use gramian::maneuver::batch::plan::{self, Course};
 use gramian::maneuver::planner::{
     Aim, Belief, Criterion, Effort, Found, Observer, Options, Over, Problem, Search, Sensor,
@@ -71,7 +73,8 @@ struct ProblemGiven {
     nuisances: usize,
     scale: Vec<f64>,
     criterion: String,
-    worst: bool,
+    over: String,
+    chance: f64,
     standoff: f64,
     discs: Vec<[f64; 3]>,
     polygons: Vec<Vec<[f64; 2]>>,
@@ -130,10 +133,10 @@ impl ProblemGiven {
             "E" => Criterion::Eigenvalue,
             _ => Criterion::Combination,
         };
-        let over = if self.worst {
-            Over::Worst
-        } else {
-            Over::Expectation
+        let over = match self.over.as_str() {
+            "worst" => Over::Worst,
+            "chance" => Over::Chance(self.chance),
+            _ => Over::Expectation,
         };
         Ok(Problem {
             dt: self.dt,
@@ -430,18 +433,22 @@ fn plan_steered<'py>(
     Ok(PyArray1::from_vec(py, out))
 }
 
-/// Trials (..., steps + 1, 5): position, estimate, believed deviation. `guide` is
-/// "headings" or a law, for which `wanted` is (1,): the side.
+/// Trials (..., steps + 1, 8): position, estimate (x0, y0, vx, vy), believed deviation of
+/// the present position, likelihood ratio of the truth. `guide` is "headings" or a law, for
+/// which `wanted` is (1,): the side.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
 fn maneuver_closed_loop<'py>(
     py: Python<'py>,
     target: &Bound<'py, PyAny>,
     start: &Bound<'py, PyAny>,
+    dt: f64,
     length: f64,
     steps: usize,
     sigma: f64,
     first_range: (f64, f64),
+    first_speed: Option<f64>,
+    gate: f64,
     opening: usize,
     when_lost: &str,
     standoff: f64,
@@ -451,16 +458,24 @@ fn maneuver_closed_loop<'py>(
     wanted: &Bound<'py, PyAny>,
     noise: &Bound<'py, PyAny>,
     lost: &Bound<'py, PyAny>,
+    alarms: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let keep_out = Input::new(keep_out, "keep_out", 2)?;
     keep_out.expect(&[None, Some(3)], "east, north and radius of each circle")?;
+    let target = Input::new(target, "target", 1)?;
+    target.expect(&[Some(4)], "x0, y0, vx, vy")?;
+    let mut state = [0.0; 4];
+    state.copy_from_slice(target.slice()?);
     let setting = Setting {
-        target: pair(target, "target")?,
+        target: state,
         start: pair(start, "start")?,
+        dt,
         length,
         steps,
         sigma,
         range: first_range,
+        speed: first_speed,
+        gate,
         opening,
         lost: match when_lost {
             "predict" => LostBearing::Predict,
@@ -479,6 +494,8 @@ fn maneuver_closed_loop<'py>(
     noise.expect(&[Some(steps + 1)], "one number for each bearing")?;
     let mut lost = Input::new(lost, "lost", 1)?;
     lost.expect(&[Some(steps + 1)], "one number for each bearing")?;
+    let mut alarms = Input::new(alarms, "alarms", 1)?;
+    alarms.expect(&[Some(steps + 1)], "one number for each bearing")?;
     let mut wanted = Input::new(wanted, "wanted", 1)?;
     let law = if guide == "headings" {
         wanted.expect(&[Some(steps)], "one heading for each step")?;
@@ -488,8 +505,13 @@ fn maneuver_closed_loop<'py>(
         Some(crate::maneuver::law(guide)?)
     };
     let side = side_of(wanted.slice()?.first().copied().unwrap_or(1.0));
-    let batch = Batch::of(&mut [&mut noise, &mut lost, &mut wanted])?;
-    let (noise, lost, wanted) = (noise.items()?, lost.items()?, wanted.items()?);
+    let batch = Batch::of(&mut [&mut noise, &mut lost, &mut alarms, &mut wanted])?;
+    let (noise, lost, alarms, wanted) = (
+        noise.items()?,
+        lost.items()?,
+        alarms.items()?,
+        wanted.items()?,
+    );
     let cost = 50.0 * ((steps + 1) * (steps + 1)) as f64;
     batch.fill(py, &[steps + 1, PER_SAMPLE], cost, |range, threads, out| {
         let guide = match law {
@@ -499,8 +521,11 @@ fn maneuver_closed_loop<'py>(
         closed_loop::closed_loop(
             &setting,
             guide,
-            noise.skip(range.start),
-            lost.skip(range.start),
+            Happens {
+                noise: noise.skip(range.start),
+                lost: lost.skip(range.start),
+                alarms: alarms.skip(range.start),
+            },
             threads,
             out,
         );

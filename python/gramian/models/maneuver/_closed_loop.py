@@ -23,6 +23,13 @@ __all__ = ["ClosedLoop", "LoopRun", "closed_loop"]
 
 Array = NDArray[np.float64]
 
+#: Ways to choose headings that look ahead.
+PLANS = ("plan", "plan_estimate")
+#: Stands for no false bearing: a number beyond a whole turn.
+NONE = 1e300
+#: Standard deviations within which a bearing may be the target's, where some are false.
+GATE = 4.0
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LoopRun(Answer):
@@ -31,14 +38,20 @@ class LoopRun(Answer):
     Attributes
     ----------
     method : str
-        A law, or "plan".
+        A law, "plan" or "plan_estimate".
     paths : ndarray, shape (trials, samples, 2)
-    estimates : ndarray, shape (trials, samples, 2)
-        Of the target, after each bearing.
+    estimates : ndarray, shape (trials, samples, 2 or 4)
+        Of the target, after each bearing: its position, and for a moving target its
+        position at the start and its velocity.
     believed : ndarray, shape (trials, samples)
-        The standard deviation of the position that the estimator believes, metres.
+        The standard deviation of the present position that the estimator believes, metres.
     errors : ndarray, shape (trials, samples)
-        Distance of the estimate from the target, metres.
+        Distance of the estimated present position from the true one, metres.
+    surprise : ndarray, shape (trials, samples)
+        Twice the log of the likelihood at the estimate over that at the truth, what was
+        known before included: chi-square with as many degrees of freedom as states.
+    ranges : ndarray, shape (trials, samples)
+        True range from the observer to the target, metres.
     nearest : ndarray, shape (trials,)
         The smallest true range of a path, metres: below the stand-off range
         where the estimate was wrong by that much.
@@ -49,7 +62,61 @@ class LoopRun(Answer):
     estimates: Array = field(repr=False)
     believed: Array = field(repr=False)
     errors: Array = field(repr=False)
+    surprise: Array = field(repr=False)
+    ranges: Array = field(repr=False)
     nearest: Array = field(repr=False)
+    dt: float = field(repr=False)
+
+    def coverage(self, level: float = 0.95) -> Array:
+        """Return the share of trials whose likelihood region holds the true state.
+
+        Parameters
+        ----------
+        level : float
+            Of the region, above 0 and below 1.
+
+        Returns
+        -------
+        ndarray, shape (samples,)
+            After each bearing. Its standard error is the root of
+            ``level * (1 - level) / trials``.
+
+        Raises
+        ------
+        InputError
+            A level that is none.
+        """
+        if not 0 < number(level, "level") < 1:
+            raise InputError(f"level = {level}: must be above 0 and below 1")
+        most = _core.chi_square_critical(1 - level, self.estimates.shape[-1])
+        inside: Array = (self.surprise <= most).mean(axis=0)
+        return inside
+
+    def time_to(self, share: float = 0.1) -> Array:
+        """Return when each trial's error falls to a share of the range for good.
+
+        Parameters
+        ----------
+        share : float
+            Of the true range at that time, > 0.
+
+        Returns
+        -------
+        ndarray, shape (trials,)
+            Seconds from the start; infinite where the last error is above it.
+
+        Raises
+        ------
+        InputError
+            A share that is not above zero.
+        """
+        positive(share, "share", "")
+        above = self.errors > number(share, "share") * self.ranges
+        samples = above.shape[1]
+        last = samples - np.argmax(above[:, ::-1], axis=1)
+        first = np.where(above.any(axis=1), last, 0)
+        times: Array = np.where(first < samples, first * self.dt, np.inf)
+        return times
 
     @property
     def trials(self) -> int:
@@ -94,7 +161,7 @@ class ClosedLoop(Answer):
     ----------
     runs : tuple of LoopRun
         The smallest final error first.
-    target : ndarray, shape (2,)
+    target : ndarray, shape (2,) or (4,)
     dt : float
     lost : float
         Probability that a bearing is lost.
@@ -125,6 +192,8 @@ class ClosedLoop(Answer):
                 "final_median_m": run.final_median,
                 "final_p90_m": run.final_p90,
                 "believed_m": float(np.sqrt((run.believed[:, -1] ** 2).mean())),
+                "coverage_95": float(run.coverage()[-1]),
+                "time_to_10_percent_s": float(np.median(run.time_to())),
                 "nearest_m": float(run.nearest.min()),
             }
             for run in self.runs
@@ -144,12 +213,16 @@ class ClosedLoop(Answer):
 
     def summary(self) -> str:
         """Return the comparison in a few lines."""
-        head = f"{'method':>14}  trials   final error rms      median    90 %   believed   nearest"
+        head = (
+            f"{'method':>14}  trials   final error rms      median    90 %   believed   nearest"
+            "   in 95 %   to 10 %"
+        )
         lines = (
             f"{line['method']:>14}  {line['trials']:6d}   "
             f"{line['final_rms_m']:8.3g} +- {brief(line['final_rms_uncertainty_m'], 1)} m  "
             f"{line['final_median_m']:6.3g} m {line['final_p90_m']:6.3g} m "
             f"{line['believed_m']:7.3g} m {line['nearest_m']:7.4g} m"
+            f"   {100 * float(line['coverage_95']):5.1f} %   {line['time_to_10_percent_s']:5.4g} s"
             for line in self.table()
         )
         return "\n".join([head, *lines])
@@ -163,6 +236,7 @@ class ClosedLoop(Answer):
         lines = self.table()
         values = {name: [line[name] for line in lines] for name in lines[0] if name != "method"}
         units = {name: "m" for name in values if name.endswith("_m")}
+        units["time_to_10_percent_s"] = "s"
         return Columns("method", [run.method for run in self.runs], values, units)
 
 
@@ -175,15 +249,18 @@ def closed_loop(
     *,
     sigma: float,
     first_range: tuple[float, float],
+    first_speed: float | None = None,
     methods: Sequence[str] = LAWS,
     side: Literal[1, -1] = 1,
     lost: float = 0.0,
+    false_alarms: float = 0.0,
     when_lost: Literal["predict", "hold"] = "predict",
     opening: int = 0,
     standoff: float | None = None,
     keep_out: ArrayLike | None = None,
     max_turn_rate: float | None = None,
     replan: int = 10,
+    horizon: int | None = None,
     trials: int = 1000,
     seed: int = 0,
 ) -> ClosedLoop:
@@ -191,13 +268,14 @@ def closed_loop(
 
     An observer that does not know where the target is takes a bearing, estimates
     the target from all bearings so far, chooses a heading by that estimate, moves,
-    and takes the next bearing. Every method meets the same noise and the same
-    lost bearings.
+    and takes the next bearing. Every method meets the same noise, the same lost
+    bearings and the same false ones.
 
     Parameters
     ----------
-    target : array_like, shape (2,)
-        Where a fixed target truly is, metres.
+    target : array_like, shape (2,) or (4,)
+        Where a fixed target truly is, metres; or (x0, y0, vx, vy) of one at constant
+        velocity, which is unknown too.
     start : array_like, shape (2,)
     speed : float
         m/s, > 0.
@@ -209,10 +287,14 @@ def closed_loop(
         Standard deviation of a bearing, radians, > 0.
     first_range : (float, float)
         What is thought of the range before: its mean and standard deviation,
-        metres, > 0. It is the estimator's prior along the first bearing.
+        metres, > 0. It is the estimator's prior of the range from the start.
+    first_speed : float, optional
+        For a moving target, and needed there: the standard deviation of each component
+        of its velocity about zero, m/s, > 0, the estimator's prior.
     methods : sequence of str
-        Laws, as for `trajectory`, and "plan": the rest of the path is planned anew
-        every `replan` bearings, over the targets that the estimate leaves possible.
+        Laws, as for `trajectory`, and two plans of the path, made anew every `replan`
+        bearings with what the bearings so far tell: "plan" over the targets that they
+        leave possible (the belief), "plan_estimate" for the estimate alone.
     side : {1, -1}
         The side of the laws, kept throughout. Over more than two legs a change of
         side can do better: see `trajectory`.
@@ -221,6 +303,10 @@ def closed_loop(
     when_lost : {"predict", "hold"}
         At a lost bearing a law takes the one that the estimate predicts, or holds
         the heading. A plan goes on as it is.
+    false_alarms : float
+        Probability that a sample brings a false bearing, uniform over the circle, from 0
+        to below 1. Of the bearings of a sample the one nearest to what is expected is
+        taken, within four standard deviations; none where none is.
     opening : int
         So many legs go along the measured line of sight before a law begins.
     standoff : float, optional
@@ -231,6 +317,8 @@ def closed_loop(
         a circle, which a plan avoids.
     replan : int
         Bearings from one plan to the next, >= 1.
+    horizon : int, optional
+        Bearings that are planned ahead, >= 2: all that are left by default.
     trials : int
         >= 1.
     seed : int
@@ -251,9 +339,10 @@ def closed_loop(
     bearings are those of Xu et al. 2009, section 4. (Along the line of sight
     itself bearings say nothing of the range, so an opening costs more than it
     gives: compare.) The estimator is Gauss-Newton on all bearings with the prior
-    of the range, started from the estimate before; where a path tells enough it
-    reaches the Cramer-Rao bound. Cost: about 30 ns for each pair of samples and law;
-    a plan takes some hundredths of a second.
+    of the range and the velocity, started from the estimate before; where a path tells
+    enough it reaches the Cramer-Rao bound, and its likelihood region holds the true state
+    as often as it says (`LoopRun.coverage`). Cost: about 30 ns for each pair of samples and
+    law, and twice that for a moving target; a plan takes some tenths of a second.
 
     Examples
     --------
@@ -269,15 +358,18 @@ def closed_loop(
     if not methods:
         raise InputError("methods is empty: must name one at least")
     for i, method in enumerate(methods):
-        if not isinstance(method, str) or (method != "plan" and method not in LAWS):
-            known = ", ".join(f'"{law}"' for law in (*LAWS, "plan"))
+        if not isinstance(method, str) or method not in (*LAWS, *PLANS):
+            known = ", ".join(f'"{law}"' for law in (*LAWS, *PLANS))
             raise InputError(f"methods[{i}] = {method!r}: must be one of {known}")
     if options.choice(side, "side", (1, -1)) not in (1, -1):
         raise InputError(f"side = {side}: must be 1 or -1")
     trials, replan = whole(trials, "trials", 1), whole(replan, "replan", 1)
     seed, opening = whole(seed, "seed", 0, SEED_MOST), whole(opening, "opening")
-    if not 0 <= number(lost, "lost") < 1:
-        raise InputError(f"lost = {lost}: must be from 0 to below 1")
+    for name, share in (("lost", lost), ("false_alarms", false_alarms)):
+        if not 0 <= number(share, name) < 1:
+            raise InputError(f"{name} = {share}: must be from 0 to below 1")
+    if horizon is not None:
+        horizon = whole(horizon, "horizon", 2)
     setting = _Setting.checked(
         target=target,
         start=start,
@@ -286,32 +378,40 @@ def closed_loop(
         samples=samples,
         sigma=sigma,
         first_range=first_range,
+        first_speed=first_speed,
+        false_alarms=false_alarms,
         opening=opening,
         when_lost=when_lost,
         standoff=standoff,
         keep_out=keep_out,
         max_turn_rate=max_turn_rate,
     )
-    noise, gone = _noise(int(samples), trials, seed, lost)
+    happens = _Happens.drawn(whole(samples, "samples", 2), trials, seed, lost, false_alarms)
     runs = []
     for method in methods:
-        if method == "plan":
-            out = _planned(setting, noise, gone, replan)
+        if method in PLANS:
+            out = _planned(setting, happens, replan, horizon, method == "plan")
         else:
-            out = setting.run(method, [float(side)], noise, gone)
-        runs.append(_run(method, out, setting.target))
+            out = setting.run(method, [float(side)], happens)
+        runs.append(_run(method, out, setting))
     runs.sort(key=lambda run: run.final_rms)
-    return ClosedLoop(tuple(runs), setting.target, number(dt, "dt"), number(lost, "lost"), seed)
+    return ClosedLoop(
+        tuple(runs), setting.target[: setting.states], setting.dt, number(lost, "lost"), seed
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class _Setting:
+    #: (x0, y0, vx, vy).
     target: Array
     start: Array
+    dt: float
     length: float
     moves: int
     sigma: float
     first_range: tuple[float, float]
+    first_speed: float | None
+    gate: float
     opening: int
     when_lost: str
     standoff: float
@@ -329,6 +429,8 @@ class _Setting:
         samples: int,
         sigma: float,
         first_range: tuple[float, float],
+        first_speed: float | None,
+        false_alarms: float,
         opening: int,
         when_lost: str,
         standoff: float | None,
@@ -336,9 +438,22 @@ class _Setting:
         max_turn_rate: float | None,
     ) -> _Setting:
         place, origin = finite(target, "target"), finite(start, "start [m]")
-        for name, point in (("target", place), ("start", origin)):
-            if point.shape != (2,):
-                raise InputError(f"{name} has shape {point.shape}: must be (2,), east and north")
+        if place.shape not in ((2,), (4,)):
+            raise InputError(
+                f"target has shape {place.shape}: must be (2,), east and north, or (4,), "
+                "and its velocity"
+            )
+        if origin.shape != (2,):
+            raise InputError(f"start has shape {origin.shape}: must be (2,), east and north")
+        if place.shape == (4,) and first_speed is None:
+            raise InputError(
+                "first_speed is needed for a moving target: what is known of its velocity before"
+            )
+        if place.shape == (2,) and first_speed is not None:
+            raise InputError("first_speed is for a moving target: give its velocity with target")
+        if first_speed is not None:
+            positive(first_speed, "first_speed", "m/s")
+            first_speed = number(first_speed, "first_speed")
         samples = whole(samples, "samples", 2)
         if not 0 <= opening < samples:
             raise InputError(f"opening = {opening}: must be from 0 to below samples, {samples}")
@@ -362,14 +477,18 @@ class _Setting:
             positive(max_turn_rate, "max_turn_rate", "rad/s")
             max_turn_rate = number(max_turn_rate, "max_turn_rate")
         discs = checked_discs(keep_out)
-        check_outside(origin, np.concatenate([place, [0.0, 0.0]])[None], standoff, discs)
+        place = np.concatenate([place, np.zeros(4 - len(place))])
+        check_outside(origin, place[None], standoff, discs)
         return cls(
             target=place,
             start=origin,
+            dt=dt,
             length=speed * dt,
             moves=int(samples) - 1,
             sigma=sigma,
             first_range=(mean, deviation),
+            first_speed=first_speed,
+            gate=GATE if false_alarms > 0 else np.inf,
             opening=int(opening),
             when_lost=when_lost,
             standoff=float(speed * dt if standoff is None else standoff),
@@ -377,14 +496,22 @@ class _Setting:
             max_turn=np.inf if max_turn_rate is None else float(max_turn_rate * dt),
         )
 
-    def run(self, guide: str, wanted: ArrayLike, noise: Array, lost: Array) -> Array:
+    @property
+    def states(self) -> int:
+        """How many states of the target are unknown."""
+        return 2 if self.first_speed is None else 4
+
+    def run(self, guide: str, wanted: ArrayLike, happens: _Happens) -> Array:
         return _core.maneuver_closed_loop(
             self.target,
             self.start,
+            self.dt,
             self.length,
-            noise.shape[-1] - 1,
+            happens.noise.shape[-1] - 1,
             self.sigma,
             self.first_range,
+            self.first_speed,
+            self.gate,
             self.opening,
             self.when_lost,
             self.standoff,
@@ -392,81 +519,120 @@ class _Setting:
             self.max_turn,
             guide,
             wanted,
-            noise,
-            lost,
+            happens.noise,
+            happens.lost,
+            happens.alarms,
         )
 
 
-def _noise(samples: int, trials: int, seed: int, lost: float) -> tuple[Array, Array]:
-    """Return standard normal noise and lost bearings (1 for lost), (trials, samples) each."""
-    from scipy.special import ndtri
+@dataclass(frozen=True, eq=False)
+class _Happens:
+    """What happens to the bearings, (trials, samples) each."""
 
-    numbers = _core.normals(seed, 0, trials, 2 * samples)
-    gone = (numbers[:, samples:] < ndtri(lost)).astype(float)
-    return np.ascontiguousarray(numbers[:, :samples]), gone
+    noise: Array
+    #: 1 for lost.
+    lost: Array
+    #: False bearings, NONE where there is none.
+    alarms: Array
+
+    @classmethod
+    def drawn(
+        cls, samples: int, trials: int, seed: int, lost: float, false_alarms: float
+    ) -> _Happens:
+        from scipy.special import ndtr, ndtri
+
+        count = 4 if false_alarms > 0 else 2
+        numbers = _core.normals(seed, 0, trials, count * samples).reshape(trials, count, samples)
+        alarms = np.full((trials, samples), NONE)
+        if false_alarms > 0:
+            false = numbers[:, 2] < ndtri(false_alarms)
+            alarms[false] = np.pi * (2 * ndtr(numbers[:, 3][false]) - 1)
+        return cls(
+            noise=np.ascontiguousarray(numbers[:, 0]),
+            lost=(numbers[:, 1] < ndtri(lost)).astype(float),
+            alarms=alarms,
+        )
+
+    def until(self, samples: int) -> _Happens:
+        """Return what happens to the first samples."""
+        parts = (self.noise, self.lost, self.alarms)
+        return _Happens(*(np.ascontiguousarray(part[:, :samples]) for part in parts))
 
 
-def _run(method: str, out: Array, target: Array) -> LoopRun:
-    paths, estimates = out[..., :2], out[..., 2:4]
-    away = estimates - target
-    ranges = np.hypot(paths[..., 0] - target[0], paths[..., 1] - target[1])
+def _run(method: str, out: Array, setting: _Setting) -> LoopRun:
+    paths, estimates = out[..., :2], out[..., 2 : 2 + setting.states]
+    times = setting.dt * np.arange(out.shape[-2])[:, None]
+    true = setting.target[:2] + times * setting.target[2:]
+    away = out[..., 2:4] + times * out[..., 4:6] - true
+    ranges = np.hypot(*np.moveaxis(paths - true, -1, 0))
     return LoopRun(
         method=method,
         paths=paths,
         estimates=estimates,
-        believed=out[..., 4],
+        believed=out[..., 6],
         errors=np.hypot(away[..., 0], away[..., 1]),
+        surprise=out[..., 7],
+        ranges=ranges,
         nearest=ranges.min(axis=-1),
+        dt=setting.dt,
     )
 
 
-def _planned(setting: _Setting, noise: Array, lost: Array, replan: int) -> Array:
+def _planned(
+    setting: _Setting, happens: _Happens, replan: int, horizon: int | None, belief: bool
+) -> Array:
     """Fly the plan of every `replan` bearings; all trials move together."""
-    trials, samples = noise.shape
+    trials, samples = happens.noise.shape
     headings = np.zeros((trials, setting.moves))
     for first in range(0, setting.moves, replan):
         # The path so far is the same whatever is planned from here on.
-        out = setting.run(
-            "headings",
-            headings[:, :first] if first else np.zeros((trials, 0)),
-            noise[:, : first + 1],
-            lost[:, : first + 1],
-        )
+        out = setting.run("headings", headings[:, :first], happens.until(first + 1))
+        ahead = min(samples - first, max(horizon or samples, replan + 1))
         for trial in range(trials):
-            headings[trial, first:] = _headings(setting, out[trial], lost[trial], samples - first)
-    return setting.run("headings", headings, noise, lost)
+            found = _headings(setting, out[trial], happens.lost[trial], ahead, belief)
+            headings[trial, first : first + len(found)] = found
+    return setting.run("headings", headings, happens)
 
 
-def _headings(setting: _Setting, out: Array, lost: Array, bearings: int) -> Array:
-    """Plan the rest of a path from what is known of the target now."""
-    at, estimate = out[-1, :2], out[-1, 2:4]
-    seen = out[:, :2][(lost[: len(out)] == 0) | (np.arange(len(out)) == 0)]
-    information = _information(setting, seen, estimate)
-    covariance = np.linalg.inv(information)
+def _headings(setting: _Setting, out: Array, lost: Array, bearings: int, belief: bool) -> Array:
+    """Plan the next part of a path from what is known of the target now."""
+    n, at, now = setting.states, out[-1, :2], setting.dt * (len(out) - 1)
+    state = out[-1, 2:6].copy()
+    seen = (lost[: len(out)] == 0) | (np.arange(len(out)) == 0)
+    information = _information(setting, out[:, :2], seen, state)
+    # From the state at the start to that of now.
+    ahead = np.eye(n)
+    ahead[:2, 2:] = now * np.eye(2)[:, : n - 2]
+    back = 2 * np.eye(n) - ahead
+    information = back.T @ information @ back
+    state[:2] += now * state[2:]
+    # Three points with the mean and the variance of the direction that moves the target
+    # most while the path lasts.
+    unit = np.array([1.0, 1.0, 1 / (bearings * setting.dt), 1 / (bearings * setting.dt)])[:n]
+    covariance = np.linalg.inv(information * np.outer(unit, unit))
     spread, axes = np.linalg.eigh(covariance)
-    along = np.sqrt(3 * spread[1]) * axes[:, 1]
-    # Three points with the mean and the variance of the weakest direction.
-    targets = estimate + np.outer([-1.0, 0.0, 1.0], along)
+    along = np.zeros(4)
+    along[:n] = unit * np.sqrt(3 * spread[-1]) * axes[:, -1]
+    targets = state + np.outer([-1.0, 0.0, 1.0], along)
     weights = np.array([1 / 6, 2 / 3, 1 / 6])
-    ranges = np.hypot(*(targets - at).T)
+    ranges = np.hypot(*(targets[:, :2] - at).T)
     # What the stand-off range rules out by itself, or is behind the observer.
-    ahead = (targets - setting.start) @ (estimate - setting.start) > 0
-    use = ahead & (ranges > setting.length)
-    if not use[1]:
-        use = np.array([False, True, False])
+    there = (targets[:, :2] - at) @ (state[:2] - at) > 0
+    use = there & (ranges > setting.length) & (belief | (weights > 0.5))
+    use[1] = True
     before = out[-1, :2] - out[-2, :2] if len(out) > 1 else None
     chosen = plan(
-        targets[use],
+        targets[use, :n],
         at,
-        setting.length,
-        1.0,
+        setting.length / setting.dt,
+        setting.dt,
         bearings,
         sigma=setting.sigma,
         standoff=min(setting.standoff, 0.999 * float(ranges[use].min())),
         keep_out=_passed(setting.keep_out, at),
-        max_turn_rate=setting.max_turn if np.isfinite(setting.max_turn) else None,
+        max_turn_rate=setting.max_turn / setting.dt if np.isfinite(setting.max_turn) else None,
         heading=None if before is None else float(np.arctan2(*before)),
-        prior=information,
+        prior=(information + information.T) / 2,
         weights=weights[use],
         starts=1,
         restarts=0,
@@ -476,13 +642,20 @@ def _headings(setting: _Setting, out: Array, lost: Array, bearings: int) -> Arra
     return chosen.headings
 
 
-def _information(setting: _Setting, seen: Array, estimate: Array) -> Array:
-    offset = estimate - seen
+def _information(setting: _Setting, path: Array, seen: NDArray[np.bool_], state: Array) -> Array:
+    """Return the information on the state at the start, what was known before included."""
+    n = setting.states
+    times = setting.dt * np.arange(len(path))[seen, None]
+    offset = state[:2] + times * state[2:] - path[seen]
     squared = (offset**2).sum(axis=1)[:, None]
-    rows = offset[:, ::-1] * (1.0, -1.0) / (setting.sigma * squared)
-    away = estimate - setting.start
+    place = offset[:, ::-1] * (1.0, -1.0) / (setting.sigma * squared)
+    rows = np.hstack([place, times * place])[:, :n]
+    away = state[:2] - setting.start
     sight = away / np.hypot(*away) / setting.first_range[1]
-    information: Array = rows.T @ rows + np.outer(sight, sight)
+    information: Array = rows.T @ rows
+    information[:2, :2] += np.outer(sight, sight)
+    if setting.first_speed is not None:
+        information[2:, 2:] += np.eye(2) / setting.first_speed**2
     return information
 
 

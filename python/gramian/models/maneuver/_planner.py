@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from time import monotonic
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +18,7 @@ from gramian._text import brief, plain
 from gramian.exceptions import InputError, UnobservableError
 from gramian.models.maneuver._laws import LAWS
 from gramian.models.maneuver._sensing import Sensing
-from gramian.models.maneuver._task import Criterion, Task, moved
+from gramian.models.maneuver._task import Criterion, Over, Task, moved
 
 __all__ = ["LawComparison", "Plan", "Start", "plan"]
 
@@ -131,7 +131,7 @@ class Plan(Answer):
         The criterion at the end: log det of the information in physical units
         (D), trace of the bound on the scaled states (A), smallest eigenvalue of
         the information on the scaled states (E), variance of the combination.
-        With several beliefs its expectation, or the worst.
+        With several beliefs its expectation, the worst, or what is reached with a chance.
     values : ndarray, shape (samples,)
         The same after each sample; -inf, inf or 0 while the states are not
         determined.
@@ -333,7 +333,7 @@ def plan(
     sigma: float | None = None,
     sensors: Sequence[Sensing] | None = None,
     belief: ArrayLike | None = None,
-    over: Literal["expectation", "worst"] = "expectation",
+    over: Over = "expectation",
     standoff: float | None = None,
     keep_out: ArrayLike | None = None,
     polygons: Sequence[ArrayLike] | None = None,
@@ -386,8 +386,9 @@ def plan(
     belief : array_like, shape (states, states), optional
         Covariance of a Gaussian belief about `target`, of which points with the same mean
         and covariance are planned for. It is no prior: give that beside it.
-    over : {"expectation", "worst"}
-        What is made of several beliefs.
+    over : {"expectation", "worst"} or {"chance": probability}
+        What is made of several beliefs: their mean, the worst, or what the criterion is at
+        least as good as with this probability.
     standoff : float, optional
         No sample is taken closer than this to any possible target, metres. By
         default one step, or half the first range if that is less: with none at
@@ -431,7 +432,7 @@ def plan(
         unless the time is up before.
     bound : bool
         Whether to compute what no path can exceed, `Plan.bound`: for bearings without
-        unknown biases and blind arcs.
+        unknown biases and blind arcs, and not for a chance.
     time_limit : float, optional
         Seconds after which the best path so far is returned.
     progress : callable, optional

@@ -18,6 +18,7 @@ from gramian.models.maneuver._sensing import Sensing
 
 __all__ = [
     "Criterion",
+    "Over",
     "Task",
     "check_outside",
     "checked_discs",
@@ -28,6 +29,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 Criterion = Literal["D", "A", "E"] | Mapping[str, Any]
+Over = Literal["expectation", "worst"] | Mapping[str, float]
 
 FIXED = ("x", "y")
 MOVING = ("x0", "y0", "vx", "vy")
@@ -46,7 +48,9 @@ class Task:
     dt: float
     moves: int
     kind: str
-    worst: bool
+    over: str
+    #: With over = "chance": the probability.
+    chance: float
     sensors: tuple[Sensing, ...]
     standoff: float
     keep_out: Array
@@ -83,7 +87,7 @@ class Task:
         sigma: float | None,
         sensors: Sequence[Sensing] | None,
         belief: ArrayLike | None,
-        over: Literal["expectation", "worst"],
+        over: Over,
         standoff: float | None,
         keep_out: ArrayLike | None,
         polygons: Sequence[ArrayLike] | None,
@@ -99,6 +103,7 @@ class Task:
         scale: ArrayLike | None,
     ) -> Task:
         states = _states(target)
+        how, chance = _over(over)
         count, n = states.shape[1:]
         if belief is not None:
             states, weights = _sigma_points(states, belief, weights)
@@ -152,7 +157,8 @@ class Task:
             dt=dt,
             moves=moves,
             kind=kind,
-            worst=options.choice(over, "over", ("expectation", "worst")) == "worst",
+            over=how,
+            chance=chance,
             sensors=sensors,
             standoff=float(standoff),
             keep_out=discs,
@@ -212,7 +218,8 @@ class Task:
             "nuisances": len(own),
             "scale": self.scale.tolist(),
             "criterion": self.kind,
-            "worst": self.worst,
+            "over": self.over,
+            "chance": self.chance,
             "standoff": self.standoff,
             "discs": self.keep_out.tolist(),
             "polygons": [outline.tolist() for outline in self.polygons],
@@ -245,6 +252,18 @@ class Task:
             float(side),
             aim,
         )[:-1]
+
+
+def _over(over: Over) -> tuple[str, float]:
+    """Return what is made of beliefs, and the probability of a chance."""
+    if isinstance(over, Mapping):
+        if set(over) != {"chance"}:
+            raise InputError(f'over = {dict(over)!r}: must be {{"chance": probability}}')
+        chance = number(over["chance"], "over['chance']")
+        if not 0 < chance < 1:
+            raise InputError(f"over['chance'] = {chance}: must be above 0 and below 1")
+        return "chance", chance
+    return options.choice(over, "over", ("expectation", "worst")), 0.5
 
 
 def _states(target: ArrayLike) -> Array:

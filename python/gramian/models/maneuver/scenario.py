@@ -126,6 +126,7 @@ class Goal(Section):
     criterion: Literal["D", "A", "E"] = "D"
     combination: str | list[float] | None = None
     over: Literal["expectation", "worst"] = "expectation"
+    chance: float | None = Field(default=None, gt=0, lt=1)
     starts: int = Field(default=24, ge=1)
     restarts: int = Field(default=32, ge=0)
     time_limit: Positive | None = None
@@ -137,13 +138,16 @@ class Loop(Section):
     """The closed loop: an observer that does not know the target."""
 
     first_range: tuple[Positive, Positive]
+    first_speed: Positive | None = None
     methods: tuple[Method, ...] = ("plan", "max_det", "hammel_liu", "bearing_rate")
     trials: int = Field(default=40, ge=1)
     seed: int = Field(default=0, ge=0)
     lost: float = Field(default=0.0, ge=0, lt=1)
     when_lost: Literal["predict", "hold"] = "predict"
+    false_alarms: float = Field(default=0.0, ge=0, lt=1)
     opening: int = Field(default=0, ge=0)
     replan: int = Field(default=15, ge=1)
+    horizon: int | None = Field(default=None, ge=2)
 
 
 class ManeuverScenario(Scenario):
@@ -183,7 +187,7 @@ class ManeuverScenario(Scenario):
             criterion=goal.criterion if combination is None else {"combination": combination},
             sigma=_radians(sigma_deg),
             sensors=[sensor.sensing() for sensor in self.sensors] or None,
-            over=goal.over,
+            over=goal.over if goal.chance is None else {"chance": goal.chance},
             standoff=limits.standoff,
             keep_out=limits.keep_out or None,
             polygons=limits.polygons or None,
@@ -207,28 +211,31 @@ class ManeuverScenario(Scenario):
         loop = self.closed_loop
         if loop is None:
             return None
-        if self.target.position is None or self.target.velocity is not None:
-            raise InputError("closed_loop needs one fixed target: target.position alone")
+        if self.target.position is None:
+            raise InputError("closed_loop needs one target: target.position")
         if not isinstance(self.observer.speed, float):
             raise InputError("closed_loop needs one speed, not a range")
         if self.observer.start is None or self.bearings.sigma_deg is None:
             raise InputError("closed_loop needs one observer that takes bearings")
         return _closed_loop.closed_loop(
-            self.target.position,
+            [*self.target.position, *(self.target.velocity or ())],
             self.observer.start,
             self.observer.speed,
             self.bearings.step,
             self.bearings.count,
             sigma=float(np.radians(self.bearings.sigma_deg)),
             first_range=loop.first_range,
+            first_speed=loop.first_speed,
             methods=loop.methods,
             lost=loop.lost,
             when_lost=loop.when_lost,
+            false_alarms=loop.false_alarms,
             opening=loop.opening,
             standoff=self.limits.standoff,
             keep_out=self.limits.keep_out or None,
             max_turn_rate=_radians(self.observer.max_turn_rate_deg),
             replan=loop.replan,
+            horizon=loop.horizon,
             trials=loop.trials,
             seed=loop.seed,
         )

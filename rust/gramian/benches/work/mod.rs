@@ -13,7 +13,9 @@ use gramian::dipole::batch::{self as dipole_batch, Passes, Simulated};
 use gramian::dipole::localize::{Knowledge, Options};
 use gramian::dipole::{Pass, Sensing};
 use gramian::linear::batch::{self as linear_batch, Span};
-use gramian::maneuver::batch::closed_loop::{self, Guidance, LostBearing, PER_SAMPLE, Setting};
+use gramian::maneuver::batch::closed_loop::{
+    self, Guidance, Happens, LostBearing, PER_SAMPLE, Setting,
+};
 use gramian::maneuver::batch::plan::{self, Course};
 use gramian::maneuver::batch::{self as maneuver_batch, Paths, Sightings};
 use gramian::maneuver::planner;
@@ -511,12 +513,15 @@ fn flown() -> Work {
     let lost: Vec<f64> = (0..noise.len()).map(|i| f64::from(i % 5 == 4)).collect();
     filling(trials * (steps + 1) * PER_SAMPLE, move |out| {
         let setting = Setting {
-            target: [NORTH[0], NORTH[1]],
+            target: [NORTH[0], NORTH[1], 0.0, 0.0],
             start: [0.0; 2],
+            dt: 1.0,
             length: 20.0,
             steps,
             sigma: 0.03,
             range: (900.0, 200.0),
+            speed: None,
+            gate: f64::INFINITY,
             opening: 2,
             lost: LostBearing::Predict,
             standoff: 200.0,
@@ -524,11 +529,13 @@ fn flown() -> Work {
             max_turn: f64::INFINITY,
         };
         let guide = Guidance::Law(Law::MaxDet, Side::Right);
-        let (noise, lost) = (
-            Items::each(&noise, steps + 1),
-            Items::each(&lost, steps + 1),
-        );
-        closed_loop::closed_loop(&setting, guide, noise, lost, Threads::One, out);
+        let none = [f64::MAX; 41];
+        let happens = Happens {
+            noise: Items::each(&noise, steps + 1),
+            lost: Items::each(&lost, steps + 1),
+            alarms: Items::shared(&none),
+        };
+        closed_loop::closed_loop(&setting, guide, happens, Threads::One, out);
         true
     })
 }

@@ -6,7 +6,7 @@ use core::convert::Infallible;
 
 use super::plan::by_law;
 use crate::batch::{Items, Threads};
-use crate::bearings::sight;
+use crate::bearings::{moved, sight};
 use crate::maneuver::steer::{Limits, aside, way_out, within_turn};
 use crate::maneuver::{Law, Side};
 use crate::scalar::{hypot, wrapped};
@@ -14,10 +14,13 @@ use crate::scalar::{hypot, wrapped};
 /// What is the same in all trials.
 #[derive(Clone, Copy, Debug)]
 pub struct Setting<'a> {
-    /// Where the target is; the observer does not know it.
-    pub target: [f64; 2],
+    /// Where the target is at the start, and its velocity (x0, y0, vx, vy); the observer
+    /// knows neither.
+    pub target: [f64; 4],
     /// Where the observer starts.
     pub start: [f64; 2],
+    /// Time of one step.
+    pub dt: f64,
     /// Length of one step.
     pub length: f64,
     /// Number of steps.
@@ -26,6 +29,12 @@ pub struct Setting<'a> {
     pub sigma: f64,
     /// What is known of the range from the start, and its standard deviation.
     pub range: (f64, f64),
+    /// Standard deviation of each component of the velocity, about zero, beforehand;
+    /// `None` where the target is known to rest.
+    pub speed: Option<f64>,
+    /// Of the bearings of a sample, the one nearest to what is expected is taken if it is
+    /// within so many standard deviations; infinite where there is no false one.
+    pub gate: f64,
     /// Steps along the measured line of sight before the law begins.
     pub opening: usize,
     /// What to do when a bearing is lost.
@@ -56,88 +65,182 @@ pub enum Guidance<'a> {
     Headings(Items<'a>),
 }
 
-/// Numbers written for each sample: position, estimate, and the root of the
-/// trace of the covariance that the estimator believes.
-pub const PER_SAMPLE: usize = 5;
+/// What happens to the bearings of all trials, (trials, steps + 1) each.
+#[derive(Clone, Copy, Debug)]
+pub struct Happens<'a> {
+    /// Standard normal noise.
+    pub noise: Items<'a>,
+    /// The bearing is lost where this is not zero, the first one never.
+    pub lost: Items<'a>,
+    /// A false bearing, rad, within a whole turn of zero; any larger number for none.
+    pub alarms: Items<'a>,
+}
 
-/// Runs all trials. `noise` (trials, steps + 1) is standard normal; a bearing is
-/// lost where `lost` (trials, steps + 1) is not zero, the first one never.
+/// Numbers written for each sample: position of the observer; estimate (x0, y0, vx, vy);
+/// the root of the trace of the covariance that the estimator believes of the target's
+/// present position; and twice the log of the ratio of the likelihood at the estimate to
+/// that of the truth, what is known beforehand included.
+pub const PER_SAMPLE: usize = 8;
+
+/// Runs all trials.
 pub fn closed_loop(
     setting: &Setting<'_>,
     guide: Guidance<'_>,
-    noise: Items<'_>,
-    lost: Items<'_>,
+    happens: Happens<'_>,
+    threads: Threads,
+    out: &mut [f64],
+) {
+    if setting.speed.is_some() {
+        all::<4>(setting, guide, happens, threads, out);
+    } else {
+        all::<2>(setting, guide, happens, threads, out);
+    }
+}
+
+/// All trials with `N` unknown states of the target.
+fn all<const N: usize>(
+    setting: &Setting<'_>,
+    guide: Guidance<'_>,
+    happens: Happens<'_>,
     threads: Threads,
     out: &mut [f64],
 ) {
     let samples = setting.steps + 1;
-    let cost = 50.0 * (samples * samples) as f64;
+    let cost = 25.0 * (N * samples * samples) as f64;
     let scratch = || Vec::with_capacity(samples);
     let each =
         |seen: &mut Vec<Sighting>, trial: usize, out: &mut [f64]| -> Result<(), Infallible> {
             seen.clear();
-            let planned = match guide {
-                Guidance::Headings(headings) => Some(headings.get(trial)),
-                Guidance::Law(..) => None,
-            };
-            run(
+            let mut flight = Flight::<N> {
                 setting,
                 guide,
-                planned,
-                noise.get(trial),
-                lost.get(trial),
+                planned: match guide {
+                    Guidance::Headings(headings) => Some(headings.get(trial)),
+                    Guidance::Law(..) => None,
+                },
+                noise: happens.noise.get(trial),
+                lost: happens.lost.get(trial),
+                alarms: happens.alarms.get(trial),
                 seen,
-                out.as_chunks_mut::<PER_SAMPLE>().0,
-            );
+            };
+            flight.fly(out.as_chunks_mut::<PER_SAMPLE>().0);
             Ok(())
         };
     let Ok(()) = threads.over_with(out, samples * PER_SAMPLE, cost, scratch, each);
 }
 
-/// A bearing and where it was taken.
+/// A bearing, where and when it was taken.
 #[derive(Clone, Copy, Debug)]
 struct Sighting {
     at: [f64; 2],
+    time: f64,
     bearing: f64,
 }
 
-fn run(
-    setting: &Setting<'_>,
-    guide: Guidance<'_>,
-    planned: Option<&[f64]>,
-    noise: &[f64],
-    lost: &[f64],
-    seen: &mut Vec<Sighting>,
-    out: &mut [[f64; PER_SAMPLE]],
-) {
-    let mut at = setting.start;
-    let mut estimate = at;
-    let mut before = None;
-    for (sample, out) in out.iter_mut().enumerate() {
-        let measured = (sample == 0 || lost[sample] == 0.0)
-            .then(|| wrapped(sight(at, setting.target) + setting.sigma * noise[sample]));
-        if let Some(bearing) = measured {
-            seen.push(Sighting { at, bearing });
-            if sample == 0 {
-                let (sin, cos) = bearing.sin_cos();
-                let range = setting.range.0;
-                estimate = [at[0] + range * sin, at[1] + range * cos];
+/// One trial.
+struct Flight<'a, const N: usize> {
+    setting: &'a Setting<'a>,
+    guide: Guidance<'a>,
+    planned: Option<&'a [f64]>,
+    noise: &'a [f64],
+    lost: &'a [f64],
+    alarms: &'a [f64],
+    seen: &'a mut Vec<Sighting>,
+}
+
+impl<const N: usize> Flight<'_, N> {
+    fn fly(&mut self, out: &mut [[f64; PER_SAMPLE]]) {
+        let setting = self.setting;
+        let truth: [f64; N] = core::array::from_fn(|i| setting.target[i]);
+        let mut at = setting.start;
+        let mut estimate = [0.0; N];
+        let mut covariance = None;
+        let mut before = None;
+        for (sample, out) in out.iter_mut().enumerate() {
+            let time = setting.dt * sample as f64;
+            let measured = self.measure(sample, at, time, &estimate, covariance.as_ref());
+            if let Some(bearing) = measured {
+                self.seen.push(Sighting { at, time, bearing });
+                if sample == 0 {
+                    let (sin, cos) = bearing.sin_cos();
+                    let range = setting.range.0;
+                    estimate[0] = at[0] + range * sin;
+                    estimate[1] = at[1] + range * cos;
+                }
+            }
+            let found = self.locate(&mut estimate);
+            covariance = inverse(&found.information);
+            let state: [f64; 4] = core::array::from_fn(|i| estimate.get(i).copied().unwrap_or(0.0));
+            let surprise = (self.linearize(&truth).cost - found.cost).max(0.0);
+            let deviation = covariance
+                .as_ref()
+                .map_or(f64::INFINITY, |bound| spread(bound, time));
+            let [x, y, u, v] = state;
+            *out = [at[0], at[1], x, y, u, v, deviation, surprise];
+            if sample == setting.steps {
+                break;
+            }
+            let heading = self.heading(sample, at, time, measured, &state, before);
+            before = Some(heading);
+            let (sin, cos) = heading.sin_cos();
+            at = [at[0] + setting.length * sin, at[1] + setting.length * cos];
+        }
+    }
+
+    /// The bearing that is taken for the target's, if any is.
+    fn measure(
+        &self,
+        sample: usize,
+        at: [f64; 2],
+        time: f64,
+        estimate: &[f64; N],
+        covariance: Option<&[[f64; N]; N]>,
+    ) -> Option<f64> {
+        let setting = self.setting;
+        let whole = sight(at, moved(&setting.target, time));
+        let seen = (sample == 0 || self.lost[sample] == 0.0)
+            .then(|| wrapped(whole + setting.sigma * self.noise[sample]));
+        if sample == 0 || !setting.gate.is_finite() {
+            return seen;
+        }
+        let alarm = Some(self.alarms[sample]).filter(|bearing| bearing.abs() <= core::f64::consts::TAU);
+        let offset = offset_at(estimate, time, at);
+        let row = row::<N>(offset, time, setting.sigma);
+        // Of the innovation, in standard deviations of a bearing.
+        let mut variance = 1.0;
+        for i in 0..N {
+            for j in 0..N {
+                variance += row[i] * covariance?[i][j] * row[j];
             }
         }
-        let deviation = locate(setting, seen, &mut estimate);
-        *out = [at[0], at[1], estimate[0], estimate[1], deviation];
-        if sample == setting.steps {
-            break;
-        }
-        let sight = measured.unwrap_or_else(|| sight(at, estimate));
+        let expected = offset[0].atan2(offset[1]);
+        let off = |bearing: f64| wrapped(bearing - expected).abs() / setting.sigma;
+        seen.into_iter()
+            .chain(alarm)
+            .filter(|&bearing| off(bearing) <= setting.gate * variance.sqrt())
+            .min_by(|&a, &b| off(a).total_cmp(&off(b)))
+    }
+
+    fn heading(
+        &self,
+        sample: usize,
+        at: [f64; 2],
+        time: f64,
+        measured: Option<f64>,
+        state: &[f64; 4],
+        before: Option<f64>,
+    ) -> f64 {
+        let setting = self.setting;
+        let there = moved(state, time);
+        let sight = measured.unwrap_or_else(|| sight(at, there));
         let hold = (measured.is_none() && setting.lost == LostBearing::Hold)
             .then_some(before)
             .flatten();
-        let wanted = match (guide, planned) {
+        let wanted = match (self.guide, self.planned) {
             (Guidance::Law(..), _) if sample < setting.opening => sight,
             (Guidance::Law(..), _) if hold.is_some() => hold.unwrap_or(sight),
             (Guidance::Law(law, side), _) => {
-                let range = hypot(estimate[0] - at[0], estimate[1] - at[1]);
+                let range = hypot(there[0] - at[0], there[1] - at[1]);
                 by_law(law, side, sight, range, setting.length)
             }
             (Guidance::Headings(_), planned) => planned
@@ -145,108 +248,183 @@ fn run(
                 .copied()
                 .unwrap_or(sight),
         };
-        let thought = [[estimate[0], estimate[1], 0.0, 0.0]];
         let limits = Limits {
             standoff: setting.standoff,
-            targets: &thought,
+            targets: core::slice::from_ref(state),
             keep_out: setting.keep_out,
             max_turn: setting.max_turn,
         };
-        let heading =
-            aside(at, 0.0, setting.length, wanted, before, &limits).unwrap_or_else(|| {
-                let away = way_out(at, 0.0, &limits).unwrap_or(wanted);
-                within_turn(away, before, setting.max_turn)
-            });
-        before = Some(heading);
-        let (sin, cos) = heading.sin_cos();
-        at = [at[0] + setting.length * sin, at[1] + setting.length * cos];
+        let ends = time + setting.dt;
+        aside(at, ends, setting.length, wanted, before, &limits).unwrap_or_else(|| {
+            let away = way_out(at, ends, &limits).unwrap_or(wanted);
+            within_turn(away, before, setting.max_turn)
+        })
     }
-}
 
-/// Moves `estimate` to the most probable position given all bearings so far and
-/// the range known beforehand; returns the root of the trace of its covariance.
-///
-/// # Algorithm
-/// Gauss-Newton with the damping of Levenberg and Marquardt, from the estimate
-/// before, so that two or three iterations do.
-fn locate(setting: &Setting<'_>, seen: &[Sighting], estimate: &mut [f64; 2]) -> f64 {
-    let mut now = linearize(setting, seen, *estimate);
-    let mut damping = 1e-6;
-    for _ in 0..20 {
-        let ([a, b, c], [u, v]) = (now.information, now.gradient);
-        let (a_damped, c_damped) = (a * (1.0 + damping), c * (1.0 + damping));
-        let determinant = a_damped * c_damped - b * b;
-        if !(determinant > 0.0) {
-            break;
-        }
-        let step = [
-            (c_damped * u - b * v) / determinant,
-            (a_damped * v - b * u) / determinant,
-        ];
-        let there = [estimate[0] + step[0], estimate[1] + step[1]];
-        let next = linearize(setting, seen, there);
-        if next.cost <= now.cost {
-            *estimate = there;
-            now = next;
-            damping = (damping * 0.1).max(1e-12);
-            if hypot(step[0], step[1]) < 1e-7 * setting.range.0 {
-                break;
+    /// Moves `estimate` to the most probable state given all bearings so far and what was
+    /// known beforehand.
+    ///
+    /// # Algorithm
+    /// Gauss-Newton with the damping of Levenberg and Marquardt, from the estimate
+    /// before, so that two or three iterations do.
+    fn locate(&self, estimate: &mut [f64; N]) -> Linear<N> {
+        let mut now = self.linearize(estimate);
+        let mut damping = 1e-6;
+        for _ in 0..30 {
+            let mut damped = now.information;
+            for (i, line) in damped.iter_mut().enumerate() {
+                line[i] *= 1.0 + damping;
             }
-        } else {
-            damping = (damping * 10.0).max(1e-4);
-            if damping > 1e8 {
+            let Some(step) = solved(&damped, &now.gradient) else {
                 break;
+            };
+            let there: [f64; N] = core::array::from_fn(|i| estimate[i] + step[i]);
+            let next = self.linearize(&there);
+            if next.cost <= now.cost {
+                *estimate = there;
+                now = next;
+                damping = (damping * 0.1).max(1e-12);
+                if hypot(step[0], step[1]) < 1e-7 * self.setting.range.0 {
+                    break;
+                }
+            } else {
+                damping = (damping * 10.0).max(1e-4);
+                if damping > 1e8 {
+                    break;
+                }
             }
         }
+        now
     }
-    let [a, b, c] = now.information;
-    let determinant = a * c - b * b;
-    if determinant > 0.0 {
-        ((a + c) / determinant).sqrt()
-    } else {
-        f64::INFINITY
-    }
-}
 
-/// The sum of squares at a position, half its gradient (downhill) and its
-/// curvature (xx, xy, yy).
-struct Linear {
-    cost: f64,
-    gradient: [f64; 2],
-    information: [f64; 3],
-}
-
-fn linearize(setting: &Setting<'_>, seen: &[Sighting], position: [f64; 2]) -> Linear {
-    let [px, py] = position;
-    let (x, y) = (px - setting.start[0], py - setting.start[1]);
-    let range = hypot(x, y).max(f64::MIN_POSITIVE);
-    let (mean, deviation) = setting.range;
-    let (u, v) = (x / range / deviation, y / range / deviation);
-    let residual = (mean - range) / deviation;
-    let mut cost = residual * residual;
-    let mut gradient = [u * residual, v * residual];
-    let mut information = [u * u, u * v, v * v];
-    let weight = 1.0 / setting.sigma;
-    for sighting in seen {
-        let (x, y) = (px - sighting.at[0], py - sighting.at[1]);
-        let [u, v] = if x == 0.0 && y == 0.0 {
-            [0.0; 2]
-        } else {
-            crate::bearings::gradient([x, y], setting.sigma)
+    fn linearize(&self, state: &[f64; N]) -> Linear<N> {
+        let setting = self.setting;
+        let mut sum = Linear {
+            cost: 0.0,
+            gradient: [0.0; N],
+            information: [[0.0; N]; N],
         };
-        let residual = wrapped(sighting.bearing - x.atan2(y)) * weight;
-        cost += residual * residual;
-        gradient[0] += u * residual;
-        gradient[1] += v * residual;
-        information[0] += u * u;
-        information[1] += u * v;
-        information[2] += v * v;
+        let (x, y) = (state[0] - setting.start[0], state[1] - setting.start[1]);
+        let range = hypot(x, y).max(f64::MIN_POSITIVE);
+        let (mean, deviation) = setting.range;
+        let mut line = [0.0; N];
+        line[0] = x / range / deviation;
+        line[1] = y / range / deviation;
+        sum.add(&line, (mean - range) / deviation);
+        if let Some(speed) = setting.speed {
+            for i in 2..N {
+                let mut line = [0.0; N];
+                line[i] = 1.0 / speed;
+                sum.add(&line, -state[i] / speed);
+            }
+        }
+        for sighting in &*self.seen {
+            let offset = offset_at(state, sighting.time, sighting.at);
+            let expected = offset[0].atan2(offset[1]);
+            let residual = wrapped(sighting.bearing - expected) / setting.sigma;
+            sum.add(&row(offset, sighting.time, setting.sigma), residual);
+        }
+        sum
     }
-    Linear {
-        cost,
-        gradient,
-        information,
+}
+
+/// From an observer to the target of this state at a time.
+fn offset_at<const N: usize>(state: &[f64; N], time: f64, at: [f64; 2]) -> [f64; 2] {
+    let along = |i: usize| state.get(i).map_or(0.0, |speed| time * speed);
+    [state[0] + along(2) - at[0], state[1] + along(3) - at[1]]
+}
+
+/// The whitened row of a bearing.
+fn row<const N: usize>(offset: [f64; 2], time: f64, sigma: f64) -> [f64; N] {
+    let [a, b] = if offset == [0.0; 2] {
+        [0.0; 2]
+    } else {
+        crate::bearings::gradient(offset, sigma)
+    };
+    let whole = [a, b, time * a, time * b];
+    core::array::from_fn(|i| whole.get(i).copied().unwrap_or(0.0))
+}
+
+/// The sum of squares at a state, half its gradient (downhill) and its curvature.
+struct Linear<const N: usize> {
+    cost: f64,
+    gradient: [f64; N],
+    information: [[f64; N]; N],
+}
+
+impl<const N: usize> Linear<N> {
+    #[inline]
+    fn add(&mut self, row: &[f64; N], residual: f64) {
+        self.cost += residual * residual;
+        for i in 0..N {
+            self.gradient[i] += row[i] * residual;
+            for j in 0..N {
+                self.information[i][j] += row[i] * row[j];
+            }
+        }
     }
+}
+
+/// The lower triangle L with L L^T = matrix; `None` where it is not positive definite.
+fn cholesky<const N: usize>(matrix: &[[f64; N]; N]) -> Option<[[f64; N]; N]> {
+    let mut lower = [[0.0; N]; N];
+    for i in 0..N {
+        for j in 0..=i {
+            let mut sum = matrix[i][j];
+            for k in 0..j {
+                sum -= lower[i][k] * lower[j][k];
+            }
+            if i > j {
+                lower[i][j] = sum / lower[j][j];
+            } else if sum > 0.0 {
+                lower[i][i] = sum.sqrt();
+            } else {
+                return None;
+            }
+        }
+    }
+    Some(lower)
+}
+
+fn solved<const N: usize>(matrix: &[[f64; N]; N], right: &[f64; N]) -> Option<[f64; N]> {
+    let lower = cholesky(matrix)?;
+    let mut x = *right;
+    for i in 0..N {
+        for k in 0..i {
+            x[i] -= lower[i][k] * x[k];
+        }
+        x[i] /= lower[i][i];
+    }
+    for i in (0..N).rev() {
+        for k in i + 1..N {
+            x[i] -= lower[k][i] * x[k];
+        }
+        x[i] /= lower[i][i];
+    }
+    Some(x)
+}
+
+fn inverse<const N: usize>(matrix: &[[f64; N]; N]) -> Option<[[f64; N]; N]> {
+    let mut out = [[0.0; N]; N];
+    for (i, line) in out.iter_mut().enumerate() {
+        let mut unit = [0.0; N];
+        unit[i] = 1.0;
+        *line = solved(matrix, &unit)?;
+    }
+    Some(out)
+}
+
+/// The root of the trace of the covariance of the position at a time.
+fn spread<const N: usize>(covariance: &[[f64; N]; N], time: f64) -> f64 {
+    let mut sum = 0.0;
+    for axis in 0..2 {
+        sum += covariance[axis][axis];
+        if N == 4 {
+            sum +=
+                time * (2.0 * covariance[axis][axis + 2] + time * covariance[axis + 2][axis + 2]);
+        }
+    }
+    sum.sqrt()
 }
 
 #[cfg(test)]
@@ -254,12 +432,15 @@ mod tests {
     use super::*;
 
     const SETTING: Setting<'_> = Setting {
-        target: [0.0, 1000.0],
+        target: [0.0, 1000.0, 0.0, 0.0],
         start: [0.0, 0.0],
+        dt: 1.0,
         length: 20.0,
         steps: 40,
         sigma: 0.01,
         range: (1500.0, 1000.0),
+        speed: None,
+        gate: f64::INFINITY,
         opening: 0,
         lost: LostBearing::Hold,
         standoff: 0.0,
@@ -274,15 +455,18 @@ mod tests {
         closed_loop(
             &SETTING,
             Guidance::Law(Law::Circle, Side::Right),
-            Items::shared(&zeros),
-            Items::shared(&zeros),
+            Happens {
+                noise: Items::shared(&zeros),
+                lost: Items::shared(&zeros),
+                alarms: Items::shared(&[f64::MAX; 41]),
+            },
             Threads::One,
             &mut out,
         );
         let end = &out[40 * PER_SAMPLE..];
         // What is left is the pull of the range that was thought beforehand.
         assert!(hypot(end[2], end[3] - 1000.0) < 1.0);
-        assert!(end[4] > 1.0 && end[4] < 100.0);
+        assert!(end[6] > 1.0 && end[6] < 100.0);
         // Once the range is known the path is the circle about the target.
         assert!((hypot(end[0], end[1] - 1000.0) - 1000.0).abs() < 30.0);
     }
@@ -295,8 +479,11 @@ mod tests {
         closed_loop(
             &SETTING,
             Guidance::Law(Law::MaxDet, Side::Left),
-            Items::shared(&[0.3; 41]),
-            Items::shared(&lost),
+            Happens {
+                noise: Items::shared(&[0.3; 41]),
+                lost: Items::shared(&lost),
+                alarms: Items::shared(&[f64::MAX; 41]),
+            },
             Threads::One,
             &mut out,
         );
@@ -309,5 +496,46 @@ mod tests {
             assert!((move_at(i) - move_at(9)).abs() < 1e-9);
         }
         assert!((move_at(20) - move_at(9)).abs() > 1e-3);
+    }
+
+    #[test]
+    fn a_moving_target_is_found_among_false_alarms() {
+        let setting = Setting {
+            target: [0.0, 400.0, -5.0, 5.0],
+            steps: 60,
+            sigma: 0.005,
+            range: (500.0, 200.0),
+            speed: Some(10.0),
+            gate: 4.0,
+            standoff: 100.0,
+            ..SETTING
+        };
+        let mut out = [0.0; 61 * PER_SAMPLE];
+        let zeros = [0.0; 61];
+        // Every other bearing is lost and a false one is there instead.
+        let lost: [f64; 61] = core::array::from_fn(|k| (k % 2) as f64);
+        let alarms: [f64; 61] = core::array::from_fn(|k| {
+            if k % 2 == 1 {
+                2.0 + 0.01 * k as f64
+            } else {
+                f64::MAX
+            }
+        });
+        closed_loop(
+            &setting,
+            Guidance::Law(Law::MaxDet, Side::Right),
+            Happens {
+                noise: Items::shared(&zeros),
+                lost: Items::shared(&lost),
+                alarms: Items::shared(&alarms),
+            },
+            Threads::One,
+            &mut out,
+        );
+        let end = &out[60 * PER_SAMPLE..];
+        for (found, truth) in end[2..6].iter().zip(setting.target) {
+            assert!((found - truth).abs() < 0.1 * end[6], "{found} {truth}");
+        }
+        assert!(end[7] < 0.1);
     }
 }

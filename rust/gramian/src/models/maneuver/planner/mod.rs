@@ -54,16 +54,18 @@ pub enum Criterion {
 }
 
 /// What is made of several possible states of the targets.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Over {
     /// The expectation of the criterion.
     Expectation,
     /// The worst of them.
     Worst,
+    /// What the criterion is at least as good as with this probability, in (0, 1).
+    Chance(f64),
 }
 
 /// Criterion, and what is made of a belief.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Aim {
     /// What is to be made best.
     pub criterion: Criterion,
@@ -301,6 +303,10 @@ impl Problem {
             return Err(Error::States { given: states });
         }
         check_positive("dt", self.dt)?;
+        if let Over::Chance(level) = self.aim.over {
+            check_positive("chance", level)?;
+            check_positive("1 - chance", 1.0 - level)?;
+        }
         check_length("scale", self.scale.len(), states)?;
         for &scale in &self.scale {
             check_positive("scale", scale)?;

@@ -412,7 +412,8 @@ impl<const N: usize> Sized<N> {
                 let even = vec![1.0 / costs.len() as f64; costs.len()];
                 soft(costs, &even, sharpness)
             }
-            Over::Worst => {
+            Over::Chance(level) if costs.len() > 1 => quantile(costs, &weights, level, sharpness),
+            Over::Worst | Over::Chance(_) => {
                 let by = costs
                     .iter()
                     .map(|&c| f64::from(u8::from(c == worst)))
@@ -421,6 +422,57 @@ impl<const N: usize> Sized<N> {
             }
         }
     }
+}
+
+/// The cost that is not exceeded with a probability, and its derivatives by the costs. Its
+/// smooth stand-in is that of costs with a logistic error of width 1 / sharpness.
+fn quantile(costs: &[f64], weights: &[f64], level: f64, sharpness: Sharpness) -> (f64, Vec<f64>) {
+    let total: f64 = weights.iter().sum();
+    let wanted = level * total;
+    let mut order: Vec<usize> = (0..costs.len()).collect();
+    order.sort_by(|&a, &b| costs[a].total_cmp(&costs[b]));
+    let mut sum = 0.0;
+    let mut found = order.last().copied().unwrap_or(0);
+    for &index in &order {
+        sum += weights[index];
+        if sum >= wanted * (1.0 - 1e-12) {
+            found = index;
+            break;
+        }
+    }
+    if !sharpness.is_finite() {
+        let by = (0..costs.len()).map(|i| f64::from(u8::from(i == found)));
+        return (costs[found], by.collect());
+    }
+    let rise = |cost: f64, at: f64| 1.0 / (1.0 + (-sharpness * (at - cost)).exp());
+    let mass = |at: f64| -> f64 {
+        costs
+            .iter()
+            .zip(weights)
+            .map(|(&c, w)| w * rise(c, at))
+            .sum()
+    };
+    let away = 40.0 / sharpness + (costs[*order.last().unwrap_or(&0)] - costs[order[0]]).abs();
+    let (mut low, mut high) = (costs[found] - away, costs[found] + away);
+    for _ in 0..80 {
+        let middle = 0.5 * (low + high);
+        if mass(middle) < wanted {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    let at = 0.5 * (low + high);
+    let slopes: Vec<f64> = costs
+        .iter()
+        .zip(weights)
+        .map(|(&c, w)| w * rise(c, at) * rise(-c, -at))
+        .collect();
+    let sum: f64 = slopes.iter().sum();
+    (
+        at,
+        slopes.iter().map(|slope| slope / sum.max(1e-300)).collect(),
+    )
 }
 
 /// (1 / p) log sum w exp(p c), and its derivatives by c.

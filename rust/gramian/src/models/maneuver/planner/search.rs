@@ -191,7 +191,7 @@ impl Search {
             .flat_map(|observer| &observer.sensors)
             .any(|sensor| !sensor.blind.is_empty() || sensor.reach.is_finite());
         let corners = problem.aim.criterion == Criterion::Eigenvalue
-            || (problem.aim.over == Over::Worst && problem.beliefs.len() > 1)
+            || (problem.aim.over != Over::Expectation && problem.beliefs.len() > 1)
             || seen_partly;
         let rounds = if problem.legs.is_none() && problem.moves >= 2 * COARSEST {
             COARSE * options.starts

@@ -36,7 +36,7 @@ use alloc::vec::Vec;
 use core::f64::consts::{PI, TAU};
 
 use super::objective::{Objective, objective};
-use super::{Criterion, Error, Problem};
+use super::{Criterion, Error, Over, Problem};
 use crate::scalar::{hypot, wrapped};
 use crate::tracks::scene::Kind;
 
@@ -82,7 +82,7 @@ struct Class {
 }
 
 /// The bound of a problem on the criterion of any path, or `None` where it does not apply:
-/// to other sensors than bearings, unknown biases and blind arcs.
+/// to other sensors than bearings, unknown biases, blind arcs, and chances.
 ///
 /// `value` is the criterion of a path that is known: passes that cannot come below it are
 /// left out. `look` is asked now and then whether to go on; the bound so far holds too.
@@ -100,7 +100,9 @@ pub fn upper_bound(
     let objective = objective(problem).ok_or(Error::States {
         given: problem.states(),
     })?;
+    // The mean of beliefs is no bound on a quantile of them.
     let applies = problem.nuisances == 0
+        && !(matches!(problem.aim.over, Over::Chance(_)) && problem.beliefs.len() > 1)
         && problem.observers.iter().all(|observer| {
             observer
                 .sensors
