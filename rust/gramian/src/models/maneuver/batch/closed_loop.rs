@@ -203,7 +203,8 @@ impl<const N: usize> Flight<'_, N> {
         if sample == 0 || !setting.gate.is_finite() {
             return seen;
         }
-        let alarm = Some(self.alarms[sample]).filter(|bearing| bearing.abs() <= core::f64::consts::TAU);
+        let alarm =
+            Some(self.alarms[sample]).filter(|bearing| bearing.abs() <= core::f64::consts::TAU);
         let offset = offset_at(estimate, time, at);
         let row = row::<N>(offset, time, setting.sigma);
         // Of the innovation, in standard deviations of a bearing.
