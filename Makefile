@@ -82,6 +82,7 @@ package:
 # the README's example and the demo run; the sdist by building from it what the demo needs.
 wheel: $(VENV)/.dependencies
 	rm -rf target/wheels && mkdir -p target/wheels
+	$(PYTHON) explorer/build.py python/gramian/explorer/page.html || echo "this wheel is without the explorer's page"
 	$(BIN)/maturin build --release --strip --out target/wheels
 	$(BIN)/maturin sdist --out target/wheels
 	$(PYTHON) tests/wheel/try_wheel.py target/wheels
@@ -99,8 +100,8 @@ site: $(VENV)/.site docs
 	$(PYTHON) explorer/build.py --or-say-why
 	$(BIN)/python docs/_site/check.py site
 
-# One page, site/explorer.html, that opens from the folder: the crate as WebAssembly. Needs the
-# target wasm32-unknown-unknown, and says how to get it where it is missing.
+# One page, site/explorer.html, that opens from the folder: the crate as WebAssembly; and the
+# package's copy of it, for `gramian explore` and wheels. Needs the target wasm32-unknown-unknown, and says how to get it where it is missing.
 explorer:
 	$(PYTHON) explorer/build.py
 

@@ -52,13 +52,13 @@ function show(controls) {
 
 // Each state: its value, the bound, and where there is one the interval of the likelihood.
 function boundsTable() {
-  const intervals = answer.nullSpace.length || !more.intervals || more.intervals.length !== answer.names.length ? null : more.intervals;
-  const head = ["state", ...(answer.state ? ["value"] : []), "1 sigma at best", ...(intervals ? ["95 % of the likelihood"] : [])];
+  const wanted = tab === "track" && !answer.nullSpace.length, intervals = wanted && more.intervals && more.intervals.length === answer.names.length ? more.intervals : null;
+  const head = ["state", ...(answer.state ? ["value"] : []), wanted ? "1 sigma" : "1 sigma at best", ...(wanted ? ["95 % interval"] : [])];
   const end = (x, digits) => (isFinite(x) ? brief(x, digits) : "open");
   return `<tr>${head.map((text) => `<th>${text}</th>`).join("")}</tr>` + answer.names.map((name, i) => {
     const bound = answer.bound[i], unit = answer.units[i], pieces = intervals && vectors(intervals[i], 2);
     const cells = [name, ...(answer.state ? [`${brief(answer.state[i], 4)} ${unit}`] : [])];
-    const interval = pieces ? `<td class="${more.stale || more.partial ? "old" : ""}">${pieces.map(([low, high]) => `${end(low, 4)} to ${end(high, 4)}`).join("<br>or ")}</td>` : "";
+    const interval = !wanted ? "" : pieces ? `<td class="${more.stale || more.partial ? "old" : ""}">${pieces.map(([low, high]) => `${end(low, 4)} to ${end(high, 4)}`).join("<br>or ")}</td>` : "<td>...</td>";
     return `<tr>${cells.map((text) => `<td>${text}</td>`).join("")}<td class="${isFinite(bound) ? "" : "none"}">${isFinite(bound) ? `${brief(bound)} ${unit}` : "not observable"}</td>${interval}</tr>`;
   }).join("");
 }

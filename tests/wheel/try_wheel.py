@@ -14,6 +14,10 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 
 
+def page_is_built():
+    return (ROOT / "python/gramian/explorer/page.html").is_file()
+
+
 def main():
     folder = Path(sys.argv[1]).resolve()
     (wheel,) = folder.glob("*.whl")
@@ -36,6 +40,12 @@ def main():
         for verdict in ("OBSERVABLE", "HOPELESS", "UNOBSERVABLE"):
             if verdict not in demo:
                 sys.exit(f"the demo does not say {verdict}:\n{demo}")
+        explore = [python, "-m", "gramian", "explore", "--out", "page.html"]
+        said = subprocess.run(explore, check=False, **run)
+        carried = said.returncode == 0 and (Path(place) / "page.html").stat().st_size > 100_000
+    print("the wheel", "has" if carried else "is without", "the explorer's page")
+    if page_is_built() and not carried:
+        sys.exit(f"the explorer's page was built, and the wheel does not have it: {said.stderr}")
     for path in sorted(folder.iterdir()):
         print(f"{path.name}: {path.stat().st_size / 1e6:.1f} MB")
     print("the wheel runs the README's example and the demo in an empty environment")

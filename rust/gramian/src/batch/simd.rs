@@ -56,6 +56,11 @@ impl Path {
             Self::Plain => return kernel.with_simd(pulp::Scalar::new()),
             _ => {}
         }
+        // WebAssembly has vectors or not when it is compiled, never by a look at the machine: a
+        // page carries one path, half the size of two.
+        #[cfg(target_arch = "wasm32")]
+        return kernel.with_simd(pulp::Scalar::new());
+        #[cfg(not(target_arch = "wasm32"))]
         pulp::Arch::new().dispatch(kernel)
     }
 }
