@@ -4,7 +4,8 @@
 
 The recorded graph: `analyze` beside SciPy's `splu` of the normal equations of the same
 rows (first pose fixed, its default ordering), and all bounds beside GTSAM's `Marginals`
-of all poses where that is installed. Then graphs made here, from 10^2 poses up.
+of all poses where that is installed (--gtsam). Then graphs made here, from 10^2 poses
+up. All times are those of the processor, so that other work on the machine does not count.
 """
 
 from __future__ import annotations
@@ -24,13 +25,13 @@ from gramian.io.g2o import PoseGraph, read_graph
 
 
 def timed(work: Callable[[], Any], repeats: int = 3) -> tuple[float, Any]:
-    """Return the least time of a few runs, and the last answer."""
+    """Return the least processor time of a few runs, s, and the last answer."""
     best = np.inf
     answer = None
     for _ in range(repeats):
-        start = time.perf_counter()
+        start = time.process_time()
         answer = work()
-        best = min(best, time.perf_counter() - start)
+        best = min(best, time.process_time() - start)
     return best, answer
 
 

@@ -1,4 +1,4 @@
-"""Random smooth functions with their exact derivatives, for tests and benches/derivatives.py."""
+"""Random smooth functions with their exact derivatives, for tests and benches/bench_rows.py."""
 
 from dataclasses import dataclass
 from typing import Any

@@ -261,8 +261,38 @@ def test_all_points_at_once():
     np.testing.assert_array_equal(one.rows(), many.rows())
 
 
+def test_at_most_18_evaluations_a_state_and_none_repeated():
+    """Six for a function without noise, twelve more where step or noise are looked for."""
+    from random_functions import smooth_function
+
+    rng = np.random.default_rng(11)
+    for _ in range(60):
+        case = smooth_function(rng)
+        points = []
+
+        def h(x, case=case, points=points):
+            points.append(x.tobytes())
+            return case.h(x)
+
+        with np.errstate(all="ignore"):
+            model = gm.from_function(h, case.x, case.sigma, case.names)
+        assert len(points) == len(set(points)) == model.accuracy.evaluations
+        assert len(points) <= 18 * len(case.x) + 1  # and the value at x
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 10, 40])
+def test_a_smooth_function_takes_little_more_than_six_evaluations_a_state(n):
+    weights = np.random.default_rng(n).standard_normal((n + 2, n))
+    names = [f"x{i}" for i in range(n)]
+    model = gm.from_function(lambda x: np.sin(weights @ x), np.full(n, 0.3), 0.1, names)
+    assert model.accuracy.evaluations <= min(18 * n, 8 * n + 18) + 1
+    jacobian = np.cos(weights @ np.full(n, 0.3))[:, None] * weights
+    assert (np.abs(model.jacobian() - jacobian) <= 3 * model.accuracy.error).all()
+    assert model.accuracy.error.max() < 1e-7
+
+
 def test_errors_hold_for_random_smooth_functions():
-    """The error of each entry is at most three times the stated one (benches/derivatives.py: 2000)."""
+    """The error of each entry is at most three times the stated one (benches/bench_rows.py: 2000)."""
     from random_functions import smooth_function
 
     rng = np.random.default_rng(7)

@@ -337,6 +337,47 @@ def test_singular_transition_needs_the_covariance_form():
     assert bound.std[-1, 0] == pytest.approx((1e-6 + 50 / 5) ** -0.5, rel=1e-12)
 
 
+@pytest.mark.parametrize("weight", 10.0 ** np.arange(7, 17))
+@pytest.mark.parametrize("prior", [INF, 1e3])
+def test_a_row_far_heavier_than_the_others_costs_neither_rank_nor_digits(weight, prior):
+    """In one factor of the information the others would vanish beside it (issue: 1e14)."""
+    rows = np.array([[1.0, 0.3], [-0.2, 1.0], [weight, 1.7 * weight]])
+    known = np.eye(2) / prior
+    wanted = gm.crlb_std(np.vstack([known[known.any(axis=1)], rows]))
+    for order in ([0, 1, 2], [2, 0, 1], [0, 2, 1]):
+        at = bounds.Posterior.of_prior([prior, prior], "information")
+        for k in order:
+            at = at.update(rows[[k]])
+        np.testing.assert_allclose(at.std, wanted, rtol=1e-6)
+        steps = [rows[[k]] for k in order]
+        found = bounds.posterior(
+            steps, np.eye(2), np.zeros((2, 2)), [prior, prior], form="information"
+        )
+        np.testing.assert_allclose(found.std[-1], wanted, rtol=1e-6)
+
+
+def test_heavy_rows_that_say_the_same_leave_no_rounding_behind():
+    at = bounds.Posterior.of_prior([INF, INF])
+    heavy = np.array([[1e14, 1.1e14], [1.3e14, 1.43e14], [3e14, 3.3e14]])
+    for row in heavy:
+        at = at.update([row])
+        assert np.isinf(at.std).all()
+    light = [[1.0, 0.0]]
+    np.testing.assert_allclose(
+        at.update(light).std, gm.crlb_std(np.vstack([heavy, light])), rtol=1e-6
+    )
+
+
+def test_heavy_rows_beside_nothing_known_are_refused_rather_than_spoilt():
+    at = bounds.Posterior.of_prior([INF] * 3).update([[1e15, 1e15, 0], [1.0, 0, 0]])
+    with pytest.raises(gm.InputError, match="rows so heavy that the others fade"):
+        at.update([[0, 2.0, 0]])
+    # At the same step nothing is lost.
+    rows = [[1e15, 1e15, 0], [1.0, 0, 0], [0, 2.0, 0], [0, 0, 1]]
+    found = bounds.Posterior.of_prior([INF] * 3).update(rows).std
+    np.testing.assert_allclose(found, gm.crlb_std(rows), rtol=1e-9)
+
+
 def test_exact_knowledge_before_and_on_the_way():
     """As the covariance recursion in long arithmetic; exact knowledge is a row without noise."""
     move, noise = nearly_constant_velocity(0.05)

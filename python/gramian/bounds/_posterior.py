@@ -172,7 +172,38 @@ class Posterior(Value):
             raise InputError(f"rows has shape {matrix.shape}: must be (..., k, {self.n})")
         weighted = matrix * np.sqrt(_probability(detection))[..., None]
         n = self.n
-        return self._run(self.root, weighted[..., None, :, :], np.eye(n)[None], np.zeros((1, n, n)))
+        found = self._run(
+            self.root, weighted[..., None, :, :], np.eye(n)[None], np.zeros((1, n, n))
+        )
+        if self.form == "information" and self.root.ndim == weighted.ndim == 2:
+            return self._with_heavy(weighted, found)
+        return found
+
+    def _with_heavy(self, rows: Array, found: Posterior) -> Posterior:
+        """Return `found`, or the covariance where a factor of the information loses digits.
+
+        Beside rows heavier by half their digits or more the others fade in one triangular
+        factor; the axes of the error ellipsoid keep both.
+        """
+        every = np.vstack([self.root, rows])
+        every = every[every.any(axis=1)]
+        if not _uneven(every):
+            # What is far below all rows is left by rounding of some that say the same.
+            units = np.abs(every).max(axis=0, initial=0.0)
+            sizes = np.abs(found.root / np.where(units > 0, units, 1.0)).max(axis=1)
+            noise = 32 * np.finfo(float).eps * np.sqrt(max(every.shape))
+            return replace(found, root=np.where((sizes > noise)[:, None], found.root, 0.0))
+        analysis = _core.Analysis(every, None, None)
+        axes = analysis.crlb_root()
+        if axes is not None:
+            return Posterior(_triangle(axes), "covariance")
+        if len(every) > analysis.rank:
+            raise InputError(
+                "rows so heavy that the others fade beside them, and states of which nothing is "
+                "known: no form holds both; give the others a finite prior, or measure them at "
+                "the same step"
+            )
+        return found
 
     @property
     def std(self) -> Array:
@@ -388,6 +419,10 @@ def posterior(
             raise InputError("spread: not beside exact knowledge")
         return _step_by_step(start, plain, transition, process_noise, detection, constraints, keep)
     stacked = _stacked(plain, n)
+    if start.form == "information" and stacked.ndim == 3 and start.root.ndim == 2:
+        every = np.vstack([start.root, stacked.reshape(-1, n)])
+        if spread is None and np.isfinite(every).all() and _uneven(every):
+            return _step_by_step(start, plain, transition, process_noise, detection, {}, keep)
     steps = stacked.shape[-3]
     weighted = _detected(stacked, detection)
     moved = _transition(transition, start.form, n)
@@ -636,6 +671,14 @@ def cubature_points(mean: ArrayLike, covariance: ArrayLike) -> tuple[Array, Arra
         )
     arms = np.sqrt(n) * root
     return np.concatenate([centre + arms, centre - arms]), np.full(2 * n, 1 / (2 * n))
+
+
+def _uneven(rows: Array) -> bool:
+    """Say whether rows differ in weight by more than half the digits."""
+    units = np.abs(rows).max(axis=0)
+    sizes = np.abs(rows / np.where(units > 0, units, 1.0)).max(axis=1)
+    sizes = sizes[sizes > 0]
+    return bool(sizes.size) and bool(sizes.max() > 1e8 * sizes.min())
 
 
 def _triangle(rows: Array) -> Array:

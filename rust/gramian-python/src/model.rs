@@ -137,6 +137,11 @@ fn differences(
                 )
             }))
         }
+        Err(Error::Kink { output, state, .. }) => Err(InputError::new_err(format!(
+            "h(x)[{output}] has a kink where {} = {}: it has no derivative there",
+            name(state),
+            x[state]
+        ))),
         Err(Error::NotFinite {
             output,
             state,

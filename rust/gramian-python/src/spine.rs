@@ -331,6 +331,17 @@ impl Analysis {
             .transpose()
     }
 
+    fn crlb_root<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
+        let n = self.0.states();
+        self.0
+            .crlb_root()
+            .map(|w| {
+                let count = w.len() / n;
+                PyArray1::from_vec(py, w).reshape([count, n])
+            })
+            .transpose()
+    }
+
     fn combination_std(&self, combination: &Bound<'_, PyAny>) -> PyResult<f64> {
         let combination = self.vector(combination, "combination")?;
         self.0

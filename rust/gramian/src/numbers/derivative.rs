@@ -14,14 +14,19 @@ use alloc::vec;
 use alloc::vec::Vec;
 
 /// Pairs of evaluations a state may take: 6 evaluations where all goes well, 12 more
-/// where the scale must be searched for.
+/// where the scale must be searched for. What measures the noise is part of them, so that
+/// n states, three or more, take no more than 18 n evaluations in all.
 const MOST_PAIRS: usize = 9;
 /// First step, as a part of the size of the state.
 const FIRST: f64 = 1.0 / 64.0;
 /// Points beside x at which noise is measured.
 const NOISE_POINTS: usize = 6;
+/// As few points either side of x tell noise that changes now and then.
+const LEAST_WIDE: usize = 3;
 /// Stated over standard deviation, for the part of an error that is noise.
 const COVERAGE: f64 = 3.0;
+/// Error of an entry of which nothing is known.
+const UNKNOWN: f64 = 1e150;
 /// Even over odd part of a change above which a step is too long.
 const BENT: f64 = 0.25;
 
@@ -80,6 +85,16 @@ pub enum Error<E> {
         /// Its value just above.
         above: f64,
         /// How far below and above.
+        step: f64,
+    },
+    /// An output has a kink at x.
+    #[error("output {output} has a kink where state {state} moves by {step} either way")]
+    Kink {
+        /// Which output.
+        output: usize,
+        /// Which state.
+        state: usize,
+        /// The shortest step at which it shows.
         step: f64,
     },
     /// No finite values around x.
@@ -203,7 +218,22 @@ pub fn jacobian<E>(
     let mut measured = given.iter().all(|&g| g);
     let mut kept: Option<(Vec<[f64; 2]>, Vec<f64>)> = None;
     let (mut points, mut values) = (Vec::new(), Vec::new());
+    // One or two states take as much as three where they must: noise has its price.
+    let most = 2 * MOST_PAIRS * n.max(3);
     loop {
+        let reserve = if measured { 0 } else { NOISE_POINTS };
+        let left = most.saturating_sub(evaluations + reserve);
+        let unfinished = groups
+            .iter()
+            .filter(|group| group.iter().any(|&j| columns[j].phase != Phase::Done))
+            .count();
+        let share = left / (2 * unfinished.max(1));
+        for column in &mut columns {
+            column.room = MOST_PAIRS.min(column.pairs.len() + share);
+            if share == 0 {
+                column.stop()?;
+            }
+        }
         for column in &mut columns {
             while column.wants(measured) && column.take_again() {
                 column.decide(options.weight, &noise, at)?;
@@ -223,33 +253,39 @@ pub fn jacobian<E>(
                 // The same points as before.
                 noise.copy_from_slice(found);
             } else {
-                let first = kept.is_none();
-                evaluations += measure_noise(
-                    x,
-                    at,
-                    options,
-                    &given,
-                    &spacing,
-                    first,
-                    &mut noise,
-                    &mut evaluate,
-                )
-                .map_err(Error::Function)?;
+                // Of one state the wide points are pairs of its ladder; of more, two pairs
+                // for each are left to the ladders.
+                let ladders = if n > 1 { 4 * unfinished } else { 0 };
+                let wide = match NOISE_POINTS.min(left.saturating_sub(ladders) / 2) {
+                    few if kept.is_some() || few < LEAST_WIDE => 0,
+                    _ if n == 1 => LEAST_WIDE,
+                    enough => enough,
+                };
+                let line = Line {
+                    spacing: &spacing,
+                    wide,
+                    given: &given,
+                };
+                let far = measure_noise(x, at, options, &line, &mut noise, &mut evaluate)
+                    .map_err(Error::Function)?;
+                evaluations += NOISE_POINTS + 2 * wide;
+                if let [column] = columns.as_mut_slice() {
+                    column.take_line(at, &far, spacing[0][1], options);
+                }
                 kept = Some((spacing, noise.clone()));
             }
             measured = true;
-            let again: Vec<usize> = (0..n)
-                .filter(|&j| columns[j].after_noise(options.weight, &noise))
-                .collect();
-            if !again.is_empty() {
+            // Is there enough for noise to be measured again?
+            let needed = evaluations + NOISE_POINTS + 4 * unfinished;
+            let enough = needed <= most;
+            let again = columns
+                .iter_mut()
+                .filter_map(|c| c.after_noise(enough, options.weight, &noise).then_some(()))
+                .count();
+            if again > 0 {
                 measured = given.iter().all(|&g| g);
                 for i in (0..m).filter(|&i| !given[i]) {
                     noise[i] = 2.0 * f64::EPSILON * at[i].abs();
-                }
-                // Noise measured again costs pairs, but for one state, whose first
-                // measurement took less.
-                for &j in again.iter().filter(|_| n > 1) {
-                    columns[j].room -= (NOISE_POINTS / 2).div_ceil(again.len());
                 }
             }
             continue;
@@ -292,8 +328,9 @@ pub fn jacobian<E>(
     for column in &columns {
         for (k, i) in column.each(m).enumerate() {
             let (value, error) = column.entry(k, out.noise[i], at[i]);
+            // Where the function overflows beside x nothing is known, which is a number too.
             out.values[i * n + column.state] = value;
-            out.error[i * n + column.state] = error;
+            out.error[i * n + column.state] = error.min(UNKNOWN);
         }
     }
     Ok(out)
@@ -375,6 +412,32 @@ impl<'a> Column<'a> {
         }
     }
 
+    /// Ends where no evaluation is left.
+    fn stop<E>(&mut self) -> Result<(), Error<E>> {
+        if self.phase == Phase::Search {
+            let Some(last) = self.pairs.iter().rposition(|p| p.finite) else {
+                return Err(self.not_finite());
+            };
+            self.anchor = last;
+        }
+        self.phase = Phase::Done;
+        Ok(())
+    }
+
+    /// The error of the last pair, which is not finite.
+    fn not_finite<E>(&self) -> Error<E> {
+        let place = self.pairs.last().and_then(|pair| {
+            let mut parts = pair.odd.iter().zip(&pair.even);
+            parts.position(|(o, e)| !(o + e).is_finite())
+        });
+        let output = place.unwrap_or(0);
+        Error::NotFinite {
+            output: self.output(output),
+            state: self.state,
+            step: self.pairs.last().map_or(self.next, |pair| pair.step),
+        }
+    }
+
     fn longest(&self) -> f64 {
         self.used().map(|p| p.step).fold(0.0, f64::max)
     }
@@ -396,6 +459,24 @@ impl<'a> Column<'a> {
         });
     }
 
+    /// Takes the two nearest pairs of the line along which noise was measured, where there
+    /// is no other state: they are steps of the ladder as any.
+    fn take_line(&mut self, at: &[f64], far: &[f64], spacing: f64, options: &Options<'_>) {
+        if self.phase != Phase::Ladder {
+            return;
+        }
+        let next = self.next;
+        for (k, pair) in far.chunks_exact(2 * at.len()).take(2).enumerate() {
+            let (mut below, mut above) = pair.split_at(at.len());
+            if spacing < 0.0 {
+                core::mem::swap(&mut below, &mut above);
+            }
+            self.next = spacing.abs() * (k + 1) as f64;
+            self.take(at, above, below, options.period);
+        }
+        self.next = next;
+    }
+
     /// Takes the pair that is wanted next from those there are; false where it is new.
     fn take_again(&mut self) -> bool {
         let next = self.next;
@@ -412,6 +493,34 @@ impl<'a> Column<'a> {
             finite,
         });
         true
+    }
+
+    /// Which output the k-th of those that the state may move is.
+    fn output(&self, k: usize) -> usize {
+        self.outputs
+            .map_or(Some(k), |o| o.get(k).copied())
+            .unwrap_or(0)
+    }
+
+    /// Refuses an output with a kink that shows at every step down to its noise.
+    fn check_kink<E>(&self, noise: &[f64]) -> Result<(), Error<E>> {
+        for (k, i) in self.each(noise.len()).enumerate() {
+            let above = |p: &&Pair| p.finite && p.even[k].abs() > 100.0 * noise[i];
+            let seen: Vec<&Pair> = self.pairs.iter().filter(above).collect();
+            if self.shrunk > 1 && seen.len() > 2 && kinked(&seen, k, noise[i]) {
+                return Err(Error::Kink {
+                    output: i,
+                    state: self.state,
+                    step: seen[seen.len() - 1].step,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    fn bent(&self, pair: usize, weight: &[f64], noise: &[f64]) -> bool {
+        let [odd, even, _] = self.sizes(&self.pairs[pair], weight, noise);
+        even > BENT * odd
     }
 
     /// Lengths of the odd part, the even part and the noise of a pair, weighted.
@@ -447,7 +556,13 @@ impl<'a> Column<'a> {
         sign * (pair.step * part).max(0.5 * self.least)
     }
 
-    fn shorter<E>(&mut self, bits: i32, at: &[f64], weight: &[f64]) -> Result<(), Error<E>> {
+    fn shorter<E>(
+        &mut self,
+        bits: i32,
+        at: &[f64],
+        weight: &[f64],
+        noise: &[f64],
+    ) -> Result<(), Error<E>> {
         let last = self.pairs.len() - 1;
         let pair = &self.pairs[last];
         let next = (pair.step * 2.0_f64.powi(-bits)).max(self.least);
@@ -456,7 +571,8 @@ impl<'a> Column<'a> {
             self.shrunk += 1;
             return Ok(());
         }
-        // No step is short enough: noise, or a jump.
+        // No step is short enough: noise, a kink or a jump.
+        self.check_kink(noise)?;
         let m = at.len();
         let size = |x: &[f64]| norm(self.each(m).zip(x).map(|(i, x)| weight[i] * x));
         if let Some(longest) = self.pairs.iter().position(|p| p.finite)
@@ -491,16 +607,7 @@ impl<'a> Column<'a> {
         }
         let pair = &self.pairs[last];
         if !pair.finite {
-            let k = pair
-                .odd
-                .iter()
-                .zip(&pair.even)
-                .position(|(o, e)| !(o + e).is_finite());
-            return Err(Error::NotFinite {
-                output: self.each(m).nth(k.unwrap_or(0)).unwrap_or(0),
-                state: self.state,
-                step: pair.step,
-            });
+            return Err(self.not_finite());
         }
         let (mut place, mut largest) = (0, -1.0);
         for (k, i) in self.each(m).enumerate() {
@@ -564,13 +671,19 @@ impl<'a> Column<'a> {
         // Far steps first cost little; then as far as the numbers reach in a few.
         let bits = [5, 10, 14, 14, 14, 14, 14, 14, 14][self.shrunk.min(8)];
         if !pair.finite {
-            return self.shorter(bits, at, weight);
+            return self.shorter(bits, at, weight, noise);
         }
         let [odd, even, level] = self.sizes(pair, weight, noise);
         if odd < 8.0 * level && even < 8.0 * level {
             // Nothing moves.
             let longer = power((pair.step * 4096.0).min(self.most));
-            if self.shrunk > 0 {
+            self.check_kink(noise)?;
+            if self.shrunk > 0 && self.grown > 0 && self.bent(last - 1, weight, noise) {
+                // Flat at x, and something else far away.
+                self.anchor = last;
+                self.phase = Phase::Ladder;
+                self.next = 0.5 * pair.step;
+            } else if self.shrunk > 0 {
                 // Not below the last step that moved something: that was noise.
                 self.anchor = last - 1;
                 self.phase = Phase::Ladder;
@@ -619,7 +732,7 @@ impl<'a> Column<'a> {
         // One step that looks straight may be chance: the next must agree.
         let next = 0.5 * pair.step;
         if even > BENT * odd || confirming || next < self.least || last + 2 > self.room {
-            return self.shorter(bits, at, weight);
+            return self.shorter(bits, at, weight, noise);
         }
         self.next = next;
         Ok(())
@@ -628,7 +741,7 @@ impl<'a> Column<'a> {
     /// Once the noise is known, a longer step may be better.
     ///
     /// Returns whether the step was chance instead, and the search goes on.
-    fn after_noise(&mut self, weight: &[f64], noise: &[f64]) -> bool {
+    fn after_noise(&mut self, enough: bool, weight: &[f64], noise: &[f64]) -> bool {
         if self.phase != Phase::Ladder {
             return false;
         }
@@ -637,7 +750,7 @@ impl<'a> Column<'a> {
         if odd == 0.0 {
             return false;
         }
-        if level > 0.02 * odd && !self.noisy && !self.suspected && self.pairs.len() < 6 {
+        if level > 0.02 * odd && !self.noisy && !self.suspected && enough {
             // What looks like noise may be detail that all steps so far have missed.
             let next = power((pair.step / 8192.0).max(self.least));
             if next < pair.step {
@@ -807,7 +920,9 @@ impl<'a> Column<'a> {
             let d = |p: &Pair| p.odd[k] / p.step;
             let rounding = noise / w[2].step;
             let (first, second) = ((d(w[0]) - d(w[1])).abs(), (d(w[1]) - d(w[2])).abs());
-            second > 0.6 * first && second > 20.0 * rounding
+            let [a, b, c] = [0, 1, 2].map(|k| w[k].step * w[k].step);
+            // As steps are halved it should fall to a quarter.
+            second > 2.4 * (b - c) / (a - b) * first && second > 20.0 * rounding
         })
     }
 
@@ -864,6 +979,11 @@ impl<'a> Column<'a> {
                 }
             }
         }
+        if kinked(&pairs, k, noise) {
+            // Between the slopes on either side there is no telling.
+            let p = pairs[pairs.len() - 1];
+            best.1 = best.1.max(p.even[k].abs() / p.step);
+        }
         if self.reach > 0.0 {
             // Unresolved: there may be detail as short as the shortest step.
             let largest = self
@@ -875,6 +995,21 @@ impl<'a> Column<'a> {
         }
         best
     }
+}
+
+/// Whether the even part of an output is proportional to the step, from the longest to the
+/// shortest, where that of a smooth function falls with its square.
+fn kinked(pairs: &[&Pair], k: usize, noise: f64) -> bool {
+    let (Some(long), Some(short)) = (pairs.first(), pairs.last()) else {
+        return false;
+    };
+    let least = 20.0 * (noise + f64::EPSILON * long.even[k].abs());
+    long.step >= 4.0 * short.step
+        && short.even[k].abs() > least
+        && pairs.windows(2).all(|w| {
+            let ratio = w[0].even[k] / w[0].step * (w[1].step / w[1].even[k]);
+            (ratio - 1.0).abs() < 0.1
+        })
 }
 
 /// The limit of odd / step as the step goes to zero, a polynomial in its square, and
@@ -904,51 +1039,51 @@ fn noise_spacing(columns: &[Column<'_>], weight: &[f64], noise: &[f64]) -> Vec<[
         .collect()
 }
 
+/// Where noise is measured.
+struct Line<'a> {
+    /// For each state how far apart the points are, close and wide.
+    spacing: &'a [[f64; 2]],
+    /// How many wide ones there are on either side.
+    wide: usize,
+    /// For each output whether its noise is known.
+    given: &'a [bool],
+}
+
 /// Noise along one direction in which all states move a little, from the differences of
 /// equally spaced values: close ones for rounding, wide ones for what changes now and
-/// then, such as printed digits or the steps of a solver, and those the first time only.
-/// Returns how many evaluations it took.
-#[allow(clippy::too_many_arguments)] // What one measurement takes.
+/// then, such as printed digits or the steps of a solver. Returns the values at the wide
+/// ones: below and above x, the nearest first.
 fn measure_noise<E>(
     x: &[f64],
     at: &[f64],
     options: &Options<'_>,
-    given: &[bool],
-    spacing: &[[f64; 2]],
-    first: bool,
+    line: &Line<'_>,
     noise: &mut [f64],
     evaluate: &mut impl FnMut(&[f64], &mut [f64]) -> Result<(), E>,
-) -> Result<usize, E> {
-    let (n, m) = (x.len(), at.len());
-    // Of one state alone as few points as its derivative may take.
-    let wide = match (first, n) {
-        (false, _) => 0,
-        (true, 1) => NOISE_POINTS / 2,
-        (true, _) => NOISE_POINTS,
-    };
+) -> Result<Vec<f64>, E> {
+    let (n, m, wide) = (x.len(), at.len(), line.wide);
     let close: Vec<f64> = (1..=NOISE_POINTS).map(|k| k as f64).collect();
     let far: Vec<f64> = (1..=wide).flat_map(|k| [-(k as f64), k as f64]).collect();
     let mut points = Vec::with_capacity((close.len() + far.len()) * n);
     for (place, multiples) in [&close, &far].into_iter().enumerate() {
         for k in multiples {
-            points.extend((0..n).map(|j| x[j] + spacing[j][place] * k));
+            points.extend((0..n).map(|j| x[j] + line.spacing[j][place] * k));
         }
     }
-    let count = close.len() + far.len();
-    let mut values = vec![f64::NAN; count * m];
+    let mut values = vec![f64::NAN; (close.len() + far.len()) * m];
     evaluate(&points, &mut values)?;
-    for i in (0..m).filter(|&i| !given[i]) {
+    for i in (0..m).filter(|&i| !line.given[i]) {
         let value = |k: usize| change(values[k * m + i], at[i], options.period[i]);
-        let line: Vec<f64> = core::iter::once(0.0)
+        let near: Vec<f64> = core::iter::once(0.0)
             .chain((0..close.len()).map(value))
             .collect();
-        noise[i] = noise[i].max(close_noise(line));
+        noise[i] = noise[i].max(close_noise(near));
         // In order: from the last point below x to the last above.
         let below = (0..wide).rev().map(|k| value(close.len() + 2 * k));
         let above = (0..wide).map(|k| value(close.len() + 2 * k + 1));
         noise[i] = noise[i].max(wide_noise(below.chain([0.0]).chain(above).collect()));
     }
-    Ok(count)
+    Ok(values.split_off(close.len() * m))
 }
 
 /// Noise by the differences of each order of equally spaced values; 0 for values that
@@ -1010,7 +1145,9 @@ fn from_ladders(columns: &[Column<'_>], noise: &mut [f64], given: &[bool]) {
                 let ratio = window[1].step / window[2].step;
                 let spread = (0.5 + 0.5 * ratio.powi(4) + (ratio * ratio - 1.0).powi(2)).sqrt();
                 let sample = second.abs() / spread;
-                if second.abs() > 0.4 * first.abs() && sample > 4.0 * noise[i] {
+                let [a, b, c] = [0, 1, 2].map(|k| window[k].step * window[k].step);
+                let fall = b * (b - c) / (a * (a - b));
+                if second.abs() > 6.4 * fall * first.abs() && sample > 4.0 * noise[i] {
                     sum[i] += sample * sample;
                     count[i] += 1.0;
                 }

@@ -396,6 +396,27 @@ impl<T: Real> Observability<T> {
         all_finite(&out).then_some(out)
     }
 
+    /// Vectors whose squares w w^T sum to the bound on the covariance, one after the other,
+    /// the longest first: its root without a square, so that short axes beside long ones
+    /// keep their digits. `None` where the rank is short, or an entry overflows.
+    pub fn crlb_root(&self) -> Option<Vec<T>> {
+        if self.parts.rank < self.n {
+            return None;
+        }
+        let mut axes: Vec<&[T]> = self.parts.root.chunks_exact(self.n).collect();
+        axes.sort_by(|a, b| {
+            norm(b)
+                .partial_cmp(&norm(a))
+                .unwrap_or(core::cmp::Ordering::Equal)
+        });
+        let scaled = |axis: &&[T]| -> Vec<T> {
+            let each = axis.iter().zip(&self.scale);
+            each.map(|(&x, &d)| x * d).collect()
+        };
+        let out: Vec<T> = axes.iter().flat_map(scaled).collect();
+        all_finite(&out).then_some(out)
+    }
+
     /// log det of the information; minus infinity where the rank is short, plus infinity
     /// where something is known exactly.
     pub fn log_det(&self) -> T {
