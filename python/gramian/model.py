@@ -665,8 +665,8 @@ def from_function(
     Each derivative comes with its error, from the differences of a ladder of steps and
     the measured noise of `h` (Ridders 1982; More & Wild 2011). `analyze` decides ranks
     above it, and calls "undecided" what it cannot tell; `model.accuracy` says what was
-    found. It takes about 6 evaluations a state and at most 18 for the noise; never more
-    than 18 a state in all, beside the value at x.
+    found. It takes about 6 evaluations a state and at most 18 for the noise; three states or
+    more never take more than 18 each in all, beside the value at x.
 
     Examples
     --------

@@ -280,6 +280,17 @@ def answer_tables(answer: Observability, *, suggestions: int = 6) -> list[Table]
                 + (" Angles in radians here." if "rad" in " ".join(answer.units) else ""),
             )
         )
+    groups = [group for group in answer.islands if len(group) < len(answer.names)]
+    if groups:
+        tables.append(
+            Table(
+                "States that no measurement ties to each other",
+                ["group", "states"],
+                [[str(k), ", ".join(group)] for k, group in enumerate(groups, 1)],
+            )
+        )
+    if answer.status in {"observable", "weak"} and len(answer.problem.rows) > answer.rank:
+        tables += _critical_table(answer)
     if answer.suggestions:
         then = [
             f"{n} then, {u}" if u else f"{n} then" for n, u in zip(answer.names, units, strict=True)
@@ -300,6 +311,21 @@ def answer_tables(answer: Observability, *, suggestions: int = 6) -> list[Table]
             )
         )
     return tables
+
+
+def _critical_table(answer: Observability, count: int = 6) -> list[Table]:
+    found = answer.critical()
+    if not found:
+        return []
+    lost = [
+        f"{one.nullity} combination{'s' if one.nullity > 1 else ''} not determined"
+        if one.nullity
+        else f"{one.worst} {number(one.growth)} times as uncertain"
+        for one in found[:count]
+    ]
+    more = f"The first {count} of {len(found)}." if len(found) > count else ""
+    rows = [[one.name, text] for one, text in zip(found, lost, strict=False)]
+    return [Table("Measurements that must not be lost", ["measurement", "without it"], rows, more)]
 
 
 def answer_pictures(answer: Observability) -> list[Picture]:

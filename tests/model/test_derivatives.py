@@ -62,6 +62,32 @@ def test_a_kink_has_no_derivative():
         rows_of(lambda x: [abs(x[0])], [0.0])
 
 
+@pytest.mark.parametrize(
+    ("h", "x"),
+    [
+        (lambda x: [abs(x[0]), x[1]], [0.0, 2.0]),
+        (lambda x: [max(x[0], 0.0), x[1]], [0.0, 2.0]),
+        (lambda x: [np.clip(x[0], -1, 1), x[1]], [1.0, 2.0]),
+        (lambda x: [min(x[0], x[1]), x[0] + x[1]], [2.0, 2.0]),
+        (lambda x: [np.interp(x[0], [0, 1, 2, 3], [0, 1, 3, 7])], [2.0]),
+        (lambda x: [abs(x[0] - 1e9)], [1e9]),
+    ],
+)
+def test_a_kink_of_any_output_is_named(h, x):
+    with pytest.raises(gm.InputError, match=r"h\(x\)\[0\] has a kink where x0 = "):
+        rows_of(h, x)
+
+
+def test_a_small_kink_beside_slopes_is_within_the_stated_error():
+    model = gm.from_function(lambda x: [x[0] + 1e-3 * abs(x[1]), x[1]], [1.0, 0.0], 1.0, ["a", "b"])
+    assert model.accuracy.error[0, 1] >= 1e-3
+
+
+def test_flat_at_x_and_not_far_away():
+    found = rows_of(lambda x: [np.clip(x[0], -1, 1), x[1]], [2.0, 2.0])
+    np.testing.assert_allclose(found, [[0, 0], [0, 1]], atol=1e-10)
+
+
 def test_rounding_alone_is_nothing():
     model = gm.from_function(
         lambda x: [(x[0] + 7.3) - x[0], ((x[0] - 21.9) + 14.6) - x[0], x[1]],
@@ -277,7 +303,8 @@ def test_at_most_18_evaluations_a_state_and_none_repeated():
         with np.errstate(all="ignore"):
             model = gm.from_function(h, case.x, case.sigma, case.names)
         assert len(points) == len(set(points)) == model.accuracy.evaluations
-        assert len(points) <= 18 * len(case.x) + 1  # and the value at x
+        # And the value at x; one or two states may take what three do.
+        assert len(points) <= 18 * max(len(case.x), 3) + 1
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 10, 40])
@@ -285,7 +312,7 @@ def test_a_smooth_function_takes_little_more_than_six_evaluations_a_state(n):
     weights = np.random.default_rng(n).standard_normal((n + 2, n))
     names = [f"x{i}" for i in range(n)]
     model = gm.from_function(lambda x: np.sin(weights @ x), np.full(n, 0.3), 0.1, names)
-    assert model.accuracy.evaluations <= min(18 * n, 8 * n + 18) + 1
+    assert model.accuracy.evaluations <= 8 * n + 18 + 1
     jacobian = np.cos(weights @ np.full(n, 0.3))[:, None] * weights
     assert (np.abs(model.jacobian() - jacobian) <= 3 * model.accuracy.error).all()
     assert model.accuracy.error.max() < 1e-7

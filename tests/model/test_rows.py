@@ -270,3 +270,18 @@ def test_many_states_as_by_numpy(count, n, rank):
     else:
         assert np.abs(rows @ answer.null_space).max() < 1e-9 * np.abs(rows).max()
         np.testing.assert_array_equal(np.isinf(gm.crlb_std(rows)), np.isinf(answer.crlb_std))
+
+
+def test_islands_and_critical_measurements_have_their_tables():
+    from gramian.report import answer_tables
+
+    rows = [[1.0, 0, 0], [1, 1, 0], [0, 0, 1], [0, 0, 1]]
+    tables = {table.title: table for table in answer_tables(gm.analyze(rows, ["a", "b", "c"]))}
+    tied = tables["States that no measurement ties to each other"]
+    assert [row[1] for row in tied.rows] == ["a, b", "c"]
+    vital = tables["Measurements that must not be lost"]
+    assert [row[0] for row in vital.rows] == ["row 0", "row 1"]
+    assert "not determined" in vital.rows[0][1]
+    assert not {"States that no measurement ties to each other"} & {
+        table.title for table in answer_tables(gm.analyze(np.eye(2) + 1, ["a", "b"]))
+    }

@@ -6,12 +6,12 @@ use alloc::vec::Vec;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatMut, Par};
 
-use super::factor::{Factor, Floor, Symbolic};
+use super::factor::{Factor, Symbolic};
 use super::null_space::{self, Component, Scaled};
 use super::structure::{NONE, Structure};
 use super::{Index, Rows, SparseError, Stop, selected_inverse};
 
-/// How far below the norm of the unit-column rows pivots may not fall.
+/// How far below the norm of the unit-column rows the added identity is.
 const MU: f64 = 1e-13;
 
 /// Rank, null space and bounds of sparse rows.
@@ -77,8 +77,7 @@ impl Sparse {
                 _ => ranges.push((p, p + 1)),
             }
         }
-        let floor = Floor::Pivots(MU * norm);
-        let mut factor = Factor::new(rows, &scale, floor, symbolic, available, stop)?;
+        let mut factor = Factor::new(rows, &scale, MU * norm, symbolic, available, stop)?;
         let components = null_space::smallest(&matrix, &factor, &ranges, rtol * norm, stop)?;
         let nullity: usize = components.iter().map(|c| c.nullity).sum();
         let log_det = if nullity > 0 {
@@ -531,7 +530,7 @@ pub fn marginal_rows<I: Index>(
     let place = symbolic.place.clone();
     let norm = Scaled::new(rows, &scale, &place).norm().max(1.0);
     let mu = MU_ELIMINATION * norm;
-    let factor = Factor::new(rows, &scale, Floor::Rows(mu), symbolic, available, stop)?;
+    let factor = Factor::new(rows, &scale, mu, symbolic, available, stop)?;
     let symbolic = &factor.symbolic;
     let mut square = vec![0.0; rows.columns()];
     let mut lines: Vec<Vec<(usize, f64)>> = Vec::new();

@@ -30,24 +30,6 @@ const LARGE: usize = 20_000;
 /// Columns of a front that are reduced together.
 const PANEL: usize = 16;
 
-/// What keeps the factor of full rank, whatever the rows are.
-#[derive(Clone, Copy, Debug)]
-pub enum Floor {
-    /// So much times the identity below the rows: what a column does not take of a row
-    /// stays with the others, as elimination needs.
-    Rows(f64),
-    /// Pivots at least so large: the rows are moved by no more, and none is added.
-    Pivots(f64),
-}
-
-impl Floor {
-    fn size(self) -> f64 {
-        match self {
-            Self::Rows(mu) | Self::Pivots(mu) => mu,
-        }
-    }
-}
-
 /// Where the entries of the factor stand: the elimination order, and the groups of
 /// columns (fronts) that have one pattern.
 #[derive(Clone, Debug)]
@@ -384,8 +366,8 @@ struct Left {
     lead: Vec<usize>,
 }
 
-/// The upper triangular factor R of A D, D making columns of unit length, with a [`Floor`]
-/// that keeps R of full rank whatever A is.
+/// The upper triangular factor R of [A D; mu I]: D makes columns of unit length, mu keeps
+/// R of full rank whatever A is.
 #[derive(Clone, Debug)]
 pub struct Factor {
     pub(super) symbolic: Symbolic,
@@ -394,7 +376,7 @@ pub struct Factor {
 }
 
 impl Factor {
-    /// Reduces `rows` with column j multiplied by `scale[j]`.
+    /// Reduces `rows` with column j multiplied by `scale[j]`, over `mu` times the identity.
     ///
     /// # Errors
     /// [`SparseError::Memory`] where more than `available` bytes would be needed or the
@@ -402,7 +384,7 @@ impl Factor {
     pub fn new<I: Index>(
         rows: &Rows<'_, I>,
         scale: &[f64],
-        floor: Floor,
+        mu: f64,
         symbolic: Symbolic,
         available: usize,
         stop: &mut Stop<'_>,
@@ -446,12 +428,12 @@ impl Factor {
                     &local,
                     &children,
                     scale,
-                    floor,
+                    mu,
                 )
                 .ok_or_else(|| memory.clone())?;
             drop(children);
             front.reduce(stop)?;
-            front.own_rows(own, floor.size(), &mut value[symbolic.values(s)]);
+            front.own_rows(own, &mut value[symbolic.values(s)]);
             if symbolic.parent[s] != NONE {
                 left[symbolic.parent[s]].push((s, front.left(own)));
             }
@@ -673,7 +655,7 @@ impl Front {
         local: &[usize],
         children: &[(usize, Left)],
         scale: &[f64],
-        floor: Floor,
+        mu: f64,
     ) -> Option<()> {
         let mut lines: Vec<(usize, Source)> = Vec::new();
         for &i in given {
@@ -684,6 +666,7 @@ impl Front {
                 .unwrap_or(0);
             lines.push((lead, Source::Given(i)));
         }
+        lines.extend((0..own).map(|k| (k, Source::Identity(k))));
         for (c, (child, left)) in children.iter().enumerate() {
             let later = symbolic.later(*child);
             for (r, &lead) in left.lead.iter().enumerate() {
@@ -691,12 +674,6 @@ impl Front {
             }
         }
         lines.sort_by_key(|(lead, _)| *lead);
-        let full = lines.len() >= own && (0..own).all(|k| lines[k].0 <= k);
-        if !full || matches!(floor, Floor::Rows(_)) {
-            // Otherwise every pivot has a row already.
-            lines.extend((0..own).map(|k| (k, Source::Identity(k))));
-            lines.sort_by_key(|(lead, _)| *lead);
-        }
         self.high = lines.len();
         self.wide = wide;
         self.lead.clear();
@@ -719,7 +696,7 @@ impl Front {
                         self.entries[row + column * self.high] = value * scale[j];
                     }
                 }
-                Source::Identity(k) => self.entries[row + k * self.high] = floor.size(),
+                Source::Identity(k) => self.entries[row + k * self.high] = mu,
                 Source::Child(c, r) => row_of_child[c][r] = row,
             }
         }
@@ -809,16 +786,12 @@ impl Front {
         }
     }
 
-    /// The rows of R of the columns that end here, no pivot below `least`.
-    fn own_rows(&self, own: usize, least: f64, out: &mut [f64]) {
+    /// The rows of R of the columns that end here.
+    fn own_rows(&self, own: usize, out: &mut [f64]) {
         for k in 0..self.wide {
             let filled = self.filled[k].min(own);
             out[k * own..k * own + filled]
                 .copy_from_slice(&self.entries[k * self.high..k * self.high + filled]);
-        }
-        for k in 0..own {
-            let pivot = &mut out[k * (own + 1)];
-            *pivot = pivot.abs().max(least).copysign(*pivot);
         }
     }
 
