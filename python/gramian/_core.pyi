@@ -284,7 +284,7 @@ class Model:
         self, x: ArrayLike, alternatives: Sequence[ArrayLike], alpha: float, power: float
     ) -> tuple[list[_Record], list[list[float]]]: ...
 
-def channels(values: ArrayLike, sigma: ArrayLike) -> list[str]: ...
+def channels(values: ArrayLike, sigma: ArrayLike, places: Sequence[Sequence[int]]) -> _Array: ...
 def barankin(rows: ArrayLike, offsets: ArrayLike, differences: ArrayLike) -> _Array | None: ...
 
 # bearings
@@ -456,6 +456,18 @@ def dipole_fisher(
     sigma: ArrayLike,
     sensors: ArrayLike,
 ) -> _Array: ...
+def dipole_track(
+    times: ArrayLike,
+    field: ArrayLike,
+    sensors: Sequence[Sequence[float]],
+    sigma: ArrayLike,
+    start: float,
+    state: Sequence[float],
+    root: ArrayLike,
+    wander: tuple[float, float],
+    truth: ArrayLike | None,
+    bound_root: ArrayLike | None,
+) -> dict[str, _Array]: ...
 def dipole_check(
     times: ArrayLike, field: ArrayLike
 ) -> tuple[list[tuple[str, dict[str, Any]]], list[tuple[float, float, float]]]: ...
@@ -497,6 +509,7 @@ class DipoleRecord:
         drift: bool,
         attitude: float | None,
         scale: float | None,
+        induced: tuple[float, float, float] | None,
     ) -> DipoleRecord: ...
     def place(self, x: ArrayLike, time: float) -> tuple[_Array, _Array]: ...
     def seeds(self, x: ArrayLike, most: int) -> _Array: ...

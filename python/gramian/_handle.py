@@ -21,7 +21,8 @@ class EstimationModel(Protocol):
 
     It may also have ``x`` or ``starts(z)`` (where to start), ``handle(z)`` (a compiled
     model), ``symmetries(x)`` (states with the same data), ``functions`` (named functions
-    of the states), ``alternatives(x, z)`` (named columns) and ``scale``.
+    of the states), ``alternatives(x, z)`` (named columns), ``faults(z)`` (what is wrong with the
+    measurements themselves, in words: see `gramian.estimation.channel_faults`) and ``scale``.
     """
 
     @property

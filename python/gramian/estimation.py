@@ -32,6 +32,7 @@ from gramian._noise import (
 from gramian._registry import draw
 from gramian._text import brief, describe_combination, describe_direction
 from gramian._text import number as readable
+from gramian._values import Value
 from gramian.exceptions import InputError
 
 if TYPE_CHECKING:
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 __all__ = [
     "STATUSES",
     "Alternative",
+    "Channel",
     "Estimate",
     "EstimationModel",
     "Fit",
@@ -47,6 +49,7 @@ __all__ = [
     "Region",
     "Solution",
     "Trials",
+    "channel_faults",
     "estimate",
     "estimate_trials",
     "other_solutions",
@@ -57,6 +60,12 @@ Status = Literal["unobservable", "misfit", "not_converged", "ambiguous", "weak",
 
 #: Every status of an `Estimate`, worst first.
 STATUSES = ("unobservable", "misfit", "not_converged", "ambiguous", "weak", "determined")
+
+#: Residuals whose p is larger are too small.
+_SMALL = 0.999
+
+#: Of a batch the faults of so many records are told in words.
+_TOLD = 20
 
 #: How residuals may count, with the constants of 95 % efficiency on normal noise.
 _LOSSES = {"squares": 0.0, "huber": 1.345, "tukey": 4.685}
@@ -174,7 +183,7 @@ class Fit(Answer):
     @property
     def warning(self) -> str:
         """What a p near 1 says; empty otherwise."""
-        if self.dof > 0 and self.p_value > 0.999:
+        if self.dof > 0 and self.p_value > _SMALL:
             return f"p = {self.p_value:.6g}: the residuals are too small; sigma or a unit is wrong"
         return ""
 
@@ -1314,32 +1323,104 @@ def _solution(record: Mapping[str, Any]) -> Solution:
     )
 
 
+@dataclass(frozen=True, eq=False)
+class Channel(Value):
+    """A channel of a recording: its name, where its readings are, and when they were taken.
+
+    Attributes
+    ----------
+    name : str
+    places : ndarray of int, shape (k,)
+        Among the measurements, in the order of time.
+    times : ndarray, shape (k,)
+        When they were taken.
+    unit : str
+        Of the times, or what they number: "look".
+    """
+
+    name: str
+    places: NDArray[np.intp]
+    times: Array
+    unit: str = "s"
+
+
 def channel_faults(
-    readings: ArrayLike, sigma: ArrayLike, times: Array, called: Sequence[str]
+    readings: ArrayLike, sigma: ArrayLike, channels: Sequence[Channel]
 ) -> tuple[str, ...]:
     """Return which channels are dead, stuck or doubled, in words.
 
-    `readings` and `sigma` have a channel of each of the names in `called` at each of the
-    times; a sigma of 0 is of a reading that does not count.
+    Parameters
+    ----------
+    readings : array_like, shape (m,)
+        NaN where one is missing.
+    sigma : array_like, shape (), (1,) or (m,)
+        Standard deviations; 0 for a reading that does not count.
+    channels : sequence of Channel
+
+    Returns
+    -------
+    tuple of str
+
+    Notes
+    -----
+    A channel is stuck where readings in the middle of a step of its converter would keep one
+    value for so long in less than one record of 10^4; where readings around the run repeat
+    each other as well, the steps are coarse, and nothing is told. Exact data, which have no
+    noise, repeat themselves: where chi2 is improbably small, what is told here is no fault.
     """
-    shape = (len(times), len(called))
-    values = np.reshape(finite(readings, "readings"), shape)
-    given = np.asarray(sigma, dtype=float)
-    deviations = np.full(shape, given.item()) if given.size == 1 else given.reshape(shape)
-    told = []
-    for name, kind in zip(called, _core.channels(values, deviations), strict=True):
-        what, _, where = kind.partition(" from ")
-        if kind == "constant":
-            told.append(f"{name} is constant over the record: dead or stuck")
-        elif what == "stuck":
-            first, last = (int(index) for index in where.split(" to "))
-            told.append(
-                f"{name} is stuck at one value from {brief(times[first], 6)} s to "
-                f"{brief(times[last], 6)} s, longer than its noise lets it"
-            )
-        elif kind.startswith("copy of "):
-            told.append(f"{name} is a copy of {called[int(kind.removeprefix('copy of '))]}")
-    return tuple(told)
+    return _faults(np.asarray(readings, dtype=float), sigma, channels)[0]
+
+
+def _faults(values: Array, sigma: ArrayLike, channels: Sequence[Channel]) -> list[tuple[str, ...]]:
+    """Return what `channel_faults` does of each of the records (..., m), one after another."""
+    deviations = np.atleast_1d(np.asarray(sigma, dtype=float))
+    deviations = np.broadcast_to(deviations, (*deviations.shape[:-1], values.shape[-1]))
+    kinds = _core.channels(values, deviations, [list(map(int, c.places)) for c in channels])
+    kinds = kinds.reshape(-1, len(channels), 3)
+    told: list[tuple[str, ...]] = [()] * len(kinds)
+    for index in np.flatnonzero((kinds[..., 0] > 0).any(axis=-1)).tolist():
+        found = zip(channels, kinds[index].astype(int).tolist(), strict=True)
+        told[index] = tuple(_fault(channels, one, kind) for one, kind in found if kind[0])
+    return told
+
+
+def _fault(channels: Sequence[Channel], one: Channel, kind: Sequence[int]) -> str:
+    code, first, last = kind
+    if code == 1:
+        return f"{one.name} is constant over the record: dead or stuck"
+    if code == 3:
+        return f"{one.name} is a copy of {channels[first].name}"
+    times = (brief(one.times[k], 6) for k in (first, last))
+    ends = " to ".join(f"{t} s" if one.unit == "s" else f"{one.unit} {t}" for t in times)
+    return f"{one.name} is stuck at one value from {ends}, longer than its noise lets it"
+
+
+def faulty(
+    readings: Array, sigma: ArrayLike, channels: Sequence[Channel], p_value: ArrayLike
+) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
+    """Return which records (...) have a faulty channel, and in words which and where.
+
+    Not those whose `p_value`, that of chi2, is near 1 or NaN: exact data repeat themselves.
+    """
+    with np.errstate(invalid="ignore"):
+        asked = np.asarray(p_value) <= _SMALL
+    shape = readings.shape[:-1]
+    asked = np.broadcast_to(asked, shape)
+    if not channels or not asked.any():
+        return np.zeros(shape, dtype=bool), ()
+    told = _faults(readings, sigma, channels)
+    bad = np.array([bool(words) for words in told], dtype=bool).reshape(shape) & asked
+    if not shape:
+        return bad, told[0] if bad else ()
+    places = np.argwhere(bad)
+    indices = np.flatnonzero(bad)
+    words = [
+        f"record {', '.join(map(str, place))}: {'; '.join(told[index])}"
+        for place, index in zip(places[:_TOLD].tolist(), indices.tolist(), strict=False)
+    ]
+    if len(places) > _TOLD:
+        words.append(f"and {len(places) - _TOLD} records more")
+    return bad, tuple(words)
 
 
 def _measured(model: Any, measurements: ArrayLike) -> Array:

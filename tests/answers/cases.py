@@ -50,6 +50,7 @@ def spine():
     short = gm.analyze([[1.0, 2.0], [2.0, 4.0]], names=["x", "v"])
     model = gm.from_function(ranges, [30.0, 40.0], 1.0, ["east", "north"], units=["m", "m"])
     found = gm.estimate(model, ranges([31.0, 41.0]), start=[30.0, 40.0])
+    yield gm.estimation.Channel("east", np.arange(3), np.arange(3.0))
     yield from (
         problem,
         problem.doubt(),
@@ -126,6 +127,14 @@ def dipole():
     yield from gm.dipole.check_record(times, field).findings[:1]
     yield from [found.mirror] if found.mirror is not None else []
     yield gm.dipole.localize_many(times, field[None], {"speed": 8.0})
+    start = dict(
+        zip(
+            ["x", "y", "z", "vx", "vy", "vz", "mx", "my", "mz"],
+            np.c_[np.ravel(truth), np.ones(9)],
+            strict=True,
+        )
+    )
+    yield gm.dipole.track(times[:4], field[:4], start, sigma=1e-9)
 
 
 def linear():

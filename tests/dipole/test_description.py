@@ -112,3 +112,56 @@ def test_bad_descriptions():
     ]:
         with pytest.raises(gm.InputError, match=message):
             gm.dipole.localize(TIMES, y, KNOWN, sensors=SENSORS, sigma=SIGMA, **options)
+
+
+def turning(rng=None, sigma=0.0):
+    """Return times and fields of a body that turns, with a permanent and an induced moment."""
+    t = np.arange(0.0, 30.0, 0.5)
+    rate, earth = 0.06, np.array([2e-5, -1e-6, -4.5e-5])
+    course = np.pi / 4 + rate * t
+    # Clockwise from y, at sqrt 2 m/s.
+    speed, at = np.sqrt(2.0), np.array([-10.0, -10.0])
+    place = np.zeros((t.size, 3))
+    place[:, 0] = at[0] - speed / rate * (np.cos(course) - np.cos(np.pi / 4))
+    place[:, 1] = at[1] + speed / rate * (np.sin(course) - np.sin(np.pi / 4))
+    place[:, 2] = 5.0
+    permanent, volume = np.array([10.0, 20.0, 10.0]), 0.4
+    sin, cos = np.sin(rate * t), np.cos(rate * t)
+    x, y, z = permanent
+    moment = np.stack([x * cos + y * sin, y * cos - x * sin, np.full(t.size, z)], axis=1)
+    moment += volume * earth / gm.dipole.MU0
+    field = gm.dipole.field(place, moment)
+    if rng is not None:
+        field = field + sigma * rng.normal(size=field.shape)
+    return t, field, earth, permanent, volume, rate
+
+
+def test_a_body_that_turns_tells_its_permanent_from_its_induced_moment():
+    known = {"z": 5.0, "vz": 0.0}
+    t, field, earth, permanent, volume, rate = turning()
+    options = {"motion": "turning", "sigma": 1e-10}
+    exact = gm.dipole.localize(t, field, known, earth_field=earth, **options)
+    assert exact["induced volume"] == pytest.approx(volume, rel=1e-5)
+    assert exact["turn rate"] == pytest.approx(rate, rel=1e-5)
+    assert exact.m == pytest.approx(permanent, rel=1e-4)
+    inside = 0
+    for seed in range(12):
+        t, seen, *_ = turning(np.random.default_rng(seed), 1e-9)
+        noisy = {"motion": "turning", "sigma": 1e-9}
+        found = gm.dipole.localize(t, seen, known, earth_field=earth, **noisy)
+        inside += volume in found.interval("induced volume")
+    assert inside >= 9
+    # Without it the field of the two is no turning dipole's.
+    assert gm.dipole.localize(t, field, known, **options).status == "misfit"
+
+
+def test_a_straight_pass_does_not_tell_them_apart():
+    t = np.arange(0.0, 20.0, 0.5)
+    seen = gm.dipole.simulate([-10, -10, 5], [1, 1, 0], [10, 20, 10], t, 1e-9, seed=1)
+    found = gm.dipole.localize(
+        t, seen, {"z": 5.0, "vz": 0.0}, sigma=1e-9, earth_field=[2e-5, 0.0, -4e-5]
+    )
+    assert found.status == "unobservable"
+    assert "induced volume" in found.reason
+    with pytest.raises(gm.InputError, match="earth_field"):
+        gm.dipole.localize(t, seen, {"z": 5.0, "vz": 0.0}, earth_field=[0.0, 0.0, 0.0])

@@ -17,7 +17,6 @@ import pytest
 from scipy.special import ndtri
 
 import gramian as gm
-from gramian import _core
 from gramian._handle import handle_of
 from gramian.estimation import STATUSES
 
@@ -409,12 +408,17 @@ def test_coarse_readings_of_a_poor_fit_are_not_stuck():
     signal = 3.0 * np.sin(np.arange(400) / 60)
     noise = np.random.default_rng(2).normal(0, 0.02, 400)
     coarse = (0.2 * np.round((signal + noise) / 0.2))[:, None]
-    large = np.full(coarse.shape, 2.0)
-    assert _core.channels(coarse, large) == ["sound"]
+    one = [gm.estimation.Channel("channel", np.arange(400), np.arange(400.0))]
+    assert gm.estimation.channel_faults(coarse[:, 0], 2.0, one) == ()
     # The same where the readings scatter is.
     stuck = signal[:, None] + np.random.default_rng(2).normal(0, 2.0, (400, 1))
     stuck[100:160] = stuck[100]
-    assert _core.channels(stuck, large) == ["stuck from 100 to 159"]
+    (told,) = gm.estimation.channel_faults(stuck[:, 0], 2.0, one)
+    assert told.startswith("channel is stuck at one value from 100 s to 159 s")
+    # Samples that do not count are none of its run, but of its places.
+    stuck[120:130] = np.nan
+    (told,) = gm.estimation.channel_faults(stuck[:, 0], 2.0, one)
+    assert "from 100 s to 159 s" in told
 
 
 @pytest.mark.parametrize("step_deg", [0.01, 0.1, 1.0, 3.0])
@@ -424,3 +428,48 @@ def test_coarse_readings_are_not_stuck(step_deg):
         model = gm.bearings.BearingsModel(t, path, np.array([sigma]))
         step = np.radians(step_deg)
         assert model.faults(step * np.round(seen / step)) == ()
+
+
+def test_a_batch_of_bearings_is_looked_through():
+    t, seen, path, sigma = bearings_of_a_pass(1)
+    stuck = np.where(t > t[20], seen[20], seen)
+    for step_deg in (0.0, 0.1, 1.0):
+        step = np.radians(step_deg)
+        batch = np.array([bearings_of_a_pass(seed)[1] for seed in range(6)])
+        batch = step * np.round(batch / step) if step else batch
+        assert gm.bearings.localize(t, batch, path, sigma, alpha=1e-9).faults == ()
+    batch[2] = stuck
+    found = gm.bearings.localize(t, batch, path, sigma, alpha=1e-9)
+    assert (found.status == "misfit").tolist() == [False, False, True, False, False, False]
+    (told,) = found.faults
+    assert told.startswith("record 2: bearing is stuck at one value from 300 s to 585 s")
+    one = gm.bearings.localize(t, stuck, path, sigma)
+    assert (one.status, one.p_value > 0.5) == ("misfit", True)
+    assert "stuck" in one.summary()
+    # Two observers that report the same: one copies the other.
+    twice = np.repeat(t, 2)
+    index = np.tile([0, 1], t.size)
+    both = np.repeat(path, 2, axis=0) + np.outer(index, [1.0, 0.0])
+    copied = gm.bearings.localize(
+        twice, np.repeat(seen, 2), both, sigma, observer_index=index, alpha=1e-9
+    )
+    assert copied.faults == ("bearing of observer 1 is a copy of bearing of observer 0",)
+    # Exact data repeat themselves, and are no fault.
+    exact = np.full(t.size, 0.5)
+    away = gm.bearings.localize(t, exact, path, sigma, {"vx": (0.0, 1.0), "vy": (0.0, 1.0)})
+    assert away.faults == ()
+
+
+def test_an_interval_is_told_where_chi2_has_no_least_value():
+    """Of trials that run out to an infinite range too, and cheaply."""
+    model = gm.bearings.BearingsModel(TIMES, PATH, np.array([np.radians(2.0)]))
+    found = gm.estimate_trials(model, [4000.0, 15000.0, 3.0, -1.0], seed=11, trials=70)
+    lost = found.status == "not_converged"
+    assert lost.any()
+    assert np.isfinite(found.solves).all()
+    assert (found.solves < 200).all()
+    # Trial 65 grows likelier for ever: at least so far away, no upper limit.
+    low, high = found.intervals[65]
+    assert 1e3 < low < 2e4
+    assert high == np.inf
+    assert found.covered.mean() > 0.95 - 4 * np.sqrt(0.95 * 0.05 / 70)

@@ -256,3 +256,12 @@ def test_without_a_search_there_are_no_other_solutions():
     assert answer.unseen == 1.0
     with pytest.raises(gm.InputError, match="search"):
         gm.estimate(model, values, search="no")
+
+
+def test_a_radar_whose_azimuth_is_stuck_is_a_misfit():
+    reports = reg.simulate(TRACK, SENSORS, SIGMA, TRUE, seed=1).values.copy()
+    assert reg.estimate(reports, SENSORS, SIGMA).fit.faults == ()
+    reports[20:30, 1, 1] = reports[20, 1, 1]
+    found = reg.estimate(reports, SENSORS, SIGMA, on_failure="report")
+    assert found.status == "misfit"
+    assert "B.azimuth is stuck at one value from look 21 to look 30" in found.reason

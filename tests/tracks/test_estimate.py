@@ -263,3 +263,51 @@ def test_a_last_leg_that_is_open_is_weak_though_the_start_is_known():
     early = gm.tracks.Scene(gm.tracks.Motion.legs([600.0]), [seen])
     answer = gm.tracks.estimate(early, gm.tracks.simulate(early, truth, seed=1))
     assert answer.status == "determined"
+
+
+def crossing():
+    """Bearings and ranges of a straight target, seen from a coast, and a batch of them."""
+    coast = Carrier([0.0, 0.0])
+    sensors = [
+        Sensor.bearing(coast, TIMES, sigma=np.radians(0.3)),
+        Sensor.range(coast, TIMES, sigma=20.0),
+    ]
+    scene = Scene(CV, sensors)
+    return scene, simulate(scene, [3000.0, 4000.0, -4.0, 2.0], trials=8, seed=5)
+
+
+def test_sensors_that_are_stuck_or_doubled_are_a_misfit():
+    scene, z = crossing()
+    honest = estimate(scene, z, alpha=1e-9)
+    assert honest.faults == ()
+    assert (honest.status == "determined").all()
+    bad = z.copy()
+    # From the middle on, for three minutes: 0.3 deg of noise hide it from chi2.
+    bad[3, 30:39] = bad[3, 30]
+    found = estimate(scene, bad, alpha=1e-9)
+    assert np.flatnonzero(found.status == "misfit").tolist() == [3]
+    (told,) = found.faults
+    assert told.startswith("record 3: bearing is stuck at one value from 610")
+    one = estimate(scene, bad[3], alpha=1e-9)
+    assert one.status == "misfit"
+    assert "bearing is stuck at one value" in one.reason
+    coast = Carrier([0.0, 0.0])
+    two = Scene(CV, [Sensor.range(coast, TIMES, sigma=20.0)] * 2 + [scene.sensors[0]])
+    copied = estimate(two, [z[0, 60:], z[0, 60:], z[0, :60]], alpha=1e-9)
+    assert copied.reason == "range of sensors[1] is a copy of range of sensors[0]"
+
+
+@pytest.mark.parametrize("steps", [(0.1, 1.0), (1.0, 10.0), (3.0, 300.0)])
+def test_coarse_readings_are_not_stuck(steps):
+    scene, z = crossing()
+    degrees, metres = steps
+    z[:, :60] = np.radians(degrees) * np.round(z[:, :60] / np.radians(degrees))
+    z[:, 60:] = metres * np.round(z[:, 60:] / metres)
+    # Nor are reports of the target's own, which a receiver rounds and holds.
+    own = [Sensor.target_speed(TIMES, sigma=0.3), Sensor.course(TIMES, sigma=0.1)]
+    told = [np.full((8, 60), 4.5), np.full((8, 60), -1.1)]
+    whole = Scene(CV, [*scene.sensors, *own])
+    assert estimate(whole, [z[:, :60], z[:, 60:], *told], alpha=1e-12).faults == ()
+    # Where a sample is missing the run goes on.
+    z[:, 5] = np.nan
+    assert estimate(scene, z, alpha=1e-12).faults == ()

@@ -5,7 +5,9 @@ use gramian::dipole::batch::{self, Passes, Simulated};
 use gramian::dipole::description::{Description, Motion};
 use gramian::dipole::localize::{Background, Knowledge, Loss, Options};
 use gramian::dipole::measured::Measured;
+use gramian::dipole::tracker::{Bound as TrackBound, Sample, Tracker, Wander};
 use gramian::dipole::{Pass, Sensing};
+use gramian::posterior::Posterior;
 use gramian::solve::Model;
 use gramian::solve::noise::Whitening;
 use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
@@ -15,6 +17,7 @@ use pyo3::types::PyDict;
 use crate::convert::Input;
 use crate::errors::InputError;
 use crate::output::Batch;
+use crate::run;
 use crate::solve::PyModel;
 
 /// Fields (..., 3).
@@ -228,6 +231,108 @@ fn dipole_fisher<'py>(
     })
 }
 
+/// What is known of nine states, from the root of the information (9, 9).
+fn known_by(root: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Posterior<f64, 9>> {
+    let root = Input::new(root, name, 2)?;
+    root.expect(&[Some(9), Some(9)], "the root of the information")?;
+    let mut known = Posterior::unknown();
+    for row in root.slice()?.chunks_exact(9) {
+        let mut line = [0.0; 9];
+        line.copy_from_slice(row);
+        known
+            .update(&line)
+            .map_err(|error| InputError::new_err(format!("{name}: {error}")))?;
+    }
+    Ok(known)
+}
+
+/// A dipole that wanders, sample by sample, of a record (K, S, 3): states and deviations
+/// (K, 9), what each sample adds to chi-square (K,), the bound (K, 9) along the true states
+/// where they are given, and the roots at the end.
+#[pyfunction]
+#[pyo3(signature = (times, field, sensors, sigma, start, state, root, wander, truth, bound_root))]
+#[allow(clippy::too_many_arguments)]
+fn dipole_track<'py>(
+    py: Python<'py>,
+    times: &Bound<'py, PyAny>,
+    field: &Bound<'py, PyAny>,
+    sensors: Vec<[f64; 3]>,
+    sigma: &Bound<'py, PyAny>,
+    start: f64,
+    state: [f64; 9],
+    root: &Bound<'py, PyAny>,
+    wander: (f64, f64),
+    truth: Option<&Bound<'py, PyAny>>,
+    bound_root: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let times = Input::new(times, "times", 1)?;
+    let samples = times.core_shape()[0];
+    let field = Input::new(field, "field", 3)?;
+    field.expect(&[Some(samples), Some(sensors.len()), Some(3)], "tesla")?;
+    let sigma = Input::new(sigma, "sigma", 1)?;
+    sigma.expect(&[Some(samples)], "one for each time")?;
+    let truth = truth.map(|t| Input::new(t, "truth", 2)).transpose()?;
+    if let Some(truth) = &truth {
+        truth.expect(&[Some(samples), Some(9)], "a state for each time")?;
+    }
+    let mut tracker = Tracker::resumed(start, &state, known_by(root, "root")?)
+        .map_err(|error| InputError::new_err(error.to_string()))?;
+    let known = match bound_root {
+        Some(root) => known_by(root, "bound_root")?,
+        None => Posterior::unknown(),
+    };
+    let mut bound = TrackBound::resumed(start, known);
+    let wander = Wander {
+        acceleration: wander.0,
+        moment: wander.1,
+    };
+    let (times, field, sigma) = (times.slice()?, field.slice()?, sigma.slice()?);
+    let truth = truth.as_ref().map(Input::slice).transpose()?;
+    let mut states = vec![0.0; 9 * samples];
+    let (mut std, mut limit) = (states.clone(), states.clone());
+    let mut chi2 = vec![0.0; samples];
+    let outcome = run::interruptible(py, |stop| {
+        for k in 0..samples {
+            for (s, sensor) in sensors.iter().enumerate() {
+                let at = 3 * (k * sensors.len() + s);
+                let sample = Sample {
+                    time: times[k],
+                    sensor: *sensor,
+                    field: [field[at], field[at + 1], field[at + 2]],
+                    sigma: sigma[k],
+                };
+                chi2[k] += tracker.push(&sample, &wander).map_err(|e| (k, e))?;
+                if let Some(truth) = truth {
+                    let mut real = [0.0; 9];
+                    real.copy_from_slice(&truth[9 * k..9 * k + 9]);
+                    bound.push(&sample, &real, &wander).map_err(|e| (k, e))?;
+                }
+            }
+            let answer = tracker.answer();
+            states[9 * k..9 * k + 9].copy_from_slice(&answer.state);
+            std[9 * k..9 * k + 9].copy_from_slice(&answer.std);
+            limit[9 * k..9 * k + 9].copy_from_slice(&bound.std());
+            if stop() {
+                break;
+            }
+        }
+        Ok::<(), (usize, gramian::dipole::Error)>(())
+    })?;
+    outcome.map_err(|(k, error)| InputError::new_err(format!("sample {k}: {error}")))?;
+    let out = PyDict::new(py);
+    let table = |values: Vec<f64>| PyArray1::from_vec(py, values).reshape([samples, 9]);
+    let square = |known: &Posterior<f64, 9>| {
+        PyArray1::from_slice(py, known.root().factor().as_flattened()).reshape([9, 9])
+    };
+    out.set_item("states", table(states)?)?;
+    out.set_item("std", table(std)?)?;
+    out.set_item("bound", table(limit)?)?;
+    out.set_item("chi2", PyArray1::from_vec(py, chi2))?;
+    out.set_item("root", square(tracker.known())?)?;
+    out.set_item("bound_root", square(bound.known())?)?;
+    Ok(out)
+}
+
 /// Of eleven numbers those that are known exactly (not NaN), and of eleven pairs
 /// (mean, sigma) those that are known so.
 fn knowledge(exact: [f64; 11], prior: [[f64; 2]; 11]) -> Knowledge {
@@ -427,7 +532,7 @@ impl PyRecord {
 
     /// The same record with more to explain it: motion, dipoles, drift, and the deviations of
     /// the sensors' attitude (rad) and scale.
-    #[pyo3(signature = (motion, sources, drift, attitude, scale))]
+    #[pyo3(signature = (motion, sources, drift, attitude, scale, induced))]
     fn described(
         &self,
         motion: &str,
@@ -435,6 +540,7 @@ impl PyRecord {
         drift: bool,
         attitude: Option<f64>,
         scale: Option<f64>,
+        induced: Option<[f64; 3]>,
     ) -> PyResult<Self> {
         let motion = match motion {
             "straight" => Motion::Straight,
@@ -449,6 +555,7 @@ impl PyRecord {
             drift,
             attitude,
             scale,
+            induced,
         });
         Ok(Self {
             record,
@@ -585,6 +692,7 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(dipole_measure, module)?)?;
     module.add_function(wrap_pyfunction!(dipole_rows, module)?)?;
     module.add_function(wrap_pyfunction!(dipole_fisher, module)?)?;
+    module.add_function(wrap_pyfunction!(dipole_track, module)?)?;
     module.add_function(wrap_pyfunction!(dipole_localize, module)?)?;
     module.add_function(wrap_pyfunction!(dipole_localize_trials, module)?)
 }

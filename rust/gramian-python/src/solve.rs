@@ -916,28 +916,47 @@ impl PyModel {
     }
 }
 
-/// What each channel of a recording (samples, channels) looks like, with the deviation of
-/// each value: "sound", "constant", "stuck from i to j", or "copy of k".
+/// What each channel of recordings (..., m) looks like, with the deviation of each value and
+/// the places of the readings of each channel: (..., channels, 3), first 0 for a sound one,
+/// 1 for a constant one, 2 for one stuck from one sample to another, 3 for a copy of a channel.
 #[pyfunction]
-fn channels(values: &Bound<'_, PyAny>, sigma: &Bound<'_, PyAny>) -> PyResult<Vec<String>> {
-    let values = Input::new(values, "values", 2)?;
-    values.expect(&[None, None], "a channel a column")?;
-    let count = values.core_shape()[1];
-    let sigma = Input::new(sigma, "sigma", 2)?;
-    sigma.expect(
-        &[Some(values.core_shape()[0]), Some(count)],
-        "as values has",
-    )?;
-    let found = fit::channels(values.slice()?, sigma.slice()?, count);
-    Ok(found
-        .iter()
-        .map(|channel| match channel {
-            Channel::Sound => "sound".to_owned(),
-            Channel::Constant => "constant".to_owned(),
-            Channel::Stuck { first, last } => format!("stuck from {first} to {last}"),
-            Channel::Copy { of } => format!("copy of {of}"),
-        })
-        .collect())
+fn channels<'py>(
+    py: Python<'py>,
+    values: &Bound<'py, PyAny>,
+    sigma: &Bound<'py, PyAny>,
+    places: Vec<Vec<usize>>,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let mut values = Input::unchecked(values, "values", 1)?;
+    let m = values.core_shape()[0];
+    let mut sigma = Input::unchecked(sigma, "sigma", 1)?;
+    sigma.expect(&[Some(m)], "one for each value")?;
+    if places.iter().flatten().any(|&i| i >= m) {
+        return Err(InputError::new_err(format!(
+            "places: must be of the {m} values"
+        )));
+    }
+    let batch = Batch::of(&mut [&mut values, &mut sigma])?;
+    let (values, sigma) = (values.items()?, sigma.items()?);
+    let places: Vec<&[usize]> = places.iter().map(Vec::as_slice).collect();
+    let size = 3 * places.len();
+    let cost = 100.0 + 3.0 * m as f64;
+    batch.fill(py, &[places.len(), 3], cost, |range, threads, out| {
+        let first = range.start;
+        let Ok(()) = threads.over(out, size.max(1), cost, |trial, out: &mut [f64]| {
+            let (values, sigma) = (values.get(first + trial), sigma.get(first + trial));
+            let found = fit::channels(values, sigma, &places);
+            for (out, channel) in out.chunks_exact_mut(3).zip(found) {
+                let told = match channel {
+                    Channel::Sound => [0.0; 3],
+                    Channel::Constant => [1.0, 0.0, 0.0],
+                    Channel::Stuck { first, last } => [2.0, first as f64, last as f64],
+                    Channel::Copy { of } => [3.0, of as f64, 0.0],
+                };
+                out.copy_from_slice(&told);
+            }
+            Ok::<(), core::convert::Infallible>(())
+        });
+    })
 }
 
 /// The Barankin bound (n, n) from rows at x, offsets of test points and the differences

@@ -14,7 +14,7 @@ from gramian import _core
 from gramian._arrays import finite
 from gramian._text import brief
 from gramian._values import Value
-from gramian.estimation import Estimate, channel_faults
+from gramian.estimation import Channel, Estimate, channel_faults
 from gramian.estimation import estimate as general
 from gramian.exceptions import InputError
 from gramian.models.bearings._rows import state_names
@@ -132,7 +132,8 @@ class BearingsModel(Value):
 
     def faults(self, z: Array) -> tuple[str, ...]:
         """Return where the bearings are stuck, in words."""
-        return channel_faults(z, self.sigma, self.times, ["bearing"])
+        one = Channel("bearing", np.arange(self.times.size), self.times)
+        return channel_faults(z, self.sigma, [one])
 
 
 def estimate(

@@ -15,6 +15,7 @@ from gramian._answers import Answer, Columns, columns_of_states
 from gramian._arrays import SEED_MOST, as_float_array, finite, number, whole, wrap_angles
 from gramian._noise import as_pair
 from gramian._text import brief, describe_direction, plain
+from gramian.estimation import Channel, faulty
 from gramian.exceptions import InputError, UnobservableError
 from gramian.models.bearings._rows import check_index, state_names
 
@@ -55,6 +56,9 @@ class Localization(Answer):
         Where the nullity is not zero, one change of the states that leaves every
         bearing as it is, per metre of position; zero elsewhere.
     names, units : tuple of str, length n
+    faults : tuple of str
+        Bearings that are stuck at one value, or those of another observer once more: a
+        "misfit", whatever chi2 is. Of a batch with the place of the record.
     """
 
     state: Array
@@ -67,6 +71,7 @@ class Localization(Answer):
     null_direction: Array
     names: tuple[str, ...]
     units: tuple[str, ...]
+    faults: tuple[str, ...] = ()
 
     @property
     def status(self) -> str | NDArray[np.str_]:
@@ -107,6 +112,7 @@ class Localization(Answer):
             "iterations": self.iterations.tolist(),
             "nullity": self.nullity.tolist(),
             "null_direction": _plain(self.null_direction),
+            "faults": list(self.faults),
         }
 
     def summary(self) -> str:
@@ -122,6 +128,7 @@ class Localization(Answer):
             known = "not determined" if np.isinf(std) else f"{value:.6g} +- {brief(std)} {unit}"
             lines.append(f"  {name}  {known}")
         lines.append(f"  residuals: chi2 {brief(self.chi2, 4)} with {self.dof} degrees of freedom")
+        lines += [f"  {text}" for text in self.faults]
         return "\n".join(lines)
 
     def _as_table(self) -> Columns:
@@ -217,7 +224,7 @@ def localize(
         "determined"; "weak", a state whose range is hardly known; "unbounded",
         the likelihood grows towards infinite range; "not_converged", the
         iterations ran out; "misfit", the bearings contradict the motion or their
-        sigma, which outranks these; in a batch also "unobservable".
+        sigma, or are stuck at one value, which outranks these; in a batch also "unobservable".
 
     Raises
     ------
@@ -275,11 +282,13 @@ def localize(
         weak_ratio,
     )
     chi2, dof = found["chi2"], seen.shape[-1] + len(prior or {}) - n
-    code = found["status"].astype(np.int8)
+    p_value = _core.chi_square_survival(chi2, dof) if dof > 0 else np.full(chi2.shape, np.nan)
+    bad, faults = faulty(seen, sigma, _channels(times, observer_index), p_value)
+    code = np.asarray(_judged(found["status"].astype(np.int8), p_value, bad, alpha))
     answer = Localization(
         state=found["state"],
         covariance=found["covariance"],
-        code=np.asarray(_judged(code, chi2, dof, alpha)),
+        code=code,
         chi2=chi2,
         dof=dof,
         iterations=found["iterations"].astype(np.int32),
@@ -287,18 +296,34 @@ def localize(
         null_direction=found["null_direction"],
         names=names,
         units=units,
+        faults=faults if (code == _MISFIT).any() else (),
     )
     if answer.code.ndim == 0 and answer.status == "unobservable":
         raise _unobservable(answer)
     return answer
 
 
-def _judged(code: NDArray[np.int8], chi2: Array, dof: int, alpha: float) -> NDArray[np.int8]:
+def _channels(times: ArrayLike, observer_index: ArrayLike | None) -> list[Channel]:
+    """Return the bearings of each observer as a channel."""
+    when = as_float_array(times, "times")
+    if observer_index is None:
+        everything = np.arange(when.shape[-1])
+        return [Channel("bearing", everything, when.reshape(-1, when.shape[-1])[0])]
+    index = np.asarray(observer_index)
+    first = when.reshape(-1, when.shape[-1])[0]
+    return [
+        Channel(f"bearing of observer {k}", places, first[places])
+        for k in np.unique(index).tolist()
+        if (places := np.flatnonzero(index == k)).size
+    ]
+
+
+def _judged(
+    code: NDArray[np.int8], p_value: Array, faulty: NDArray[np.bool_], alpha: float
+) -> NDArray[np.int8]:
     """Return the codes with what does not fit marked: it outranks all that trust the model."""
-    if dof < 1:
-        return code
     with np.errstate(invalid="ignore"):
-        bad = (_core.chi_square_survival(chi2, dof) < alpha) & (code != _UNOBSERVABLE)
+        bad = ((p_value < alpha) | faulty) & (code != _UNOBSERVABLE)
     return np.where(bad, np.int8(_MISFIT), code)
 
 

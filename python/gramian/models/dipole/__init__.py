@@ -12,6 +12,7 @@ of the sensor, fields in tesla.
 - `localize`, `localize_many`: the dipole from a record, as `Localization` (a
   `gramian.Estimate` of a `DipoleModel` with its `Description`) and `Localizations` with
   `Solution`, `Pass` and `ClosestPoint`; `localize_trials` of simulated records.
+- `track`: a dipole that maneuvers, sample by sample, as a `Track`.
 - `check_record`: what is wrong with a record, as a `RecordCheck` of `Finding`.
 - `equivalents`: the passes that one sensor cannot tell apart.
 """
@@ -36,6 +37,7 @@ from gramian.models.dipole._model import (
 )
 from gramian.models.dipole._record import Finding, RecordCheck, check_record
 from gramian.models.dipole._result import ClosestPoint, Localization, Localizations, Solution
+from gramian.models.dipole._track import Track, track
 
 __all__ = [
     "MU0",
@@ -51,6 +53,7 @@ __all__ = [
     "Pass",
     "RecordCheck",
     "Solution",
+    "Track",
     "check_record",
     "equivalents",
     "field",
@@ -64,6 +67,7 @@ __all__ = [
     "problem",
     "rows",
     "simulate",
+    "track",
 ]
 
 

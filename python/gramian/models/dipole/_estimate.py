@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from gramian import _core
 from gramian._arrays import finite
 from gramian._values import Value
-from gramian.estimation import channel_faults
-from gramian.models.dipole._model import NAMES
+from gramian.estimation import Channel, channel_faults
+from gramian.models.dipole._model import MU0, NAMES
 
 __all__ = ["KNOWABLE", "PARTS", "Description", "DipoleModel"]
 
@@ -44,6 +44,9 @@ class Description(Value):
     attitude, scale : float or None
         Standard deviations of the attitude (rad) and the scale of each sensor, states then;
         None where they are exact.
+    earth_field : tuple of float or None
+        The ambient field, T, where the body has a moment too that this induces: the state
+        "induced volume", m^3, times it over the vacuum permeability.
     """
 
     motion: str = "straight"
@@ -51,11 +54,13 @@ class Description(Value):
     drift: bool = False
     attitude: float | None = None
     scale: float | None = None
+    earth_field: tuple[float, float, float] | None = None
 
     def __str__(self) -> str:
         """Return the description in words."""
         dipoles = "1 dipole" if self.sources == 1 else f"{self.sources} dipoles"
-        return f"{dipoles}, {self.motion}"
+        induced = "" if self.earth_field is None else ", with an induced moment"
+        return f"{dipoles}, {self.motion}{induced}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +121,12 @@ class DipoleModel(Value):
         about = self.description
         if about == Description():
             return plain
+        induced = None
+        if about.earth_field is not None:
+            x, y, z = (component / MU0 for component in about.earth_field)
+            induced = (x, y, z)
         return plain.described(
-            about.motion, about.sources, about.drift, about.attitude, about.scale
+            about.motion, about.sources, about.drift, about.attitude, about.scale, induced
         )
 
     @cached_property
@@ -226,15 +235,21 @@ class DipoleModel(Value):
     def faults(self, z: Array) -> tuple[str, ...]:
         """Return which channels are dead, stuck or doubled, in words."""
         sensors = len(self.sensors)
-        called = [
-            f"channel {'xyz'[c % 3]}" + (f" of sensor {c // 3 + 1}" if sensors > 1 else "")
+        places = np.arange(self.weights.size).reshape(-1, 3 * sensors)
+        channels = [
+            Channel(
+                f"channel {'xyz'[c % 3]}" + (f" of sensor {c // 3 + 1}" if sensors > 1 else ""),
+                places[:, c],
+                self.times,
+            )
             for c in range(3 * sensors)
         ]
         # Zero where a number does not count.
         sigma = np.divide(
             1.0, self.weights, out=np.zeros(self.weights.shape), where=self.weights > 0
         )
-        return channel_faults(z, sigma, self.times, called)
+        readings = finite(z, "field").ravel()
+        return channel_faults(readings, sigma.ravel(), channels)
 
 
 class _Of:

@@ -76,6 +76,7 @@ def localize(
     motion: Motion | Sequence[Motion] = "straight",
     attitude: float | None = None,
     scale: float | None = None,
+    earth_field: ArrayLike | None = None,
     loss: Loss = "gaussian",
     sigma: float | None = None,
     window: Literal["pass"] | tuple[float, float] | None = None,
@@ -114,6 +115,10 @@ def localize(
     attitude, scale : float, optional
         Standard deviations of the attitude (rad) and of the scale of each sensor, which are
         states then; exact by default.
+    earth_field : array_like, shape (3,), optional
+        The ambient field, tesla, of a body that it magnetises: beside the permanent moment
+        m, which turns with the body, there is one along this field, whose size is the state
+        "induced volume". The two are told apart where the body turns (``motion="turning"``).
     loss : {"gaussian", "huber"}
         Squares, or Huber's loss with spikes rejected.
     sigma : float, optional
@@ -176,7 +181,7 @@ def localize(
     (array([10., 20., 10.]), None)
     """
     setup = _Setup(known, prior, sensors, background, loss, sigma, starts, drift=True)
-    wanted = _descriptions(sources, motion, background == "drift", attitude, scale)
+    wanted = _descriptions(sources, motion, background == "drift", attitude, scale, earth_field)
     limits = levels(alpha, chance, weak_ratio)
     setup.max_iterations = whole(max_iterations, "max_iterations", 1, 1_000_000)
     if correlation != "fit":
@@ -249,6 +254,7 @@ def _descriptions(
     drift: bool,
     attitude: float | None,
     scale: float | None,
+    earth_field: ArrayLike | None,
 ) -> list[Description]:
     """Return what a record may be explained by, motion after motion, sources ascending."""
     if isinstance(sources, Sequence) and not isinstance(sources, str):
@@ -266,7 +272,14 @@ def _descriptions(
         if value is not None and not value > 0:
             raise InputError(f"{name} = {value}: must be > 0")
         deviations.append(value)
-    return [Description(m, n, drift, *deviations) for m in motions for n in counts]
+    ambient = None
+    if earth_field is not None:
+        values = finite(earth_field, "earth_field [T]")
+        if values.shape != (3,) or not values.any():
+            raise InputError(f"earth_field = {values.tolist()}: must be three numbers, not all 0")
+        x, y, z = values.tolist()
+        ambient = (x, y, z)
+    return [Description(m, n, drift, *deviations, ambient) for m in motions for n in counts]
 
 
 @dataclass(frozen=True)

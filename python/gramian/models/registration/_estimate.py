@@ -17,8 +17,8 @@ from gramian._arrays import SEED_MOST, as_float_array, number, real, whole
 from gramian._text import brief, describe_direction
 from gramian._units import labelled
 from gramian._values import Value
+from gramian.estimation import Channel, Status, channel_faults, levels
 from gramian.estimation import Estimate as General
-from gramian.estimation import Status, levels
 from gramian.estimation import estimate as estimate_model
 from gramian.exceptions import ConvergenceError, InputError, UnobservableError
 from gramian.models.registration._model import gauges
@@ -163,6 +163,21 @@ class RegistrationModel(Value):
             else f"{kind} of {known.labels[index]}": column
             for kind, index, column in found
         }
+
+    def faults(self, z: Array) -> tuple[str, ...]:
+        """Return which ranges or angles of a sensor are dead, stuck or doubled, in words."""
+        looks, sensors, kinds = self.reports.shape
+        places = np.arange(self.reports.size).reshape(looks, sensors, kinds)
+        when, unit = (
+            (np.arange(1.0, 1 + looks), "look") if self.times is None else (self.times, "s")
+        )
+        channels = [
+            Channel(f"{label}.{kind}", places[:, s, q], when, unit)
+            for s, label in enumerate(self.sensors.labels)
+            for q, kind in enumerate(("range", "azimuth", "elevation")[:kinds])
+        ]
+        sigma = np.broadcast_to(self.sensors.sigma, (looks, sensors, kinds)).ravel()
+        return channel_faults(np.ravel(z), sigma, channels)
 
     def alternative_unit(self, name: str) -> str:
         """Return the unit of an alternative's parameter: a drift is a change a look."""

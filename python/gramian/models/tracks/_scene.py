@@ -16,6 +16,7 @@ from gramian._options import given as shown
 from gramian._options import instance, sequence
 from gramian._units import labelled
 from gramian._values import Value
+from gramian.estimation import Channel
 from gramian.exceptions import InputError
 from gramian.models.tracks._motion import Motion
 from gramian.models.tracks._sensors import Sensor
@@ -147,6 +148,27 @@ class Scene(Value):
         """Where the numbers of each sensor are."""
         ends = np.cumsum([0, *(s.count * s.width(self.motion.dimension) for s in self.sensors)])
         return tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
+
+    @cached_property
+    def sigma(self) -> Array:
+        """Standard deviation (m,) of each measured number."""
+        dimension = self.motion.dimension
+        return np.concatenate([sensor.deviations(dimension) for sensor in self.sensors])
+
+    @cached_property
+    def channels(self) -> tuple[Channel, ...]:
+        """What each sensor reads as a channel.
+
+        Not the target's own reports: receivers round them, and hold them at rest.
+        """
+        names = [sensor.name for sensor in self.sensors]
+        found = []
+        for i, (sensor, where) in enumerate(zip(self.sensors, self.slices, strict=True)):
+            if sensor.kind not in ("position", "speed", "course"):
+                alone = names.count(sensor.name) == 1
+                name = sensor.name if alone else f"{sensor.name} of sensors[{i}]"
+                found.append(Channel(name, np.arange(where.start, where.stop), sensor.times))
+        return tuple(found)
 
     def with_motion(self, motion: Motion) -> Scene:
         """Return the same sensors on a target that moves otherwise."""

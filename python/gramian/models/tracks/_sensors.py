@@ -242,6 +242,15 @@ class Sensor(Value):
         """Return the numbers of a sample."""
         return dimension if self.kind == "position" else 1
 
+    def deviations(self, dimension: int) -> Array:
+        """Return the standard deviation of each number that is read, one behind the other."""
+        width = self.width(dimension)
+        if self.covariance is not None:
+            variances = np.diag(self.covariance)
+            return np.resize(np.sqrt(variances), self.count * width)
+        given = np.broadcast_to(np.asarray(self.sigma, dtype=float), (self.count,))
+        return np.repeat(given, width)
+
     def quantities(self) -> list[tuple[str, str]]:
         """Return the names of what is unknown, with units."""
         found = [(q, self.unit) for _, q in self.bias if isinstance(q, str)]

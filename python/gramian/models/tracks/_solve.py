@@ -17,7 +17,7 @@ from gramian._noise import as_known, as_pair
 from gramian._options import choice, mapping, tolerance
 from gramian._registry import draw
 from gramian._text import brief
-from gramian.estimation import Estimate, Interval, Region, Solution
+from gramian.estimation import Estimate, Interval, Region, Solution, faulty
 from gramian.exceptions import InputError
 from gramian.models.tracks._scene import Scene, as_scene
 
@@ -83,6 +83,9 @@ class TrackEstimate(Answer):
     known : mapping of str to float
     loss : str
         As given to `estimate`.
+    faults : tuple of str
+        Sensors that are dead, stuck or doubled: a "misfit", whatever chi2 is. Of a batch with
+        the place of the record.
     legs : LegChoice or None
         How the number of legs was chosen, where it was.
     """
@@ -103,6 +106,7 @@ class TrackEstimate(Answer):
     prior: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     known: Mapping[str, float] = field(default_factory=dict)
     loss: Loss = "squares"
+    faults: tuple[str, ...] = ()
     legs: Any = None
 
     _more_in_dict = ("status", "names", "units", "std")
@@ -138,6 +142,8 @@ class TrackEstimate(Answer):
         status = self.status
         if not isinstance(status, str):
             raise InputError("reason is of one estimate: this is a batch")
+        if status == "misfit" and self.faults:
+            return "; ".join(self.faults)
         costs = [float(self.cost), float(self.other_cost)]
         return _core.track_reason(
             int(self.code),
@@ -352,12 +358,15 @@ def solve(
         number(alpha, "alpha"),
         number(weak_ratio, "weak_ratio"),
     )
+    code = np.asarray(found["code"]).astype(np.int8)
+    bad, faults = faulty(z, scene.sigma, scene.channels, found["p_value"])
+    code = np.where(bad & (code != 0), np.int8(STATUSES.index("misfit")), code)
     return TrackEstimate(
         scene=scene,
         measurements=z,
         state=found["state"],
         covariance=found["covariance"],
-        code=np.asarray(found["code"]).astype(np.int8),
+        code=np.asarray(code),
         chi2=found["chi2"],
         cost=found["cost"],
         dof=np.asarray(found["dof"]).astype(int),
@@ -369,6 +378,7 @@ def solve(
         prior=dict(prior or {}),
         known=dict(known or {}),
         loss=loss,
+        faults=faults,
     )
 
 

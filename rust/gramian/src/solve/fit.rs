@@ -379,60 +379,93 @@ pub enum Channel {
     },
 }
 
-/// Looks for dead, stuck and doubled channels in a recording, row-major (samples,
-/// channels), with the standard deviation of each value.
-pub fn channels(values: &[f64], sigma: &[f64], count: usize) -> Vec<Channel> {
-    let column = |c: usize| values.iter().skip(c).step_by(count.max(1)).copied();
-    let samples = values.len().checked_div(count).unwrap_or(0);
-    let centred: Vec<Vec<f64>> = (0..count)
-        .map(|c| {
-            let mean = column(c).sum::<f64>() / samples.max(1) as f64;
-            column(c).map(|v| v - mean).collect()
-        })
-        .collect();
-    (0..count)
-        .map(|c| {
-            let first = column(c).next().unwrap_or(0.0);
-            if samples < 3 {
-                return Channel::Sound;
+/// Looks for dead, stuck and doubled channels in a recording: `values` and the standard
+/// deviation of each, one behind the other, and for each channel the places of its readings
+/// there in the order of time. One that is NaN, or has no deviation above 0, does not count.
+///
+/// Fewer than five readings that count say nothing.
+pub fn channels(values: &[f64], sigma: &[f64], places: &[&[usize]]) -> Vec<Channel> {
+    let counts = |i: usize| !values[i].is_nan() && sigma[i] > 0.0;
+    let mut found = Vec::with_capacity(places.len());
+    // Where a copy is looked for: of those that are no constants.
+    let mut centred: Vec<Vec<f64>> = Vec::with_capacity(places.len());
+    for (c, own) in places.iter().enumerate() {
+        let there: Vec<usize> = own.iter().copied().filter(|&i| counts(i)).collect();
+        let readings: Vec<f64> = there.iter().map(|&i| values[i]).collect();
+        let least = there
+            .iter()
+            .map(|&i| sigma[i])
+            .fold(f64::INFINITY, f64::min);
+        let mut kind = alone(&readings, least);
+        if let Channel::Stuck { first, last } = &mut kind {
+            // Samples of the channel, those that do not count among them.
+            let sample = |k: usize| own.iter().position(|&i| i == there[k]).unwrap_or(k);
+            (*first, *last) = (sample(*first), sample(*last));
+        }
+        if places.len() > 1 {
+            let middle = readings.iter().sum::<f64>() / readings.len().max(1) as f64;
+            let mine: Vec<f64> = own
+                .iter()
+                .map(|&i| {
+                    if counts(i) {
+                        values[i] - middle
+                    } else {
+                        f64::NAN
+                    }
+                })
+                .collect();
+            if kind == Channel::Sound && readings.len() >= FEWEST {
+                let same = |other: &usize| alike(&centred[*other], &mine);
+                kind = (0..c)
+                    .find(same)
+                    .map_or(Channel::Sound, |of| Channel::Copy { of });
             }
-            if column(c).all(|v| v == first) {
-                return Channel::Constant;
-            }
-            let readings: Vec<f64> = column(c).collect();
-            let deviations = sigma.iter().skip(c).step_by(count.max(1)).copied();
-            let least = deviations
-                .filter(|s| *s > 0.0)
-                .fold(f64::INFINITY, f64::min);
-            if let Some((first, last)) = stuck(&readings, least).filter(|_| least.is_finite()) {
-                return Channel::Stuck { first, last };
-            }
-            let copy = (0..c).find(|&other| {
-                let product = dot(&centred[c], &centred[other]).abs();
-                let lengths = norm(&centred[c]) * norm(&centred[other]);
-                lengths > 0.0 && product >= (1.0 - 1e-12) * lengths
-            });
-            copy.map_or(Channel::Sound, |of| Channel::Copy { of })
-        })
-        .collect()
+            centred.push(mine);
+        }
+        found.push(kind);
+    }
+    found
+}
+
+/// Readings that say something of their channel, at least.
+const FEWEST: usize = 5;
+
+/// What a channel looks like by itself.
+fn alone(readings: &[f64], sigma: f64) -> Channel {
+    if readings.len() < FEWEST {
+        return Channel::Sound;
+    }
+    if readings.iter().all(|&v| v == readings[0]) {
+        return Channel::Constant;
+    }
+    stuck(readings, sigma).map_or(Channel::Sound, |(first, last)| Channel::Stuck {
+        first,
+        last,
+    })
+}
+
+/// Whether one channel is the other but for a factor: both less their means, NaN where a
+/// reading does not count.
+fn alike(a: &[f64], b: &[f64]) -> bool {
+    if a.len() != b.len() || a.iter().zip(b).any(|(a, b)| a.is_nan() != b.is_nan()) {
+        return false;
+    }
+    let sum = |a: &[f64], b: &[f64]| -> f64 {
+        let products = a.iter().zip(b).map(|(a, b)| a * b);
+        products.filter(|p| !p.is_nan()).sum()
+    };
+    let lengths = sum(a, a).sqrt() * sum(b, b).sqrt();
+    lengths > 0.0 && sum(a, b).abs() >= (1.0 - 1e-12) * lengths
 }
 
 /// The longest run of one value, where noise of deviation `sigma` would have ended it.
 ///
-/// A reading in the middle of a step of the converter (at most the smallest difference
-/// of two readings) keeps its value with a probability of at most step / (sigma sqrt(2 pi)).
+/// A reading in the middle of a step of the converter (see [`step_of`]) keeps its value with a probability of at most step / (sigma sqrt(2 pi)).
 /// A run is told where, over all its possible places, less than one in 10^4 records would
 /// have it; one of fewer than five readings never. Where the readings around the run
 /// scatter less than `sigma`, which may be what a poor fit left, that is the noise; where
 /// they repeat each other as well, the steps are coarse and say nothing.
 fn stuck(readings: &[f64], sigma: f64) -> Option<(usize, usize)> {
-    let mut sorted = readings.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let step = sorted
-        .windows(2)
-        .map(|pair| pair[1] - pair[0])
-        .filter(|&d| d > 0.0)
-        .fold(f64::INFINITY, f64::min);
     let (mut first, mut longest, mut start) = (0, 0, 0);
     for k in 1..=readings.len() {
         if k == readings.len() || readings[k] != readings[start] {
@@ -442,10 +475,30 @@ fn stuck(readings: &[f64], sigma: f64) -> Option<(usize, usize)> {
             start = k;
         }
     }
+    if longest < FEWEST {
+        return None;
+    }
+    let step = step_of(readings);
     let sigma = scatter(readings, first..first + longest).map_or(sigma, |own| own.min(sigma));
     let stays = (step / (sigma * core::f64::consts::TAU.sqrt())).min(1.0);
     let chance = readings.len() as f64 * stays.powf(longest as f64 - 1.0);
-    (longest >= 5 && chance < 1e-4).then(|| (first, first + longest - 1))
+    (chance < 1e-4).then(|| (first, first + longest - 1))
+}
+
+/// At most so large are the steps of the converter: whole numbers of them are the differences
+/// of readings, and the differences of those, where a signal passes quickly. What the rounding
+/// of single precision may have made says nothing.
+fn step_of(readings: &[f64]) -> f64 {
+    let mut gaps = readings.to_vec();
+    let largest = gaps.iter().fold(0.0_f64, |a, r| a.max(r.abs()));
+    let mut step = f64::INFINITY;
+    for _ in 0..2 {
+        gaps.sort_by(f64::total_cmp);
+        gaps = gaps.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        let sound = gaps.iter().copied().filter(|&gap| gap > 1e-6 * largest);
+        step = sound.fold(step, f64::min);
+    }
+    step
 }
 
 /// The deviation of the noise of readings outside a run, by the median of their second

@@ -77,6 +77,10 @@ pub struct Options {
     pub tolerance: f64,
     /// How residuals count.
     pub loss: Loss,
+    /// Given up where so many steps lower chi2 by less than this share of it; 0 for never.
+    pub patience: u32,
+    /// See `patience`.
+    pub stall: f64,
 }
 
 impl Default for Options {
@@ -85,6 +89,8 @@ impl Default for Options {
             max_iterations: 200,
             tolerance: 1e-8,
             loss: Loss::Squares,
+            patience: 0,
+            stall: 1e-6,
         }
     }
 }
@@ -147,8 +153,22 @@ pub fn minimize<M: Model + ?Sized>(
     hold: &[Hold<'_>],
     options: Options,
 ) -> Solution {
-    Work::new(model, hold, options).descend(start)
+    Work::new(model, hold, options).descend(start, &mut |_, _, _| false)
 }
+
+/// As [`minimize`] without held functions, ended early where `enough` says so of a state,
+/// its chi2 and the undamped step from it: not converged then.
+pub fn minimize_until<M: Model + ?Sized>(
+    model: &M,
+    start: &[f64],
+    options: Options,
+    enough: &mut Enough<'_>,
+) -> Solution {
+    Work::new(model, &[], options).descend(start, enough)
+}
+
+/// Whether the steps may end at a state, with its chi2 and the undamped step from it.
+pub type Enough<'a> = dyn FnMut(&[f64], f64, &[f64]) -> bool + 'a;
 
 /// The state at which a model was linearised last, reduced.
 struct Work<'a, M: ?Sized> {
@@ -330,7 +350,7 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
     }
 
     #[allow(clippy::too_many_lines)] // One loop, whose parts share all they have.
-    fn descend(&mut self, start: &[f64]) -> Solution {
+    fn descend(&mut self, start: &[f64], enough: &mut Enough<'_>) -> Solution {
         let (n, k) = (start.len(), self.hold.len());
         let wide = n + 1;
         let free = n.saturating_sub(k);
@@ -354,6 +374,7 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
         let mut next = vec![0.0; n];
         let mut before = f64::INFINITY;
         let (mut relax, mut last) = (1.0, vec![0.0; n]);
+        let mut progress = Progress::new(&x, chi2, self.options);
         loop {
             let reduced = self.reduce();
             let missing = self.missing.clone();
@@ -387,9 +408,18 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
                 let ratio = dot(&whole, &last) / size;
                 relax = if ratio < 0.9 {
                     (relax / (1.0 - ratio)).clamp(0.3, 4.0)
+                } else if ratio > 1.5 && k == 0 {
+                    // Out to where there may be no minimum.
+                    (2.0 * relax).min(4.0)
                 } else {
                     1.0
                 };
+            }
+            if k == 0 {
+                let step: Vec<f64> = whole.iter().zip(&self.scale).map(|(w, s)| w * s).collect();
+                if enough(&x, chi2, &step) {
+                    break;
+                }
             }
             last.clone_from(&whole);
             for (mu, slope) in penalty.iter_mut().zip(&slopes) {
@@ -462,6 +492,7 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
                 self.model.retract(&mut next);
                 let trial = self.visit(&next);
                 if trial.is_finite() && merit(trial, &self.missing) <= old + 1e-13 * (1.0 + chi2) {
+                    progress.note(&x, &next, trial);
                     x.copy_from_slice(&next);
                     chi2 = trial;
                     break true;
@@ -498,13 +529,69 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
             }
             before = gain;
             damping = if damping < 1e-6 { 0.0 } else { damping * 0.125 };
-            if found.converged {
+            if found.converged || progress.ended(found.iterations, chi2, k > 0) {
                 break;
             }
         }
         found.x = x;
         found.chi2 = chi2;
         found
+    }
+}
+
+/// Whether steps still lead somewhere.
+struct Progress {
+    start: Vec<f64>,
+    /// chi2 before the first of the steps that each went farther from the start, by a good
+    /// part of the way so far; and how many these are.
+    level: f64,
+    farther: u32,
+    /// Steps and chi2 when patience began.
+    since: (u32, f64),
+    patience: u32,
+    stall: f64,
+}
+
+/// So many steps of that kind, that hardly lower chi2, end nowhere.
+const FARTHER: u32 = 6;
+
+impl Progress {
+    fn new(start: &[f64], chi2: f64, options: Options) -> Self {
+        Self {
+            start: start.to_vec(),
+            level: chi2,
+            farther: 0,
+            since: (0, chi2),
+            patience: options.patience,
+            stall: options.stall,
+        }
+    }
+
+    /// Takes note of a step.
+    fn note(&mut self, from: &[f64], to: &[f64], chi2: f64) {
+        let goes = from.iter().zip(to).zip(&self.start).any(|((a, b), s)| {
+            (b - s).abs() > 1.3 * (a - s).abs() && (a - s).abs() > 1e-3 * s.abs()
+        });
+        if goes && self.level - chi2 < 1e-5 * (1.0 + chi2) {
+            self.farther += 1;
+        } else {
+            self.farther = 0;
+            self.level = chi2;
+        }
+    }
+
+    /// Whether chi2 is level farther and farther out, where it has no minimum, or patience
+    /// is at an end.
+    fn ended(&mut self, steps: u32, chi2: f64, held: bool) -> bool {
+        if !held && self.farther >= FARTHER {
+            return true;
+        }
+        if self.patience == 0 || steps < self.since.0 + self.patience {
+            return false;
+        }
+        let stalled = self.since.1 - chi2 < self.stall * (1.0 + chi2);
+        self.since = (steps, chi2);
+        stalled
     }
 }
 

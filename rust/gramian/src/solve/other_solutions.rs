@@ -3,16 +3,19 @@
 //! # Algorithm
 //! The symmetries the model declares; along the weakest direction to where chi2 has
 //! risen and falls again; from points spread over the prior or a box. Each is followed
-//! by the model's own Gauss-Newton steps, and what they reach is clustered.
+//! by the model's own Gauss-Newton steps, and what they reach is clustered. One whose next
+//! step leads to a place that is known already is followed no farther, nor one that no
+//! longer gets anywhere; what is new is polished.
 
 use alloc::vec;
 use alloc::vec::Vec;
 
 use super::Model;
-use super::gauss_newton::{Options, Solution, minimize, norm};
-use super::starts::{Cluster, Spread, gather, same_place};
+use super::gauss_newton::{Options, Solution, dot, minimize, minimize_until, norm};
+use super::starts::{Cluster, Spread, same_place};
 use crate::chi_square;
 use crate::observability::Observability;
+use crate::square_root::triangularize;
 
 /// How to search.
 #[derive(Clone, Debug)]
@@ -64,20 +67,14 @@ pub struct Found {
 /// over starts, with the margin of three that the rule of three gives.
 pub fn other_solutions<M: Model + ?Sized>(model: &M, x: &Solution, search: &Search) -> Found {
     let options = search.options;
-    let mut clusters = vec![Cluster {
-        solution: x.clone(),
-        hits: 0,
-    }];
+    let mut places = Places::new(model, x, options);
     let mut tried = Vec::new();
     model.symmetries(&x.x, &mut |image| tried.push(image.to_vec()));
     along_weakest(model, x, &mut tried);
     for start in &tried {
-        let solution = minimize(model, start, &[], options);
-        if solution.converged {
-            gather(model, &mut clusters, solution);
-        }
+        places.follow(start);
     }
-    for cluster in &mut clusters {
+    for cluster in &mut places.clusters {
         cluster.hits = 0;
     }
     let (mut starts, mut single, mut unseen) = (0_u32, 0, 1.0);
@@ -85,21 +82,14 @@ pub fn other_solutions<M: Model + ?Sized>(model: &M, x: &Solution, search: &Sear
         // Half of them even, to miss little; half independent, to tell what was missed.
         let even = search.starts / 2;
         for index in 0..even {
-            let solution = minimize(model, &spread.point(index), &[], options);
-            if solution.converged {
-                gather(model, &mut clusters, solution);
-            }
+            places.follow(&spread.point(index));
         }
-        let before: Vec<usize> = clusters.iter().map(|c| c.hits).collect();
+        let before: Vec<usize> = places.clusters.iter().map(|c| c.hits).collect();
         for index in even..search.starts {
-            let start = spread.random(search.seed, index as u64);
-            let solution = minimize(model, &start, &[], options);
-            if solution.converged {
-                starts += 1;
-                gather(model, &mut clusters, solution);
-            }
+            starts += u32::from(places.follow(&spread.random(search.seed, index as u64)));
         }
-        single = clusters
+        single = places
+            .clusters
             .iter()
             .enumerate()
             .filter(|(i, c)| c.hits == before.get(*i).copied().unwrap_or(0) + 1)
@@ -109,18 +99,16 @@ pub fn other_solutions<M: Model + ?Sized>(model: &M, x: &Solution, search: &Sear
         }
     }
     // Images of whatever turned out to be another solution.
-    for index in 1..clusters.len() {
+    for index in 1..places.clusters.len() {
         let mut images = Vec::new();
-        model.symmetries(&clusters[index].solution.x, &mut |image| {
+        model.symmetries(&places.clusters[index].solution.x, &mut |image| {
             images.push(image.to_vec());
         });
         for start in images {
-            let solution = minimize(model, &start, &[], options);
-            if solution.converged {
-                gather(model, &mut clusters, solution);
-            }
+            places.follow(&start);
         }
     }
+    let mut clusters = places.clusters;
     let best = (0..clusters.len())
         .min_by(|&a, &b| {
             let chi2 = |i: usize| clusters[i].solution.chi2;
@@ -160,11 +148,121 @@ pub fn other_solutions<M: Model + ?Sized>(model: &M, x: &Solution, search: &Sear
     }
 }
 
+/// What starts have reached so far.
+struct Places<'a, M: ?Sized> {
+    model: &'a M,
+    options: Options,
+    clusters: Vec<Cluster>,
+    /// The rows at each, as a triangle.
+    factors: Vec<Vec<f64>>,
+}
+
+/// How near a start is followed, in deviations, before it is known whether it leads to
+/// something new.
+const COARSE: f64 = 1e-2;
+/// So many steps that lower chi2 by less than this share of it, before a start is given up.
+const PATIENCE: u32 = 6;
+const STALL: f64 = 1e-4;
+
+impl<'a, M: Model + ?Sized> Places<'a, M> {
+    fn new(model: &'a M, first: &Solution, options: Options) -> Self {
+        let mut places = Self {
+            model,
+            options,
+            clusters: Vec::new(),
+            factors: Vec::new(),
+        };
+        places.add(first.clone(), 0);
+        places
+    }
+
+    fn add(&mut self, solution: Solution, hits: usize) {
+        self.factors.push(triangle(self.model, &solution.x));
+        self.clusters.push(Cluster { solution, hits });
+    }
+
+    /// Follows a start; whether it led to a minimum, known or new.
+    fn follow(&mut self, start: &[f64]) -> bool {
+        let (model, n) = (self.model, start.len());
+        let coarse = Options {
+            tolerance: COARSE,
+            patience: PATIENCE,
+            stall: STALL,
+            ..self.options
+        };
+        let mut known = None;
+        let (mut next, mut change) = (vec![0.0; n], vec![0.0; n]);
+        let (clusters, factors) = (&self.clusters, &self.factors);
+        // The next step ends within a deviation of what is known.
+        let mut leads = |x: &[f64], chi2: f64, step: &[f64]| {
+            for ((next, x), step) in next.iter_mut().zip(x).zip(step) {
+                *next = x + step;
+            }
+            known = clusters.iter().zip(factors).position(|(cluster, factor)| {
+                let there = &cluster.solution;
+                model.change(&there.x, &next, &mut change);
+                let off: f64 = (0..factor.len() / n.max(1))
+                    .map(|i| dot(&factor[i * n + i..(i + 1) * n], &change[i..]).powi(2))
+                    .sum();
+                off < 1.0 && chi2 > there.chi2 - 1e-6 * (1.0 + there.chi2)
+            });
+            known.is_some()
+        };
+        let reached = minimize_until(model, start, coarse, &mut leads);
+        if let Some(index) = known {
+            self.clusters[index].hits += 1;
+            return true;
+        }
+        if !reached.converged {
+            return false;
+        }
+        let solution = minimize(model, &reached.x, &[], self.options);
+        if !solution.converged {
+            return false;
+        }
+        let home = self
+            .clusters
+            .iter()
+            .position(|c| same_place(model, &c.solution.x, &solution.x));
+        match home {
+            Some(index) => {
+                let cluster = &mut self.clusters[index];
+                cluster.hits += 1;
+                if solution.chi2 < cluster.solution.chi2 {
+                    self.factors[index] = triangle(model, &solution.x);
+                    cluster.solution = solution;
+                }
+            }
+            None => self.add(solution, 1),
+        }
+        true
+    }
+}
+
+/// The rows at a state as a triangle, row-major (n, n); empty where there are none.
+fn triangle<M: Model + ?Sized>(model: &M, x: &[f64]) -> Vec<f64> {
+    let (m, n) = (model.measurements(), model.states());
+    let mut residuals = vec![0.0; m];
+    let mut rows = vec![0.0; m.max(n) * n];
+    if model
+        .linearize(x, &mut residuals, Some(&mut rows[..m * n]))
+        .is_err()
+    {
+        return Vec::new();
+    }
+    triangularize(&mut rows, n, &mut vec![0.0; n]);
+    rows.truncate(n * n);
+    rows
+}
+
 /// Q(distance / 2): the chance that noise prefers the wrong one of two states whose
 /// exact data are this far apart, whitened.
 pub fn chance(distance: f64) -> f64 {
     0.5 * chi_square::tail(distance * distance / 4.0, 1.0)
 }
+
+/// Along a direction: by which factor each place is farther out, in deviations, and how many.
+const REACH: (f64, usize) = (1.5, 24);
 
 /// Starts along +- the two weakest directions and each state, where chi2 has risen and
 /// falls again.
@@ -194,7 +292,7 @@ fn along_weakest<M: Model + ?Sized>(model: &M, x: &Solution, starts: &mut Vec<Ve
             let mut before = x.chi2;
             let (mut rising, mut risen, mut far) = (true, false, 1.0_f64);
             let mut last = x.x.clone();
-            for _ in 0..40 {
+            for _ in 0..REACH.1 {
                 let place: Vec<f64> = (0..n).map(|k| x.x[k] + sign * far * direction[k]).collect();
                 let chi2 = match model.linearize(&place, &mut residuals, None) {
                     Ok(()) => residuals.iter().map(|r| r * r).sum(),
@@ -212,7 +310,7 @@ fn along_weakest<M: Model + ?Sized>(model: &M, x: &Solution, starts: &mut Vec<Ve
                 risen |= chi2 > x.chi2 + 1.0;
                 before = chi2;
                 last = place;
-                far *= 1.3;
+                far *= REACH.0;
             }
             if !rising && risen {
                 starts.push(last);

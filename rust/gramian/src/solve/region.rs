@@ -24,6 +24,15 @@ const FAR: f64 = 1e3;
 /// How near to the least value of a function.
 const NEAR: f64 = 1e-3;
 
+/// How small the next step is, in deviations, where a constrained solve ends: on the way to
+/// an end, at it, and where only the side of the limit is asked for. chi2 is off by the
+/// square of it.
+const WALK: f64 = 1e-3;
+const EDGE: f64 = 1e-6;
+const PROBE: f64 = 0.03;
+/// Steps of a constrained solve that lower chi2 no more.
+const PATIENCE: u32 = 25;
+
 /// One piece of an interval; `None` for an end that does not exist.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Piece {
@@ -73,6 +82,8 @@ struct Profile<'a, M: ?Sized> {
     model: &'a M,
     functions: &'a [&'a dyn Function],
     options: Options,
+    /// Of a solve whose answer may become the estimate.
+    whole: Options,
     solves: usize,
     best: f64,
     limit: f64,
@@ -105,7 +116,7 @@ impl<M: Model + ?Sized> Profile<'_, M> {
                 && solution.chi2 < self.best - 1e-6 * (1.0 + self.best)
                 && self.better.as_ref().is_none_or(|b| solution.chi2 < b.chi2)
             {
-                let free = minimize(self.model, &solution.x, &[], self.options);
+                let free = minimize(self.model, &solution.x, &[], self.whole);
                 self.better = Some(if free.converged {
                     free
                 } else {
@@ -135,7 +146,11 @@ pub fn interval<M: Model + ?Sized>(
     let mut profile = Profile {
         model,
         functions: &functions,
-        options,
+        options: Options {
+            patience: PATIENCE,
+            ..options
+        },
+        whole: options,
         solves: 0,
         best: best.chi2,
         limit: best.chi2 + rise,
@@ -147,9 +162,9 @@ pub fn interval<M: Model + ?Sized>(
     let limit = best.chi2 + rise;
     for seed in core::iter::once(best).chain(others) {
         if seed.chi2 < limit {
-            let step = deviation(model, &seed.x, function) * (limit - seed.chi2).sqrt();
-            let mut low = side(&mut profile, seed, -1.0, step, limit);
-            let mut high = side(&mut profile, seed, 1.0, step, limit);
+            let (seed, step) = nearer(&mut profile, seed, limit);
+            let mut low = side(&mut profile, &seed, -1.0, step, limit);
+            let mut high = side(&mut profile, &seed, 1.0, step, limit);
             pieces.push(piece(low.remove(0), high.remove(0)));
             // Further pieces: pairs of a near and a far end.
             for pair in low.chunks_exact(2) {
@@ -188,6 +203,38 @@ fn deviation<M: Model + ?Sized>(model: &M, x: &[f64], function: &dyn Function) -
     Observability::new(&rows, n, None)
         .and_then(|found| found.combination_std(&gradient))
         .unwrap_or(f64::INFINITY)
+}
+
+/// Where to begin with the piece around a state, and the length of the first step. Where the
+/// likelihood is level out to an infinite value, the state may be anywhere out there: the
+/// nearest one to the least value at which it still is.
+fn nearer<M: Model + ?Sized>(
+    profile: &mut Profile<'_, M>,
+    seed: &Solution,
+    limit: f64,
+) -> (Solution, f64) {
+    let function = profile.functions[0];
+    let mut seed = seed.clone();
+    let least = function.range().0;
+    let mut value = function.value(&seed.x, &mut vec![0.0; seed.x.len()]);
+    let mut step = deviation(profile.model, &seed.x, function) * (limit - seed.chi2).sqrt();
+    if !least.is_finite() || step < value - least {
+        return (seed, step);
+    }
+    profile.options.tolerance = WALK;
+    for _ in 0..40 {
+        let next = least + 0.125 * (value - least);
+        match profile.at(&[next], core::slice::from_ref(&seed.x)) {
+            Some(found) if found.chi2 - seed.chi2 < 0.02 * (limit - seed.chi2) => {
+                // The rise counts from where chi2 is least all the same.
+                seed.x = found.x;
+                value = next;
+                step = value - least;
+            }
+            _ => break,
+        }
+    }
+    (seed, step)
 }
 
 /// A value of the function, and the state with the least chi2 there.
@@ -262,6 +309,7 @@ fn side<M: Model + ?Sized>(
     let mut ends = Vec::new();
     let mut next = outward(start, step);
     // Out to the first value that is not allowed.
+    profile.options.tolerance = WALK;
     let mut halvings = 0;
     let outside = loop {
         let found = visit(profile, &inside, next);
@@ -299,6 +347,7 @@ fn side<M: Model + ?Sized>(
     // Farther out it may come down again, for ever: a target that may be anywhere.
     let Some(beyond) = beyond else { return ends };
     let mut trail = vec![beyond];
+    profile.options.tolerance = PROBE;
     for factor in [3.0, 30.0, 300.0] {
         let value = if bound.is_finite() {
             bound + (edge - bound) / factor
@@ -316,6 +365,7 @@ fn side<M: Model + ?Sized>(
             solution: found,
         };
         if point.solution.chi2 <= limit {
+            profile.options.tolerance = WALK;
             let Some(last) = trail.last().cloned() else {
                 break;
             };
@@ -431,6 +481,7 @@ fn cross<M: Model + ?Sized>(
     limit: f64,
     base: f64,
 ) -> (f64, Option<Point>, bool) {
+    profile.options.tolerance = EDGE;
     // Where nothing was found beyond: whether there are states with that value.
     let mut doubt = outside.1.is_none() && profile.doubt;
     let mut low = inside[inside.len() - 1].clone();
@@ -484,7 +535,7 @@ fn cross<M: Model + ?Sized>(
         }
         match found {
             Some(s) if s.chi2 <= limit => {
-                let done = root(s.chi2).abs() < 1e-9 * wanted;
+                let done = root(s.chi2).abs() < 1e-7 * wanted;
                 low = Point {
                     value: next,
                     solution: s,
@@ -497,7 +548,7 @@ fn cross<M: Model + ?Sized>(
             other => {
                 let done = other
                     .as_ref()
-                    .is_some_and(|s| root(s.chi2).abs() < 1e-9 * wanted);
+                    .is_some_and(|s| root(s.chi2).abs() < 1e-7 * wanted);
                 high = next;
                 from_high = true;
                 doubt = other.is_none() && lost;
@@ -569,7 +620,12 @@ pub fn contours<M: Model + ?Sized>(
     let mut profile = Profile {
         model,
         functions: &functions,
-        options,
+        options: Options {
+            tolerance: EDGE,
+            patience: PATIENCE,
+            ..options
+        },
+        whole: options,
         solves: 0,
         best: best.chi2,
         limit: best.chi2 + rise,

@@ -155,7 +155,8 @@ impl<M: Model + ?Sized> Trials<'_, M> {
             others.extend(found.others.into_iter().map(|o| o.solution));
         }
         let mut interval = None;
-        if let Some(function) = self.function.filter(|_| best.converged) {
+        // Where chi2 has no least value its values still tell what is allowed.
+        if let Some(function) = self.function {
             let rise = self.rises[0];
             let found = region::interval(&model, &best, &others, function, rise, options);
             interval = Some(match found.better.clone() {

@@ -159,6 +159,10 @@ pub struct Description {
     pub attitude: Option<f64>,
     /// Of the scale of each sensor, relative to 1.
     pub scale: Option<f64>,
+    /// The ambient field over the vacuum permeability, A/m, where the body has a moment that it
+    /// induces too: that times a volume (times susceptibility), a state, m^3. Where the body
+    /// turns, it and the moment that turns with it are told apart.
+    pub induced: Option<[f64; 3]>,
 }
 
 /// The most dipoles of one body.
@@ -172,6 +176,7 @@ impl Default for Description {
             drift: false,
             attitude: None,
             scale: None,
+            induced: None,
         }
     }
 }

@@ -71,6 +71,7 @@ pub struct Measured {
 struct Layout {
     motion: usize,
     sources: usize,
+    induced: usize,
     attitude: usize,
     scale: usize,
     constants: usize,
@@ -182,7 +183,8 @@ impl Measured {
         let (about, sensors) = (&self.description, self.sensors.len());
         let motion = own.sum();
         let sources = motion + about.motion.states();
-        let attitude = sources + 6 * (about.sources - 1);
+        let induced = sources + 6 * (about.sources - 1);
+        let attitude = induced + usize::from(about.induced.is_some());
         let scale = attitude
             + if about.attitude.is_some() {
                 3 * sensors
@@ -195,6 +197,7 @@ impl Measured {
         Layout {
             motion,
             sources,
+            induced,
             attitude,
             scale,
             constants,
@@ -246,7 +249,12 @@ impl Measured {
         };
         for index in 0..self.description.sources {
             let (offset, moment) = self.source(state, x, index);
-            let (offset, moment) = (step.turn(&offset), step.turn(&moment));
+            let (offset, mut moment) = (step.turn(&offset), step.turn(&moment));
+            if let Some(ambient) = self.description.induced.filter(|_| index == 0) {
+                for (m, a) in moment.iter_mut().zip(ambient) {
+                    *m += x[at.induced] * a;
+                }
+            }
             let place: [f64; 3] =
                 core::array::from_fn(|i| step.place[i] + offset[i] - self.sensors[sensor][i]);
             let own = jacobian(&place, &moment)?;
@@ -304,6 +312,9 @@ impl Measured {
         for index in 1..about.sources {
             names.extend(Description::source(index).map(|(name, _)| name));
         }
+        if about.induced.is_some() {
+            names.push("induced volume".to_string());
+        }
         let of = |s: usize| {
             if self.sensors.len() == 1 {
                 String::new()
@@ -339,6 +350,7 @@ impl Measured {
             name if name.starts_with("background") => "T",
             name if name.starts_with("drift") => "T/s",
             name if name.starts_with("scale") => "",
+            "induced volume" => "m^3",
             name if name.contains(" of dipole ") && name.starts_with('d') => "m",
             name if name.contains(" of dipole ") => "A m^2",
             name if self.description.motion.names().0.contains(&name) => {
@@ -468,16 +480,9 @@ impl Measured {
         }
         let middle = self.middle();
         self.sights(x, |first, t, s, sight| {
-            let tilt = if about.attitude.is_some() {
-                three(&x[at.attitude + 3 * s..])
-            } else {
-                [0.0; 3]
-            };
-            let gain = if about.scale.is_some() {
-                1.0 + x[at.scale + s]
-            } else {
-                1.0
-            };
+            let tilt = about.attitude.map(|_| three(&x[at.attitude + 3 * s..]));
+            let tilt = tilt.unwrap_or_default();
+            let gain = about.scale.map_or(1.0, |_| 1.0 + x[at.scale + s]);
             // As the sensor gives it: turned a little, and scaled.
             let seen = |v: &[f64; 3]| -> [f64; 3] {
                 let across = cross(&tilt, v);
@@ -532,6 +537,9 @@ impl Measured {
                         &seen(&through(&own[index].moment, &unit)),
                     );
                 }
+            }
+            if let Some(ambient) = about.induced {
+                put(at.induced, &seen(&through(&own[0].moment, &ambient)));
             }
             for k in at.attitude..at.constants {
                 put(k, &[0.0; 3]);
@@ -610,10 +618,10 @@ impl Measured {
                 }
                 self.noise.apply_rows(&mut columns[..3 * m], 3);
                 let score = fit.score(&columns, 3, 1e-3, 0.8);
-                let mut start = x[..at.attitude].to_vec();
+                let mut start = x[..at.induced].to_vec();
                 start.extend(offset);
                 start.extend(score.size);
-                start.extend(&x[at.attitude..]);
+                start.extend(&x[at.induced..]);
                 found.push((score.statistic, start));
             }
         }
@@ -1049,10 +1057,25 @@ mod tests {
 
     #[test]
     fn rows_are_derivatives_whatever_is_described() {
-        for (motion, sources, drift, errors, states) in [
-            (Motion::Along, 2, true, None, 9 + 1 + 6 + 12),
-            (Motion::Turning, 3, false, Some(0.02), 9 + 1 + 12 + 8 + 6),
-            (Motion::Accelerated, 1, false, Some(0.02), 9 + 3 + 8 + 6),
+        let ambient = Some([16.0, 5.0, -36.0]);
+        for (motion, sources, drift, errors, induced, states) in [
+            (Motion::Along, 2, true, None, None, 9 + 1 + 6 + 12),
+            (
+                Motion::Turning,
+                3,
+                false,
+                Some(0.02),
+                ambient,
+                9 + 1 + 12 + 1 + 8 + 6,
+            ),
+            (
+                Motion::Accelerated,
+                1,
+                false,
+                Some(0.02),
+                None,
+                9 + 3 + 8 + 6,
+            ),
         ] {
             let record = record(&[], &[0, SPEED], true).with(Description {
                 motion,
@@ -1060,6 +1083,7 @@ mod tests {
                 drift,
                 attitude: errors,
                 scale: errors,
+                induced,
             });
             let (n, m) = (record.states(), record.measurements());
             assert_eq!((n, record.names().len()), (states, states));

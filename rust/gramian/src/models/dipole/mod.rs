@@ -28,6 +28,7 @@ pub mod localize;
 pub mod measured;
 #[cfg(feature = "std")]
 pub mod record;
+pub mod tracker;
 
 pub use accumulator::Accumulator;
 
