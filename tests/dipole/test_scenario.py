@@ -113,6 +113,52 @@ def test_missing_cells_are_left_out_only_if_asked(tmp_path):
     assert found["dropped"] == 1
 
 
+def test_a_record_is_described_by_more_than_a_dipole(tmp_path):
+    t = np.arange(0.0, 20.0, 0.5)
+    sensors = [[0.0, 0.0, 0.0], [0.0, 0.5, 0.0]]
+    field = gm.dipole.simulate(
+        [-10, -10, 5], [1, 1, 0], [10, 20, 10], t, 1e-11, seed=1, sensors=sensors
+    )
+    columns = [f"{axis}{s}" for s in (1, 2) for axis in "xyz"]
+    table = np.c_[t, 1e9 * field.reshape(t.size, 6)]
+    np.savetxt(
+        tmp_path / "pass.csv", table, delimiter=",", header=",".join(["t", *columns]), comments=""
+    )
+    text = f"""
+model = "dipole"
+sensors = {sensors}
+[record]
+file = "pass.csv"
+unit = "nT"
+[record.columns]
+time = "t"
+field = [["x1", "y1", "z1"], ["x2", "y2", "z2"]]
+[known]
+z = 5.0
+vz = 0.0
+[fit]
+background = "none"
+loss = "gaussian"
+window = {{ start = 0.0, end = 20.0 }}
+sigma_nT = 0.01
+sources = [1, 2]
+motion = ["straight", "turning"]
+attitude_deg = 0.5
+scale = 0.01
+correlation = 0.0
+use = [true, true, true, true, false, true]
+"""
+    report = load(write(tmp_path, text)).localize()
+    assert "one dipole explains" in report.verdict
+    beside = report.tables[1]
+    assert beside.title == "Beside the pass"
+    assert [row[0] for row in beside.rows][-1] == "scale of sensor 2"
+    with pytest.raises(gm.ScenarioError, match="motion"):
+        load(write(tmp_path, text.replace('"turning"', '"spiral"'))).localize()
+    with pytest.raises(gm.ScenarioError, match="attitude_deg"):
+        load(write(tmp_path, text.replace("attitude_deg = 0.5", "attitude_deg = 0"))).localize()
+
+
 def test_the_command_locates(tmp_path):
     done = subprocess.run(
         [

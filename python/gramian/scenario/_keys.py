@@ -88,6 +88,13 @@ Fit.loss | | whether outliers are held back | "gaussian"
 Fit.window | | the times that are used: the pass that is found in the record, or a start and an end | { start = 2.0, end = 8.0 }
 Fit.sigma_nT | nT | noise of the field; by default it is measured in the record | 50.0
 Fit.starts | | how many starts the search has | 24
+Fit.sources | | the numbers of dipoles on the body that are tried | [1, 2]
+Fit.motion | | the motions that are tried | ["straight", "turning"]
+Fit.attitude_deg | deg | standard deviation of the attitude of each sensor, which is estimated then | 2.0
+Fit.scale | | of the scale of each sensor, relative to 1 | 0.01
+Fit.earth_field_uT | uT | the ambient field, of a body that it magnetises too | [20.0, -1.0, -45.0]
+Fit.correlation | | of the noise of neighbouring samples, from 0 to below 1, or "fit" | 0.9
+Fit.use | | which channels are used, three for each sensor | [true, true, false]
 Pass.r0 | m | position at time 0: x, y, z | [-10.0, -10.0, 5.0]
 Pass.v | m/s | velocity | [1.0, 1.0, 0.0]
 Pass.m | A m^2 | magnetic moment | [10.0, 20.0, 10.0]

@@ -31,6 +31,8 @@ Quantity = Literal[
     "x", "y", "z", "x0", "y0", "z0", "vx", "vy", "vz", "mx", "my", "mz", "speed", "moment"
 ]
 
+Course = Literal["straight", "along", "accelerated", "turning"]
+
 _UNITS = {"T": 1.0, "mT": 1e-3, "uT": 1e-6, "nT": 1e-9, "mG": 1e-7, "G": 1e-4}
 
 
@@ -81,11 +83,18 @@ class Prior(Section):
 class Fit(Section):
     """How the record is fitted; see `gramian.dipole.localize`."""
 
-    background: Literal["none", "median", "fit"] = "median"
+    background: Literal["none", "median", "fit", "drift"] = "median"
     loss: Literal["gaussian", "huber"] = "huber"
     window: Literal["pass"] | Window | None = "pass"
     sigma_nT: float | None = Field(default=None, gt=0)
     starts: int = Field(default=12, ge=1)
+    sources: list[int] = Field(default=[1], min_length=1)
+    motion: list[Course] = Field(default=["straight"], min_length=1)
+    attitude_deg: float | None = Field(default=None, gt=0)
+    scale: float | None = Field(default=None, gt=0)
+    earth_field_uT: Vector | None = None
+    correlation: float | Literal["fit"] = 0.0
+    use: list[bool] | None = None
 
 
 class Pass(Section):
@@ -190,6 +199,15 @@ class DipoleScenario(Scenario):
                     window=window,
                     missing=self.record.missing,
                     starts=fit.starts,
+                    sources=fit.sources,
+                    motion=fit.motion,
+                    attitude=None if fit.attitude_deg is None else np.radians(fit.attitude_deg),
+                    scale=fit.scale,
+                    earth_field=(
+                        None if fit.earth_field_uT is None else 1e-6 * np.array(fit.earth_field_uT)
+                    ),
+                    correlation=fit.correlation,
+                    use=fit.use,
                 )
             except UserWarning as warning:
                 raise self.error("record.unit", str(warning)) from None
@@ -398,6 +416,15 @@ _HEADLINES = {
 }
 
 
+#: How states begin that tell a vector of known size by angles.
+_ANGLES = ("r ", "v ", "m ")
+
+
+def _explained_by(found: Localization) -> str:
+    sources = found.model.description.sources
+    return "one dipole explains" if sources == 1 else f"{count(sources, 'dipole')} explain"
+
+
 def _located(found: Localization, title: str, model: str) -> Report:
     near, speed, moment = found.closest, found.speed, found.moment
     tone = _TONES.get(found.status, "weak")
@@ -449,6 +476,15 @@ def _located(found: Localization, title: str, model: str) -> Report:
         "dipole is no more than a model of the body, the true errors are larger.",
     )
 
+    more = [
+        [name, number(found.state[k]), number(found.std[k]), found.units[k]]
+        for k, name in enumerate(found.names)
+        if name not in _model.NAMES and not name.startswith(_ANGLES)
+    ]
+    tables = [table]
+    if more:
+        tables.append(Table("Beside the pass", columns[:4], more, str(found.model.description)))
+
     def pictures() -> Any:
         from gramian.models.dipole import plot as drawn
 
@@ -464,11 +500,11 @@ def _located(found: Localization, title: str, model: str) -> Report:
         headline=_HEADLINES[found.status],
         verdict=(
             ("" if found.status == "determined" else f"{found.reason}; ")
-            + f"one dipole explains {100 * found.explained:.1f} % of the field; it passes at "
+            + f"{_explained_by(found)} {100 * found.explained:.1f} % of the field; it passes at "
             f"{number(near.range, 3)} m, +- {number(100 * near.range_std / near.range, 2)} %"
         ),
         facts=facts,
-        tables=[table],
+        tables=tables,
         pictures=[
             Picture(
                 "Field",
