@@ -158,7 +158,7 @@ def test_a_body_that_turns_tells_its_permanent_from_its_induced_moment():
 def test_a_straight_pass_does_not_tell_them_apart():
     t = np.arange(0.0, 20.0, 0.5)
     seen = gm.dipole.simulate([-10, -10, 5], [1, 1, 0], [10, 20, 10], t, 1e-9, seed=1)
-    with pytest.raises(gm.UnobservableError, match="mx .*mz .*induced volume .* not determined"):
+    with pytest.raises(gm.UnobservableError, match=r"mx .*mz .*induced volume .* not determined"):
         gm.dipole.localize(
             t, seen, {"z": 5.0, "vz": 0.0}, sigma=1e-9, earth_field=[2e-5, 0.0, -4e-5]
         )
