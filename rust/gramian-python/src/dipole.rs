@@ -251,7 +251,7 @@ fn known_by(root: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Posterior<f
 /// where they are given, and the roots at the end.
 #[pyfunction]
 #[pyo3(signature = (times, field, sensors, sigma, start, state, root, wander, truth, bound_root))]
-#[allow(clippy::too_many_arguments)]
+#[allow(clippy::too_many_arguments, clippy::needless_pass_by_value)]
 fn dipole_track<'py>(
     py: Python<'py>,
     times: &Bound<'py, PyAny>,
