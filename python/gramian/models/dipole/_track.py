@@ -156,7 +156,9 @@ def track(
 
     `localize` needs no start; its answer, moved on to the first time, is a good one. One
     sensor alone never tells a small dipole near by from a large one far away: what a track
-    says of that it has from its start.
+    says of that it has from its start, and where that is wide `std` is too small (with 20 %
+    of the moment the normalized squared error of nine states is 10 in the median, not 8.3, and
+    much larger in one record of a hundred).
 
     The Rust type under it, `dipole::tracker::Tracker`, needs no allocator and 400 bytes in
     single precision.
