@@ -279,7 +279,8 @@ def _descriptions(
             raise InputError(f"earth_field = {values.tolist()}: must be three numbers, not all 0")
         x, y, z = values.tolist()
         ambient = (x, y, z)
-    return [Description(m, n, drift, *deviations, ambient) for m in motions for n in counts]
+    tilt, gain = deviations
+    return [Description(m, n, drift, tilt, gain, ambient) for m in motions for n in counts]
 
 
 @dataclass(frozen=True)
