@@ -7,7 +7,7 @@ export CARGO_TERM_COLOR ?= auto
 # As maturin sets it: else pyo3 is compiled anew whenever cargo and maturin take turns.
 export PYO3_PYTHON ?= $(abspath $(BIN)/python)
 
-.PHONY: demo test lint format rust-test python-test no-std-check fuzz attack bench bench-quick bench-check bench-record embedded-size package wheel docs site explorer clean
+.PHONY: demo test lint format rust-test python-test no-std-check fuzz attack soak kills bench bench-quick bench-check bench-record embedded-size package wheel docs site explorer clean
 
 # What the demo needs and no more, unless everything is there already.
 demo: $(if $(wildcard $(VENV)/.installed),$(VENV)/.installed,$(VENV)/.demo)
@@ -48,6 +48,14 @@ fuzz:
 # 10^5 calls of every public function with arguments gone wrong; `make test` makes 3000.
 attack: $(VENV)/.installed
 	$(BIN)/python tests/attack/attack.py --calls $(or $(CALLS),100000)
+
+# Calls for ten minutes, and how the memory grows: `make soak MINUTES=3` for less.
+soak: $(VENV)/.installed
+	$(BIN)/python tests/attack/soak.py --minutes $(or $(MINUTES),10)
+
+# 50 kills at random moments and 200 corruptions of a run that is resumed: the same bits.
+kills: $(VENV)/.installed
+	$(BIN)/python tests/attack/kills.py
 
 python-test: $(VENV)/.installed
 	$(BIN)/python -m pytest -n auto --dist worksteal

@@ -7,6 +7,7 @@ import pytest
 
 import gramian as gm
 from gramian import registration as reg
+from gramian import scenario
 
 SENSORS = {"A": (0.0, 0.0), "B": (60e3, 0.0)}
 SIGMA = (50.0, np.radians(0.1))
@@ -237,13 +238,13 @@ file = "r.csv"
 columns = { target = "target", time = "t", sensor = "radar", range = "r", azimuth_deg = "az" }
 """
     (tmp_path / "s.toml").write_text(text.replace("CLOCKS", "true"), encoding="utf-8")
-    report = gm.scenario.load(tmp_path / "s.toml").localize()
+    report = scenario.load(tmp_path / "s.toml").localize()
     assert report.headline == "ESTIMATED"
     found = report.data["estimates"]["all targets"]
     assert abs(found["state"][-1] - 1.0) < 4 * found["std"][-1]
     assert dict(report.facts)["left out"] == "1 report of looks of one sensor"
     (tmp_path / "s.toml").write_text(text.replace("CLOCKS", "false"), encoding="utf-8")
-    report = gm.scenario.load(tmp_path / "s.toml").localize()
+    report = scenario.load(tmp_path / "s.toml").localize()
     assert report.headline == "THE REPORTS DO NOT FIT"
     assert "clock of B" in report.verdict
 

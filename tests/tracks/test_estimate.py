@@ -235,7 +235,7 @@ def test_bad_input_is_named():
         (lambda: estimate(scene, [z], prior={"q": (0, 1)}), "no state is named 'q'"),
         (lambda: estimate(scene, [z], prior={"x0": (0, -1)}), "sigma > 0"),
         (lambda: estimate(scene, [z], prior={"x0": 3.0}), r"must be \(mean, sigma\)"),
-        (lambda: estimate(scene, [z], loss="cauchy"), "must be one of squares, huber, tukey"),
+        (lambda: estimate(scene, [z], loss="cauchy"), 'must be "squares", "huber" or "tukey"'),
         (lambda: estimate(scene, [z], legs="all"), "must be 'auto'"),
         (
             lambda: estimate(scene.with_motion(Motion.coordinated_turn()), [z], legs="auto"),
