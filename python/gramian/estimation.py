@@ -984,7 +984,7 @@ def estimate(
     if not names:
         raise InputError("every state is known: nothing is left to estimate")
     loss = options.choice(loss, "loss", _LOSSES)
-    levels(alpha, chance, weak_ratio)
+    alpha, chance, weak_ratio = levels(alpha, chance, weak_ratio)
     search = options.flag(search, "search")
     starts = whole(starts, "starts", 0, 2**31)
     seed = whole(seed, "seed", 0, SEED_MOST)
@@ -1172,7 +1172,7 @@ def estimate_trials(
         raise InputError(f"truth has shape {x.shape}: must be ({len(names)},)")
     seed, first = whole(seed, "seed", 0, SEED_MOST), whole(first, "first")
     trials, starts = whole(trials, "trials", 1), whole(starts, "starts", 0, 2**31)
-    levels(alpha, chance, weak_ratio)
+    alpha, chance, weak_ratio = levels(alpha, chance, weak_ratio)
     z = finite(model.h(x), "exact data")
     centred = {}
     for state, pair in options.mapping(prior, "prior", "name to (mean, sigma)").items():

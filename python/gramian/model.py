@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
+from gramian import _options as options
 from gramian._arrays import SEED_MOST, as_float_array, finite, number, whole
 from gramian._noise import Noise, as_noise, negligible
 from gramian._units import bare
@@ -686,15 +687,11 @@ def from_function(
         missing = "names" if names is None else "sigma"
         raise InputError(f"{missing} is missing: from_function(h, x, sigma, names)")
     known = checked_names(names)
+    options.choice(method, "method", ("central", "complex", "given", "jax", "torch", "casadi"))
     if (method == "given") != (jacobian is not None):
         raise InputError(
             f'method = "{method}" with jacobian {"given" if jacobian is not None else "missing"}: '
             'a jacobian goes with method = "given" and with no other'
-        )
-    if method not in {"central", "complex", "given", "jax", "torch", "casadi"}:
-        raise InputError(
-            f'method = {method!r}: must be "central", "complex", "given", "jax", "torch" or '
-            '"casadi"'
         )
     if rtol is not None and not 0 < number(rtol, "rtol") < 1:
         raise InputError(f"rtol = {rtol}: must be between 0 and 1")

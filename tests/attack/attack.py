@@ -38,6 +38,8 @@ from attack.baselines import CALLS, METHODS, public
 
 #: A call may take so much processor time, seconds; and so long where others run as well.
 PATIENCE, WALL = 5.0, 25.0
+#: So many times that where the processor was not given, as for a call that sleeps.
+PATIENT = 12
 #: A worker may have so much address space, bytes.
 MEMORY = 8 << 30
 
@@ -240,9 +242,25 @@ def short(value: Any) -> str:
     return text if len(text) < 160 else text[:157] + "..."
 
 
-COUNTS = ("trials", "samples", "points", "starts")
+COUNTS = ("trials", "samples", "points", "starts", "restarts", "iterations")
+#: Where a unit of work takes milliseconds, a user's own function for one.
+SLOW = (
+    "estimate",
+    "other_solutions",
+    "bounds.",
+    "localize",
+    "registration.",
+    "tracks.",
+    "maneuver.",
+)
 #: NaN that has a meaning: a state without a scale, the error of a trial without estimate.
-MEANT = (".error", ".nees", ".std", ".scale", ".problem.scale", "{}.scale")
+MEANT = (
+    *(".error", ".nees", ".std", ".scale", ".problem.scale", "{}.scale"),
+    # A choice without `relax`; a trial without degrees of freedom; a disturbance without a
+    # first guess; the figures of a run none of whose trials could be used.
+    *(".within", ".p_values", ".starts().guess"),
+    *(f".results().{name}" for name in ("bias", "bias_interval", "std_interval", "rmse")),
+)
 
 
 class Attack:
@@ -274,9 +292,10 @@ class Attack:
                 changed[key] = (*value[:at], mutated(rng, value[at]), *value[at + 1 :])
                 continue
             changed[key] = mutated(rng, value)
-            if key in COUNTS and type(changed[key]) in (int, float) and changed[key] > 1000:
+            most = 30 if any(part in name for part in SLOW) else 1000
+            if key in COUNTS and type(changed[key]) in (int, float) and changed[key] > most:
                 # Work in proportion, which a user may want: what is beyond reason stays.
-                changed[key] = 1000 if changed[key] < 2**45 else changed[key]
+                changed[key] = most if changed[key] < 2**45 else changed[key]
         return name, "+".join(chosen), make, changed
 
     def judge(self, index: int) -> tuple[str, str]:
@@ -346,7 +365,16 @@ class Report:
         return "\n".join(lines)
 
 
-def run(
+def processor(pid: int) -> float:
+    """Return the processor time that a process has taken, s; 0 where nobody says."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def run(  # noqa: PLR0915
     calls: int, seed: int = 0, only: str = "", first: int = 0, report: Report | None = None
 ) -> Report:
     """Run the calls in a process of their own, started again where it dies or hangs."""
@@ -366,14 +394,21 @@ def run(
         assert process.stderr is not None
         os.set_blocking(process.stderr.fileno(), False)
         running, buffer, errors = first, b"", b""
+        began, waited = 0.0, 0
         why, patience = "crash", 10 * WALL  # the start takes long where others run as well
         while True:
             ready, _, _ = select.select([process.stdout], [], [], patience)
             errors = (errors + (process.stderr.read() or b""))[-2000:]
             if not ready:
+                # Where others run as well, what counts is the processor's time.
+                waited += 1
+                idle = patience == WALL and processor(process.pid) - began < PATIENCE
+                if idle and waited < PATIENT:
+                    continue
                 process.kill()
                 why = "hang"
                 break
+            began, waited = processor(process.pid), 0
             data = os.read(process.stdout.fileno(), 1 << 16)
             if not data:
                 break

@@ -290,7 +290,8 @@ def _registration_estimate(samples: int, method: Any) -> Callable[[], Any]:
     reports = gm.registration.simulate(places, sensors, sigma, seed=1).values
     prior = np.array([1e3, 0.1, 1e3, 0.1])
     return lambda: [
-        gm.registration.estimate(reports, sensors, sigma, method, prior=prior) for _ in range(100)
+        gm.registration.estimate(reports, sensors, sigma, method=method, prior=prior)
+        for _ in range(100)
     ]
 
 

@@ -12,9 +12,11 @@ from __future__ import annotations
 import argparse
 import contextlib
 import gc
+import signal
 import sys
 import time
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 
 if __name__ == "__main__":
@@ -24,8 +26,25 @@ import numpy as np
 
 from attack.attack import Attack, called
 
-#: Of a call that may work in proportion to what it is given.
-PATIENCE = 2.0
+#: Seconds of a call: what works in proportion to what it is given is interrupted then.
+PATIENCE = 1.0
+
+
+@contextlib.contextmanager
+def bounded() -> Iterator[None]:
+    """Let a call refuse, and interrupt one that takes long."""
+
+    def stop(*_: object) -> None:
+        raise TimeoutError
+
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, PATIENCE)
+    try:
+        with contextlib.suppress(Exception):  # the attack judges refusals
+            yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def resident() -> float:
@@ -39,22 +58,16 @@ def resident() -> float:
 def soak(minutes: float, seed: int = 0) -> list[tuple[float, int, float]]:
     """Return time, calls and resident memory, s and MiB, about fifty times."""
     attack = Attack(seed)
-    slow: set[str] = set()
     began = time.monotonic()
     told: list[tuple[float, int, float]] = []
     calls = index = 0
     while (now := time.monotonic() - began) < 60 * minutes:
         name, _, make, arguments = attack.call(index)
-        if name not in slow:
-            start = time.monotonic()
-            for given in (attack.targets[name][1], arguments):
-                with warnings.catch_warnings(), np.errstate(all="ignore"):
-                    warnings.simplefilter("ignore")
-                    with contextlib.suppress(Exception):  # the attack judges refusals
-                        called(make(), given)
-                calls += 1
-            if time.monotonic() - start > PATIENCE:
-                slow.add(name)
+        for given in (attack.targets[name][1], arguments):
+            with warnings.catch_warnings(), np.errstate(all="ignore"), bounded():
+                warnings.simplefilter("ignore")
+                called(make(), given)
+            calls += 1
         # The same few thousand calls again and again: what is kept of a new one is no leak.
         index = (index + 1) % (8 * len(attack.names))
         if now >= len(told) * 60 * minutes / 50:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gramian import _core
+from gramian import _options as options
 from gramian._arrays import SEED_MOST, whole
 from gramian._noise import as_knowledge
 from gramian.exceptions import InputError, UnobservableError
@@ -181,6 +182,9 @@ class Linear(Experiment):
 
     of: Problem
     estimators: ClassVar[tuple[str, ...]] = ("least_squares",)
+
+    def __post_init__(self) -> None:
+        options.instance(self.of, Problem, "of", "a Problem")
 
     @property
     def names(self) -> tuple[str, ...]:

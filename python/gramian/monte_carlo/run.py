@@ -39,6 +39,9 @@ __all__ = ["run", "unobservable"]
 
 Quantities = Iterable[str] | Mapping[str, Callable[[Any], Any]]
 
+#: Weeks of work of the fastest estimator there is.
+MOST_TRIALS = 2**44
+
 
 def run(
     problem: Experiment | Problem | Model,
@@ -127,7 +130,7 @@ def run(
     True
     """
     started = time.perf_counter()
-    trials, seed = _integer(trials, "trials", 1, 2**62), _integer(seed, "seed", 0, 2**64 - 1)
+    trials, seed = _integer(trials, "trials", 1, MOST_TRIALS), _integer(seed, "seed", 0, 2**64 - 1)
     if workers is not None:
         workers = _integer(workers, "workers", 1, 10_000)
     _check_executor(executor, workers)

@@ -23,8 +23,10 @@ fn dipole_check<'py>(
     let times = Input::new(times, "times", 1)?;
     let field = Input::unchecked(field, "field", 2)?;
     let channels = field.core_shape()[1];
-    let (t, y) = (times.slice()?, field.slice()?);
-    let found = run::detached(py, |_| check(t, y, channels))?
+    let (t, y) = (times.slice()?.to_vec(), field.slice()?.to_vec());
+    // Medians, and a spectrum at some forty frequencies.
+    let cost = 2000.0 * y.len() as f64;
+    let found = run::apart(py, cost, move |_| check(&t, &y, channels))?
         .map_err(|error| errors::input_at("", error))?;
     let mut findings = Vec::with_capacity(found.findings.len());
     for finding in found.findings {

@@ -256,6 +256,9 @@ impl Model for Watched {
     }
 
     fn difference(&self, a: &[f64], b: &[f64], out: &mut [f64]) -> Result<(), String> {
+        if self.interrupted() {
+            return Err(String::new());
+        }
         self.model.difference(a, b, out)
     }
 

@@ -12,6 +12,7 @@ from gramian import _core
 from gramian import _options as options
 from gramian._answers import Answer
 from gramian._text import brief
+from gramian.exceptions import InputError
 
 __all__ = ["ObservabilityTest", "observability_test"]
 
@@ -153,6 +154,8 @@ def observability_test(
     """
     level = options.fraction(level, "level")
     found = _core.bearing_test(times, bearings, sigma)
+    if np.isnan(found["statistic"]).any():
+        raise InputError("the statistic overflows float64: give times in seconds")
     dof = np.shape(bearings)[-1] - 3
     p_value = found["p_value"]
     return ObservabilityTest(

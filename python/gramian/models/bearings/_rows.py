@@ -395,7 +395,10 @@ def simulate(
     offsets = (_positions(t, place, 2) if _target_kind(place, 2, order)[1] else place) - path
     exact = np.arctan2(offsets[:, 0], offsets[:, 1])
     noise = _core.normals(seed, 0, trials or 1, t.size)
-    noisy = exact + as_float_array(sigma, "sigma [rad]") * noise
+    spread = as_float_array(sigma, "sigma [rad]")
+    if not (spread < 1e15).all():
+        raise InputError(f"sigma = {spread.max():g} rad: must be below 1e15, or no angle is left")
+    noisy = exact + spread * noise
     wrapped = wrap_angles(noisy)
     return wrapped if trials is not None else wrapped[0]
 

@@ -58,6 +58,8 @@ class System(Value):
     def __post_init__(self) -> None:
         finite(self.A, "A")
         finite(self.C, "C")
+        for name in ("names", "units", "outputs"):
+            object.__setattr__(self, name, options.names(getattr(self, name), name, "strings"))
 
     @property
     def n(self) -> int:

@@ -113,7 +113,7 @@ class Task:
         slow, fast = _speeds(speed)
         positive(dt, "dt", "s")
         dt = number(dt, "dt")
-        samples = whole(samples, "samples", 2)
+        samples = whole(samples, "samples", 2, 1_000_000)
         moves = int(samples) - 1
         if not fast * dt < 1e150:
             raise InputError(f"a step of {fast * dt:.3g} m: its square overflows float64")

@@ -115,7 +115,7 @@ def two_legs(
             (sigma, "sigma", "rad"),
         )
     )
-    count = whole(samples, "samples", 4)
+    count = whole(samples, "samples", 4, 2**53)
     options.choice(goal, "goal", ("determinant", "range"))
     cross = number(cross_speed, "cross_speed [m/s]") / v
     if turn is None:

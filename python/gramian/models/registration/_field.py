@@ -133,6 +133,8 @@ def field(
         heading = number(heading, "heading")
     index = None if quantity == "eta" else known.index(quantity)
     longer = max(east - west, north - south)
+    if not longer < 1e150:
+        raise InputError(f"extent = {extent!r}: must be narrower than 1e150 m")
     nx = max(2, round(points * (east - west) / longer))
     ny = max(2, round(points * (north - south) / longer))
     x, y = np.linspace(west, east, nx), np.linspace(south, north, ny)

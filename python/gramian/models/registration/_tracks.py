@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gramian._answers import Answer
-from gramian._arrays import as_float_array, finite, number
+from gramian._arrays import finite, number
 from gramian._text import describe_direction
 from gramian.exceptions import InputError
 from gramian.models.registration._setup import Array, SensorsLike, Setup, setup
@@ -170,15 +170,16 @@ def check_track(
     >>> check.singular, check.track.where, check.side
     (True, 'abeam A', 'left')
     """
-    places = as_float_array(positions, "positions")
+    places = finite(positions, "positions")
     if places.ndim != 2 or places.shape[1] != 2 or not len(places):
         raise InputError(f"positions has shape {places.shape}: must be (K, 2)")
-    finite(places, "positions")
     tracks = singular_tracks(sensors)
     if tolerance is None:
         tolerance = 1e-9 * float(np.hypot(*np.ptp(tracks[0]._setup.places, axis=0)))
-    elif number(tolerance, "tolerance") < 0:
-        raise InputError(f"tolerance = {tolerance} m: must be >= 0")
+    else:
+        tolerance = number(tolerance, "tolerance [m]")
+        if tolerance < 0:
+            raise InputError(f"tolerance = {tolerance} m: must be >= 0")
     found = [
         (float(distance.max()), track, side)
         for track in tracks
