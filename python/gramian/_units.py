@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -122,7 +123,10 @@ def bare(value: Any, name: str) -> Any:
     if isinstance(value, (list, tuple)):
         return _bare_list(value, shown, wanted)
     if _is_date(value):
-        if wanted not in ("s", None):
+        # Seconds since 1970 are a time, and no number of something else.
+        if wanted not in ("s", None) or (
+            wanted is None and isinstance(value, (np.datetime64, datetime)) and "time" not in name
+        ):
             raise InputError(f"{shown} holds dates: must be in {_said(wanted)}")
         return _seconds(value, shown)
     unit = _unit(value)

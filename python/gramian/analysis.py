@@ -217,7 +217,8 @@ class Observability(Answer):
         sigma : float
             Its standard deviation; 0 for exactly.
         """
-        if not number(sigma, "sigma") >= 0:
+        sigma = number(sigma, "sigma")
+        if not sigma >= 0:
             raise InputError(f"sigma = {sigma}: must be >= 0 and finite")
         name = combination if isinstance(combination, str) else "combination"
         rank, std = self._analysis.knowing(self._direction(combination), float(sigma))
@@ -518,8 +519,10 @@ def analyze(
         problem = problem.with_scale(scale)
     if prior is not None:
         problem = problem.prior(prior)
+    weak_ratio = real(weak_ratio, "weak_ratio")
+    weak_condition = real(weak_condition, "weak_condition")
     for label, threshold in (("weak_ratio", weak_ratio), ("weak_condition", weak_condition)):
-        if threshold is not np.inf and not real(threshold, label) > 0:
+        if not threshold > 0:
             raise InputError(f"{label} = {threshold}: must be > 0")
     if rtol is not None:
         rtol = options.fraction(rtol, "rtol")

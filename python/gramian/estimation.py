@@ -470,6 +470,9 @@ class Estimate(Answer):
         """
         columns = _columns(alternatives)
         records, alike = self._handle.scores(self.state, list(columns.values()), self.alpha, 0.8)
+        for name, record in zip(columns, records, strict=True):
+            if np.isnan(record["p_value"]):
+                raise InputError(f"alternatives[{name!r}]: its test overflows float64")
         names = list(columns)
         found = [
             Alternative(

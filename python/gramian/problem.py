@@ -600,7 +600,7 @@ def as_problem(
     rows = as_float_array(problem_or_rows, "rows")
     if rows.ndim != 2 or 0 in rows.shape:
         raise InputError(f"rows has shape {rows.shape}: must be (rows, states), not empty")
-    return Problem(rows, names or [f"x{i}" for i in range(rows.shape[1])])
+    return Problem(rows, [f"x{i}" for i in range(rows.shape[1])] if names is None else names)
 
 
 def is_sparse(rows: object) -> bool:

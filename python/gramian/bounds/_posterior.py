@@ -736,7 +736,7 @@ def _detected(rows: Array, detection: ArrayLike) -> Array:
 
 
 def _stacked(rows: ArrayLike | Sequence[ArrayLike | None], n: int) -> Array:
-    if not isinstance(rows, np.ndarray) and isinstance(rows, Sequence):
+    if not isinstance(rows, (np.ndarray, memoryview)) and isinstance(rows, Sequence):
         parts = [
             np.zeros((0, n)) if part is None else as_float_array(part, f"rows[{i}]")
             for i, part in enumerate(rows)

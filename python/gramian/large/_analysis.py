@@ -513,8 +513,10 @@ def analyze_sparse(
     (1, ('a +1, b +1',))
     """
     options.instance(problem, SparseProblem, "problem", "a sparse problem")
+    weak_ratio = real(weak_ratio, "weak_ratio")
+    weak_condition = real(weak_condition, "weak_condition")
     for label, limit in (("weak_ratio", weak_ratio), ("weak_condition", weak_condition)):
-        if limit is not np.inf and not real(limit, label) > 0:
+        if not limit > 0:
             raise InputError(f"{label} = {limit}: must be > 0")
     tolerance = problem.rtol if rtol is None else options.fraction(rtol, "rtol")
     analysis = _reduced(problem.all_rows, tolerance)

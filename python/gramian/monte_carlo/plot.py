@@ -128,7 +128,7 @@ def rmse_and_bound(result: MonteCarloResult, axes: Axes) -> None:
     for i in places[~known]:
         axes.text(i, 1.0, "not\nobservable", ha="center", va="bottom", color=COLORS["bad"])
     labels = [
-        f"{name}\n{number(rmse, 3)} / {number(bound, 3)}"
+        f"{name}\n{number(rmse, 3)}\n/ {number(bound, 3)}"
         for name, rmse, bound in zip(result.names, result.rmse, result.bound, strict=True)
     ]
     axes.set_xticks(places, labels, fontsize="small" if len(labels) < 7 else "xx-small")

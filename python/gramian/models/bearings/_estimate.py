@@ -195,6 +195,8 @@ def estimate(
             f"times has shape {when.shape}, bearings {z.shape}: must be (m,) both; "
             "localize takes batches"
         )
+    if path.ndim != 2:
+        raise InputError(f"observer has shape {path.shape}: must be (m, 2), one track")
     model = BearingsModel(when, path, np.atleast_1d(finite(sigma, "sigma [rad]")), order)
     model.handle(z)
     return general(model, z, prior=prior, **options)

@@ -390,6 +390,8 @@ def localize_trials(
     when = as_float_array(times, "times")
     _check_count(when.shape[-1] if when.ndim else 0, n // 2 - 1, len(prior or {}))
     check_index(when, observer_index)
+    if not (as_float_array(sigma, "sigma [rad]") < 1e15).all():
+        raise InputError("sigma: must be below 1e15 rad, or no angle is left")
     found = _core.bearings_localize_trials(
         when,
         observer,

@@ -221,7 +221,11 @@ def check_index(times: ArrayLike, observer_index: ArrayLike | None) -> None:
     """Refuse times that decrease, or do not increase for one of several observers."""
     if observer_index is None:
         return
-    t, index = as_float_array(times, "times"), np.asarray(observer_index)
+    t = as_float_array(times, "times")
+    try:
+        index = np.asarray(observer_index)
+    except ValueError:  # lists of several lengths
+        index = np.zeros(0)
     if index.dtype.kind not in "iu" or t.ndim == 0 or index.shape != t.shape[-1:]:
         raise InputError(
             f"observer_index has shape {index.shape} and type {index.dtype}: "

@@ -558,7 +558,7 @@ def localize_trials(
     out = _core.dipole_localize_trials(
         times,
         state.tolist(),
-        float(sigma),
+        number(sigma, "sigma [T]"),
         setup.sensors.tolist(),
         setup.exact,
         setup.priors,

@@ -492,5 +492,8 @@ def empirical_gramian(
             ends.append((path.outputs / path.sigma).ravel())
         columns.append((ends[0] - ends[1]) / (2 * move))
     rows = np.array(columns)
-    gramian: Array = rows @ rows.T
+    with np.errstate(over="ignore", invalid="ignore"):
+        gramian: Array = rows @ rows.T
+    if not np.isfinite(gramian).all():
+        raise InputError("the Gramian overflows float64: choose other units, or a larger sigma")
     return gramian

@@ -463,7 +463,8 @@ def estimate(
         "fixed": bool(fixed),
     }
     count = _iterations(iterations, method)
-    if not number(tolerance, "tolerance") > 0:
+    tolerance = number(tolerance, "tolerance")
+    if not tolerance > 0:
         raise InputError(f"tolerance = {tolerance}: must be > 0")
     limits = levels(alpha, 0.01, 0.25)
     asked = [name for name, given in general.items() if given]

@@ -128,7 +128,7 @@ def field(
     radius = number(radius, "radius")
     if not radius > 0:
         raise InputError(f"radius = {radius} m: must be > 0 and finite")
-    points = whole(points, "points", 2)
+    points = whole(points, "points", 2, 10_000)
     if heading is not None:
         heading = number(heading, "heading")
     index = None if quantity == "eta" else known.index(quantity)
