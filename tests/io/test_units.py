@@ -240,7 +240,7 @@ KNOWING = [
     ).state,
     lambda km, kn: gm.tracks.rows(scene(T), {"x0": 2 * km, "y0": 6 * km, "vx": 6 * kn, "vy": -1.0}),
     lambda km, kn: gm.dipole.localize(
-        PASS_TIMES, FIELD, {"vz": 0 * kn, "z": 0.005 * km}, {"x0": (-0.01 * km, 0.001 * km)},
+        PASS_TIMES, FIELD, {"vz": 0 * kn, "z": 0.005 * km}, prior={"x0": (-0.01 * km, 0.001 * km)},
         sigma=1e-12,
     ).state,
     lambda km, kn: gm.analyze(
