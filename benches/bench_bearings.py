@@ -454,8 +454,7 @@ def fisher_contest(trials: int, m: int, *, peers: bool, series: str = "") -> Con
         times, path, states = data
 
         def work() -> Any:
-            matrix = sight.fisher(path, states, SIGMA, times)
-            return matrix, np.linalg.det(matrix)
+            return sight.fisher_and_det(path, states, SIGMA, times)
 
         return work
 

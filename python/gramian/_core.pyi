@@ -292,6 +292,10 @@ class _Quadruple(TypedDict):
     indices: _Array
     value: _Array
 
+class _Fisher(TypedDict):
+    fisher: _Array
+    det: _Array
+
 class _Gram(TypedDict):
     gram: _Array
     det: _Array
@@ -562,6 +566,9 @@ class _Path(TypedDict):
 def maneuver_fisher(
     positions: ArrayLike, target: ArrayLike, sigma: ArrayLike, times: ArrayLike | None
 ) -> _Array: ...
+def maneuver_fisher_and_det(
+    positions: ArrayLike, target: ArrayLike, sigma: ArrayLike, times: ArrayLike | None
+) -> _Fisher: ...
 def maneuver_fisher_det(
     positions: ArrayLike,
     target: ArrayLike,

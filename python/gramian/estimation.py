@@ -416,6 +416,10 @@ class Estimate(Answer):
         `others`; 1 where no starts were spread.
     alpha, chance, weak_ratio : float
         As for `estimate`.
+    unbounded : bool
+        Whether the likelihood grows towards infinity, as of bearings that spread: the state
+        is then one on the way, at some hundred times the range of the start, and the
+        intervals have no upper limit.
     """
 
     model: Any
@@ -432,6 +436,7 @@ class Estimate(Answer):
     alpha: float
     chance: float
     weak_ratio: float
+    unbounded: bool = False
     _loss: tuple[str, float] = ("squares", 0.0)
     _prior: Knowledge | None = None
 
@@ -792,19 +797,25 @@ class Estimate(Answer):
             return f"{best.name} shows in the residuals (p = {best.p_value:.2g})"
         return ""
 
+    @property
+    def null_combinations(self) -> tuple[str, ...]:
+        """Combinations of the states that change no measurement, in words."""
+        if not self.names or self._analysis.rank == len(self.names):
+            return ()
+        texts = []
+        for direction in self._analysis.null_space().T:
+            # Components that are rounding would only be noise in the text.
+            shown = np.where(np.abs(direction) < 1e-9 * np.abs(direction).max(), 0, direction)
+            texts.append(describe_direction(shown, self.names))
+        return tuple(texts)
+
     @cached_property
     def _verdict(self) -> tuple[Status, str]:
-        analysis = self._analysis if self.names else None
-        if analysis is not None and analysis.rank < len(self.names):
-            direction = analysis.null_space()[:, 0]
-            direction[np.abs(direction) < 1e-9 * np.abs(direction).max()] = 0
-            return (
-                "unobservable",
-                f"no measurement sees {describe_direction(direction, self.names)}",
-            )
+        if unseen := self.null_combinations:
+            return "unobservable", f"no measurement sees {unseen[0]}"
         if misfit := self._misfit:
             return "misfit", misfit
-        if not self.converged:
+        if not (self.converged or self.unbounded):
             return "not_converged", f"no minimum within {self.iterations} steps"
         near = [other for other in self.others if other.chance > self.chance]
         if near:
@@ -813,8 +824,9 @@ class Estimate(Answer):
                 f"({place}) fits as well: noise prefers the wrong one in "
                 f"{brief(100 * near[0].chance)} % of trials"
             )
-        if self._weak:
-            return "weak", self._weak
+        if self._weak or self.unbounded:
+            growing = ("the likelihood grows towards infinity",) if self.unbounded else ()
+            return "weak", ": ".join(filter(None, (*growing, self._weak)))
         return "determined", "one solution fits"
 
     @property
@@ -858,9 +870,18 @@ class Estimate(Answer):
         lines = [f"chi2 {brief(fit.chi2, 4)} with {fit.dof} degrees of freedom{p}"]
         if fit.warning:
             lines.append(fit.warning)
+        return [*lines, *self.unseen_errors]
+
+    @property
+    def unseen_errors(self) -> tuple[str, ...]:
+        """Errors of the model that the fit would not show, in words, the worst first.
+
+        Of the alternatives of the fit those whose smallest detectable size moves a state
+        by more than a standard deviation (Baarda's external reliability), three at most.
+        """
         std = self.std
         hidden = []
-        for alternative in fit.alternatives:
+        for alternative in self.fit.alternatives:
             if alternative.dof == 0 or not np.isfinite(alternative.detectable):
                 continue
             shift = np.abs(alternative.effect) / np.where(std > 0, std, np.inf)
@@ -868,13 +889,12 @@ class Estimate(Answer):
             if shift.size and shift[worst] > 1:
                 hidden.append((float(shift[worst]), alternative, self.names[worst]))
         hidden.sort(key=lambda item: -item[0])
-        for size, alternative, name in hidden[:3]:
-            lines.append(
-                f"{alternative.name} up to "
-                f"{f'{readable(alternative.detectable, 3)} {alternative.unit}'.rstrip()} would go "
-                f"unseen and move {name} by {brief(size)} standard deviations"
-            )
-        return lines
+        return tuple(
+            f"{alternative.name} up to "
+            f"{f'{readable(alternative.detectable, 3)} {alternative.unit}'.rstrip()} would go "
+            f"unseen and move {name} by {brief(size)} standard deviations"
+            for size, alternative, name in hidden[:3]
+        )
 
     def plot(self) -> Figure:
         """Draw the estimate of its first states, each and in pairs; needs matplotlib."""
@@ -1024,6 +1044,7 @@ def estimate(
         alpha=alpha,
         chance=chance,
         weak_ratio=weak_ratio,
+        unbounded=best["unbounded"],
         _loss=weighting,
         _prior=before,
     )

@@ -448,6 +448,7 @@ CALLS: dict[str, dict[str, Any]] = {
         "seed": 1,
     },
     "maneuver.fisher": {"path": PATH, "target": STATE, "sigma": 0.01, "times": T},
+    "maneuver.fisher_and_det": {"path": PATH, "target": STATE, "sigma": 0.01, "times": T},
     "maneuver.fisher_det": {"path": PATH, "target": STATE, "sigma": 0.01, "times": T},
     "maneuver.heading": {"bearing": 0.3, "range_": 1000.0, "step": 10.0, "law": "max_det"},
     "maneuver.plan": {

@@ -30,6 +30,22 @@ def test_moving_target_equals_the_bearing_rows():
     assert det == pytest.approx(np.prod(np.linalg.svd(rows)[1]) ** 2, rel=1e-10)
 
 
+def test_matrix_and_determinant_in_one_pass():
+    rng = np.random.default_rng(11)
+    path, _, times = some_path(rng, m=50, batch=(3, 7))
+    for target, when in (([900.0, 400.0], None), ([900.0, 400.0, 3.0, -2.0], times)):
+        for sigma in (0.02, rng.uniform(0.01, 0.03, 50)):
+            matrix, det = man.fisher_and_det(path, target, sigma, when)
+            assert det.shape == (3, 7)
+            np.testing.assert_array_equal(matrix, man.fisher(path, target, sigma, when))
+            exact = man.fisher_det(path, target, sigma, when)
+            np.testing.assert_allclose(det, exact, rtol=1e-9)
+    with pytest.raises(gm.InputError, match=r"determinant.*overflow"):
+        man.fisher_and_det(path, [900.0, 400.0], 1e-100)
+    with pytest.raises(gm.InputError, match=r"path\[0, 2, 1\]"):
+        man.fisher_and_det(np.array([[[0.0, 1.0], [5.0, 1.0], [3.0, np.nan]]]), [9.0, 9.0], 0.1)
+
+
 def test_pairwise_form_equals_the_determinant():
     path, sigma, _ = some_path(np.random.default_rng(3), batch=(5, 4))
     target = [300.0, -900.0]

@@ -272,6 +272,22 @@ impl<'py> Inputs<'py> {
             sigma: self.sigma.items()?,
         })
     }
+
+    fn fisher(
+        &self,
+        py: Python<'py>,
+        core: &[usize],
+        determinant: bool,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let (sightings, cost) = (self.sightings()?, self.samples() as f64);
+        self.batch
+            .fill(py, core, cost, |trials, threads, out| {
+                let sightings = sightings.skip(trials.start);
+                batch::fisher(sightings, determinant, threads, Path::Best, out)
+            })
+            // The kernel refuses what is not finite; here is where its place is known.
+            .or_else(|error| self.positions.check_finite().and(Err(error)))
+    }
 }
 
 /// Information (..., n, n): n is 2 for a fixed target, 4 with times.
@@ -285,16 +301,26 @@ fn maneuver_fisher<'py>(
     times: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let inputs = Inputs::unchecked(positions, target, sigma, times)?;
-    let sightings = inputs.sightings()?;
-    let n = sightings.states();
-    let cost = inputs.samples() as f64;
+    let n = inputs.sightings()?.states();
+    inputs.fisher(py, &[n, n], false)
+}
+
+/// Information (..., n, n) and its determinant (...,), in one pass.
+#[pyfunction]
+#[pyo3(signature = (positions, target, sigma, times))]
+fn maneuver_fisher_and_det<'py>(
+    py: Python<'py>,
+    positions: &Bound<'py, PyAny>,
+    target: &Bound<'py, PyAny>,
+    sigma: &Bound<'py, PyAny>,
+    times: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let inputs = Inputs::unchecked(positions, target, sigma, times)?;
+    let n = inputs.sightings()?.states();
+    let both = inputs.fisher(py, &[n * n + 1], true)?;
     inputs
         .batch
-        .fill(py, &[n, n], cost, |trials, threads, out| {
-            batch::fisher(sightings.skip(trials.start), threads, Path::Best, out)
-        })
-        // The kernel refuses what is not finite; here is where its place is known.
-        .or_else(|error| inputs.positions.check_finite().and(Err(error)))
+        .named(&both, &[("fisher", &[n, n]), ("det", &[])])
 }
 
 /// Determinants (...,) of the information.
@@ -348,6 +374,7 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(maneuver_best_two_legs, module)?)?;
     module.add_function(wrap_pyfunction!(maneuver_two_leg_terms, module)?)?;
     module.add_function(wrap_pyfunction!(maneuver_fisher, module)?)?;
+    module.add_function(wrap_pyfunction!(maneuver_fisher_and_det, module)?)?;
     module.add_function(wrap_pyfunction!(maneuver_fisher_det, module)?)?;
     module.add_function(wrap_pyfunction!(maneuver_heading, module)?)?;
     module.add_function(wrap_pyfunction!(maneuver_trajectory, module)?)

@@ -13,6 +13,7 @@ use gramian::solve::fit::{self, Channel, Fit};
 use gramian::solve::other_solutions::{Found, Search, other_solutions};
 use gramian::solve::starts::{Spread, multi_start};
 use gramian::solve::trials::{Trials, recall};
+use gramian::solve::unbounded::within_reach;
 use gramian::solve::{
     Combination, Distance, Function, Held, Loss, Model, Options, Solution, WithPrior, region,
 };
@@ -613,10 +614,22 @@ impl PyModel {
             loss,
             ..Options::default()
         };
-        let clusters = self.run(py, |model| multi_start(model, starts.into_iter(), options))?;
+        let (clusters, unbounded) = self.run(py, |model| {
+            let first: Vec<_> = starts.iter().take(4).cloned().collect();
+            let mut clusters = multi_start(model, starts.into_iter(), options);
+            let mut unbounded = false;
+            if let Some(best) = clusters.first_mut()
+                && let Some(within) = within_reach(model, &best.solution, &first, options)
+            {
+                unbounded = within.unbounded;
+                best.solution = within.solution;
+            }
+            (clusters, unbounded)
+        })?;
         let records = clusters.iter().map(|c| {
             let out = record(py, &c.solution)?;
             out.set_item("hits", c.hits)?;
+            out.set_item("unbounded", unbounded)?;
             Ok(out)
         });
         PyList::new(py, records.collect::<PyResult<Vec<_>>>()?)

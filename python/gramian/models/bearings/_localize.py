@@ -262,12 +262,11 @@ def localize(
     """
     names, units = state_names(order)
     n = len(names)
-    known = _prior(prior, names, units)
     seen = as_float_array(bearings, "bearings")
     _check_options(weak_ratio, max_iterations, rtol)
     options.fraction(alpha, "alpha")
     known = _prior(prior, names, units)
-    _check_count(seen.shape[-1] if seen.ndim else 0, order, len(prior or {}))
+    check_count(seen.shape[-1] if seen.ndim else 0, order, len(prior or {}))
     check_index(times, observer_index)
     found = _core.bearings_localize(
         times,
@@ -388,7 +387,7 @@ def localize_trials(
     _check_options(weak_ratio, max_iterations, rtol)
     known = _prior(prior, names, units)
     when = as_float_array(times, "times")
-    _check_count(when.shape[-1] if when.ndim else 0, n // 2 - 1, len(prior or {}))
+    check_count(when.shape[-1] if when.ndim else 0, n // 2 - 1, len(prior or {}))
     check_index(when, observer_index)
     if not (as_float_array(sigma, "sigma [rad]") < 1e15).all():
         raise InputError("sigma: must be below 1e15 rad, or no angle is left")
@@ -457,7 +456,7 @@ def residuals(
     return wrap_angles(seen - np.arctan2(offset[..., 0], offset[..., 1]))
 
 
-def _check_count(count: int, order: int, known: int) -> None:
+def check_count(count: int, order: int, known: int) -> None:
     states = 2 * (order + 1)
     wanted = max(1, states - known)
     if count < wanted:

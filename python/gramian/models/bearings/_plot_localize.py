@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gramian.plot import COLORS, Figure, ellipse, figure
+from gramian.plot import COLORS, Figure, figure
 
 __all__ = ["located", "residuals"]
 
@@ -13,9 +13,13 @@ Array = NDArray[np.float64]
 
 
 def located(
-    observer: Array, bearings: Array, path: Array, covariance: Array, recorded: Array | None
+    observer: Array,
+    bearings: Array,
+    path: Array,
+    contours: tuple[Array, ...],
+    recorded: Array | None,
 ) -> Figure:
-    """Draw the observer, its bearings, the estimated track and the ellipse of its start.
+    """Draw the observer, its bearings, the estimated track and the region of its start.
 
     Parameters
     ----------
@@ -23,8 +27,8 @@ def located(
     bearings : ndarray, shape (m,)
     path : ndarray, shape (m, 2)
         The estimated positions.
-    covariance : ndarray, shape (2, 2)
-        Of the first one.
+    contours : tuple of ndarray, shape (k, 2)
+        Around the first one; open where the region has no end.
     recorded : ndarray, shape (m, 2), optional
         Where the target was.
     """
@@ -39,8 +43,9 @@ def located(
     axes.plot(*observer[0] * km, "o", color=COLORS["observer"])
     axes.plot(*path.T * km, color=COLORS["target"], linewidth=2, label="estimated track")
     axes.plot(*path[0] * km, ".", color=COLORS["target"])
-    outline = ellipse(covariance, 0.95) + path[0]
-    axes.fill(*outline.T * km, color=COLORS["weak"], alpha=0.6, zorder=3, label="95 % of its start")
+    for number, outline in enumerate(contours):
+        label = None if number else "95 % of its start"
+        axes.fill(*outline.T * km, color=COLORS["weak"], alpha=0.6, zorder=3, label=label)
     if recorded is not None:
         axes.plot(*recorded.T * km, "--", color=COLORS["good"], label="recorded track")
     everything = np.vstack([observer, path])

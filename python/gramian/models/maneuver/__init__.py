@@ -6,13 +6,18 @@
   is what an observer measures on the way.
 - `closed_loop`: laws and plans without knowing the target, a `ClosedLoop` of `LoopRun`.
 - `two_legs`: where to turn against a distant moving target, in closed form, as `TwoLegs`.
-- `fisher`, `fisher_det`, `problem`: what a path tells of its target.
+- `fisher`, `fisher_det`, `fisher_and_det`, `problem`: what a path tells of its target.
 
 Bearings and headings are clockwise from north; x is east, y is north.
 """
 
 from gramian.models.maneuver._closed_loop import ClosedLoop, LoopRun, closed_loop
-from gramian.models.maneuver._fisher import fisher, fisher_det, problem
+from gramian.models.maneuver._fisher import (
+    fisher,
+    fisher_and_det,
+    fisher_det,
+    problem,
+)
 from gramian.models.maneuver._laws import AtStandoff, Law, Trajectory, heading, trajectory
 from gramian.models.maneuver._planner import LawComparison, Plan, Start, plan
 from gramian.models.maneuver._sensing import Sensing
@@ -31,6 +36,7 @@ __all__ = [
     "TwoLegs",
     "closed_loop",
     "fisher",
+    "fisher_and_det",
     "fisher_det",
     "heading",
     "plan",

@@ -13,7 +13,7 @@ from gramian._arrays import above_rounding, as_float_array, require_finite, roun
 from gramian.exceptions import InputError
 from gramian.problem import Problem
 
-__all__ = ["fisher", "fisher_det", "problem"]
+__all__ = ["fisher", "fisher_and_det", "fisher_det", "problem"]
 
 Array = NDArray[np.float64]
 
@@ -104,6 +104,44 @@ def fisher_det(
     return require_finite(
         _core.maneuver_fisher_det(*arguments, method == "pairs"), "the determinant"
     )[()]
+
+
+def fisher_and_det(
+    path: ArrayLike, target: ArrayLike, sigma: ArrayLike, times: ArrayLike | None = None
+) -> tuple[Array, Array]:
+    """Return the Fisher information and the determinant of that matrix, in one pass.
+
+    The fast way for many trials whose information is well conditioned.
+
+    Parameters
+    ----------
+    path, target, sigma, times
+        As for `fisher`.
+
+    Returns
+    -------
+    matrix : ndarray, shape (..., 2, 2) or (..., 4, 4)
+    det : ndarray, shape (...)
+
+    Raises
+    ------
+    InputError
+        As for `fisher`; a determinant that overflows.
+
+    Notes
+    -----
+    The determinant is taken from the sums: its error is that of the matrix, about
+    1e-16 times the condition of the information. For a target that is nearly
+    unobservable it is rounding noise of either sign; `fisher_det` is exact there.
+
+    Examples
+    --------
+    >>> matrix, det = fisher_and_det([[0, 0], [1000, 0]], [0.0, 1000.0], 0.01)
+    >>> matrix.shape, round(float(det), 9)
+    ((2, 2), 2.5e-05)
+    """
+    both = _core.maneuver_fisher_and_det(*_arguments(path, target, sigma, times))
+    return both["fisher"], both["det"]
 
 
 def problem(path: ArrayLike, target: ArrayLike, sigma: ArrayLike) -> Problem:

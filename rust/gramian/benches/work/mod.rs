@@ -398,8 +398,13 @@ fn maneuver_fisher() -> Work {
     let positions = paths();
     let mut out = vec![0.0; 64 * 4];
     Box::new(move || {
-        let done =
-            maneuver_batch::fisher(sightings(&positions), Threads::One, Path::Best, &mut out);
+        let done = maneuver_batch::fisher(
+            sightings(&positions),
+            false,
+            Threads::One,
+            Path::Best,
+            &mut out,
+        );
         assert!(done.is_ok());
         black_box(&out);
     })

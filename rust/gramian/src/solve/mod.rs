@@ -12,6 +12,7 @@
 //! | [`fit`] | does the model fit, what would explain that it does not |
 //! | [`other_solutions`] | which other states fit as well |
 //! | [`region`] | intervals and contours of the likelihood |
+//! | [`unbounded`] | what to report where the likelihood grows towards infinity |
 //! | [`trials`] | all of it for many simulated records |
 
 #[cfg(feature = "std")]
@@ -32,6 +33,8 @@ pub mod side_by_side;
 pub mod starts;
 #[cfg(feature = "std")]
 pub mod trials;
+#[cfg(feature = "std")]
+pub mod unbounded;
 
 #[cfg(feature = "std")]
 pub use gauss_newton::{Loss, Options, Solution, minimize};

@@ -238,7 +238,7 @@ fn finish(
             moments[1] - square[1],
             moments[2] - square[2],
         ];
-        out[16][n] = determinant(&cc, &product, &square);
+        out[16][n] = block_determinant(&cc, &product, &square);
         let mut blocks = [[0.0; 3]; 3];
         for k in 0..3 {
             // Turned by the middle bearing: (cos b, -sin b) = turn (cos b', -sin b').
@@ -263,9 +263,10 @@ fn finish(
     }
 }
 
-/// det of [[C, -B], [-B, A]], each a 2 x 2 matrix of sums times T^(i + j).
+/// det of [[C, -B], [-B, A]], each a 2 x 2 matrix of sums times T^(i + j): of the Gram
+/// matrix of rows (a, b) x (1, T) of sums of a a, a b (of either sign) and b b.
 #[inline(always)]
-fn determinant(c: &[f64; 3], b: &[f64; 3], a: &[f64; 3]) -> f64 {
+pub(crate) fn block_determinant(c: &[f64; 3], b: &[f64; 3], a: &[f64; 3]) -> f64 {
     // One column at a time, the times centred in the sums themselves: what is
     // subtracted then is as small as it can be. A zero pivot makes a zero.
     let inverse = |x: f64| if x > 0.0 { 1.0 / x } else { 0.0 };

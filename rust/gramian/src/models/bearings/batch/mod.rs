@@ -13,6 +13,7 @@ pub use discriminant::{
     Method, Quadruples, cost as discriminant_cost, discriminant_sum, discriminants,
     fixed_target_sum,
 };
+pub(crate) use gram::block_determinant;
 pub use gram::{GRAM_SIZE, bearing_gram};
 pub use log_det::bearing_log_det_trials;
 pub use motion::{Motion, motion_rows};

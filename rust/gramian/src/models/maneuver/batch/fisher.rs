@@ -8,6 +8,7 @@ use crate::batch::lanes::Lanes;
 use crate::batch::simd::{Path, deinterleave, last_pairs, pairs};
 use crate::batch::{Items, Threads};
 use crate::bearings;
+use crate::bearings::batch::block_determinant;
 use crate::maneuver::{Error, unchecked_row};
 use crate::numbers::algebra::add_square;
 use crate::numbers::lane::Lane;
@@ -93,22 +94,30 @@ impl Sighting<'_> {
                 .map_err(|error| Error::from(error).at(i))?;
             let (time, east, north, sigma) = self.sample(i);
             let [a, b] = unchecked_row(east, north, sigma).map_err(|error| error.at(i))?;
-            add_square(&[a, b, time * a, time * b][..n], 1.0, out);
+            add_square(&[a, b, time * a, time * b][..n], 1.0, &mut out[..n * n]);
         }
+        finish(n, out);
         if all_finite(out) {
             return Ok(());
         }
-        Err(NumberError::Overflow {
-            result: "information",
-        }
-        .into())
+        let result = if all_finite(&out[..n * n]) {
+            "determinant"
+        } else {
+            "information"
+        };
+        Err(NumberError::Overflow { result }.into())
     }
 }
 
 /// Trials of one call of a kernel: choosing a path takes as long as some samples.
 const GROUP: usize = 8;
 
-/// Fisher information (n, n) of each trial. Positions that are not finite are refused.
+/// Fisher information (n, n) of each trial, and its determinant after it where `out`
+/// has room for n n + 1 numbers a trial (`determinant`). Positions that are not finite
+/// are refused.
+///
+/// The determinant is that of the sums, and keeps half the digits of
+/// [`fisher_det`]: where the information is nearly singular it is rounding noise.
 ///
 /// # Errors
 /// [`Error::OnTarget`] with the trial and the sample; [`Error::Number`] for a position
@@ -118,6 +127,7 @@ const GROUP: usize = 8;
 /// Xu et al. 2009, eqs. (9) and (10).
 pub fn fisher(
     sightings: Sightings<'_>,
+    determinant: bool,
     threads: Threads,
     path: Path,
     out: &mut [f64],
@@ -132,20 +142,30 @@ pub fn fisher(
     } else {
         Vec::new()
     };
-    threads.over_groups(out, n * n, GROUP, m as f64, |first, out| {
+    let size = n * n + usize::from(determinant);
+    threads.over_groups(out, size, GROUP, m as f64, |first, out| {
         let sightings = sightings.skip(first);
         if n == 2 && even {
-            path.run(Fixed { sightings, out });
+            path.run(Fixed {
+                sightings,
+                size,
+                out,
+            });
         } else if moves {
             path.run(Moving {
                 sightings,
                 clock: &clock,
+                size,
                 out,
             });
         } else {
-            path.run(Sums { sightings, out });
+            path.run(Sums {
+                sightings,
+                size,
+                out,
+            });
         }
-        for (trial, out) in out.chunks_exact_mut(n * n).enumerate() {
+        for (trial, out) in out.chunks_exact_mut(size).enumerate() {
             // Zero ranges divide to infinity or NaN, and what is not finite stays so.
             if !all_finite(out) {
                 sightings
@@ -162,6 +182,7 @@ pub fn fisher(
 /// bearings of a trial: positions go straight from memory into vectors.
 struct Fixed<'a> {
     sightings: Sightings<'a>,
+    size: usize,
     out: &'a mut [f64],
 }
 
@@ -170,7 +191,7 @@ impl pulp::WithSimd for Fixed<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        for (trial, out) in self.out.as_chunks_mut::<4>().0.iter_mut().enumerate() {
+        for (trial, out) in self.out.chunks_exact_mut(self.size).enumerate() {
             let Sighting { target, sigma, .. } = self.sightings.at(trial);
             let target = splat(simd, target);
             let [sigma] = splat(simd, sigma);
@@ -188,7 +209,8 @@ impl pulp::WithSimd for Fixed<'_> {
                 add([last[0] * new, last[1] * new], &mut sums);
             }
             let [xx, xy, yy] = total(&sums);
-            *out = [xx, xy, xy, yy];
+            out[..4].copy_from_slice(&[xx, xy, xy, yy]);
+            finish(2, out);
         }
     }
 }
@@ -200,6 +222,7 @@ struct Moving<'a> {
     /// Each time since the first, twice: in pairs, as the positions are, and so in the
     /// same order once they are taken apart.
     clock: &'a [f64],
+    size: usize,
     out: &'a mut [f64],
 }
 
@@ -209,7 +232,7 @@ impl pulp::WithSimd for Moving<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let (times, _) = pairs::<S>(self.clock);
-        for (trial, out) in self.out.as_chunks_mut::<16>().0.iter_mut().enumerate() {
+        for (trial, out) in self.out.chunks_exact_mut(self.size).enumerate() {
             let Sighting { target, sigma, .. } = self.sightings.at(trial);
             let state = splat(simd, target);
             let [sigma] = splat(simd, sigma);
@@ -230,6 +253,7 @@ impl pulp::WithSimd for Moving<'_> {
                 add_moved([last[0] * new, last[1] * new], time, &mut sums);
             }
             spread(&total(&sums), 4, out);
+            finish(4, out);
         }
     }
 }
@@ -237,6 +261,7 @@ impl pulp::WithSimd for Moving<'_> {
 /// Sums of a a, a b, b b over the rows (a, b), times 1, time and its square.
 struct Sums<'a> {
     sightings: Sightings<'a>,
+    size: usize,
     out: &'a mut [f64],
 }
 
@@ -246,8 +271,9 @@ impl pulp::WithSimd for Sums<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let n = self.sightings.states();
-        for (trial, out) in self.out.chunks_exact_mut(n * n).enumerate() {
+        for (trial, out) in self.out.chunks_exact_mut(self.size).enumerate() {
             spread(&self.sightings.at(trial).sums(simd), n, out);
+            finish(n, out);
         }
     }
 }
@@ -348,6 +374,21 @@ fn spread(sums: &[f64; 9], n: usize, out: &mut [f64]) {
             out[i * n + j] = sums[i % 2 + j % 2 + 3 * (i / 2 + j / 2)];
         }
     }
+}
+
+/// The determinant of the n x n matrix in `out`, after it where there is room.
+#[inline(always)]
+fn finish(n: usize, out: &mut [f64]) {
+    let Some((matrix, [det])) = out.split_at_mut_checked(n * n) else {
+        return;
+    };
+    *det = if n == 2 {
+        matrix[0] * matrix[3] - matrix[1] * matrix[2]
+    } else {
+        // Sums of a a, a b, b b, each times 1, time and its square.
+        let sums = |at: [usize; 3]| at.map(|i| matrix[i]);
+        block_determinant(&sums([0, 2, 10]), &sums([1, 3, 11]), &sums([5, 7, 15]))
+    };
 }
 
 /// How a determinant of the information is found.
@@ -468,7 +509,10 @@ mod tests {
             }
             for path in Path::available() {
                 let mut out = vec![0.0; size * trials];
-                assert_eq!(fisher(sightings, Threads::One, path, &mut out), Ok(()));
+                assert_eq!(
+                    fisher(sightings, false, Threads::One, path, &mut out),
+                    Ok(())
+                );
                 for (found, wanted) in out.chunks(size).zip(plain.chunks(size)) {
                     for i in 0..n {
                         for j in 0..n {
@@ -478,10 +522,27 @@ mod tests {
                         }
                     }
                 }
+                let mut both = vec![0.0; (size + 1) * trials];
+                assert_eq!(
+                    fisher(sightings, true, Threads::One, path, &mut both),
+                    Ok(())
+                );
+                let mut wanted = vec![0.0; trials];
+                assert_eq!(
+                    fisher_det(sightings, Determinant::Root, Threads::One, &mut wanted),
+                    Ok(())
+                );
+                for (trial, both) in both.chunks(size + 1).enumerate() {
+                    assert_eq!(both[..size], out[size * trial..size * (trial + 1)]);
+                    // Of the sums: exact to the rounding of the product of the diagonal.
+                    let scale: f64 = (0..n).map(|i| both[i * n + i]).product();
+                    let error = (both[size] - wanted[trial]).abs();
+                    assert!(error <= 1e-14 * scale, "{path:?} {m} {n}: {error} {scale}");
+                }
                 // Without anything left over from a trial's neighbours.
                 let mut alone = vec![0.0; size];
                 let last = sightings.skip(trials - 1);
-                assert_eq!(fisher(last, Threads::One, path, &mut alone), Ok(()));
+                assert_eq!(fisher(last, false, Threads::One, path, &mut alone), Ok(()));
                 assert_eq!(out[size * (trials - 1)..], alone);
             }
         }
@@ -502,7 +563,7 @@ mod tests {
                     sigma: Items::shared(&sigma),
                 };
                 let mut out = [0.0; 4];
-                fisher(sightings, Threads::One, path, &mut out).map(|()| out)
+                fisher(sightings, false, Threads::One, path, &mut out).map(|()| out)
             };
             assert_eq!(one(3.0, 3.0), Err((0, Error::OnTarget { index: 6 })));
             for wrong in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
@@ -552,7 +613,10 @@ mod tests {
             }
             for path in Path::available() {
                 let mut out = vec![0.0; n * n];
-                assert_eq!(fisher(sightings, Threads::One, path, &mut out), Ok(()));
+                assert_eq!(
+                    fisher(sightings, false, Threads::One, path, &mut out),
+                    Ok(())
+                );
                 for (a, b) in out.iter().zip(&plain) {
                     assert!((a - b).abs() <= 1e-12 * plain[0].max(b.abs()), "{a} {b}");
                 }

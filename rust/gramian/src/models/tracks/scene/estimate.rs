@@ -17,9 +17,11 @@ use crate::batch::{Items, Threads};
 use crate::numbers::chi_square;
 use crate::numbers::words::{brief, moves};
 pub use crate::solve::Loss;
-use crate::solve::Model;
 use crate::solve::side_by_side::{Arrived, losses, minimize_all};
+use crate::solve::unbounded::within_reach;
+use crate::solve::{Model, WithPrior};
 use crate::spectrum;
+use crate::square_root::triangularize;
 
 /// How to estimate.
 #[derive(Clone, Copy, Debug)]
@@ -506,7 +508,10 @@ fn group(
     for (trial, (found, out)) in found.iter_mut().zip(out.chunks_exact_mut(size)).enumerate() {
         found.sort_by(|a, b| a.chi2.total_cmp(&b.chi2));
         let measured = Measured::new(scene, measurements.get(trial), &known)?;
-        write(&measured, &sigma, options, &free, found, out);
+        let starts = &candidates[trial];
+        let starts = &starts[..starts.len().min(polish)];
+        let observable = settle(&measured, &pick(task.mean), &sigma, how, starts, found);
+        write(&measured, &sigma, options, &free, found, observable, out);
     }
     Ok(())
 }
@@ -539,6 +544,76 @@ fn rank(
     }
 }
 
+/// Puts a solution to the front whose steps came to rest, where the best one's did not and
+/// this one fits as well; where there is none, the most likely state within reach of the
+/// starts: the best one ran away. Whether the rows have full rank at a start though they
+/// may have lost it where the steps ended.
+fn settle(
+    measured: &Measured<'_>,
+    mean: &[f64],
+    sigma: &[f64],
+    how: crate::solve::Options,
+    starts: &[Vec<f64>],
+    found: &mut Vec<Arrived>,
+) -> bool {
+    let Some(best) = found.first().filter(|best| !best.converged) else {
+        return false;
+    };
+    let limit = best.chi2 + AS_WELL;
+    if let Some(at) = found.iter().position(|s| s.converged && s.chi2 < limit) {
+        found.swap(0, at);
+        return false;
+    }
+    if how.loss != Loss::Squares {
+        return false;
+    }
+    let n = best.x.len();
+    let mut identity = vec![0.0; n * n];
+    for j in 0..n {
+        identity[j * n + j] = 1.0;
+    }
+    let model = WithPrior::new(measured, &identity, mean, sigma);
+    let ran = crate::solve::Solution {
+        x: best.x.clone(),
+        chi2: best.chi2,
+        iterations: best.iterations,
+        converged: false,
+        held: true,
+        determined: false,
+        slopes: Vec::new(),
+    };
+    let how = crate::solve::Options {
+        max_iterations: how.max_iterations.max(200),
+        ..how
+    };
+    let Some(within) = within_reach(&model, &ran, starts, how) else {
+        return false;
+    };
+    if !(within.unbounded || within.solution.converged) {
+        return true;
+    }
+    let x = within.solution.x;
+    let mut residuals = vec![0.0; model.measurements()];
+    let mut factor = vec![0.0; residuals.len().max(n) * n];
+    let rows = &mut factor[..residuals.len() * n];
+    if model.linearize(&x, &mut residuals, Some(rows)).is_err() {
+        return true;
+    }
+    triangularize(&mut factor, n, &mut vec![0.0; n]);
+    factor.truncate(n * n);
+    let measured = &residuals[..measured.measurements()];
+    let kept = Arrived {
+        x,
+        chi2: within.solution.chi2,
+        data: measured.iter().map(|r| r * r).sum(),
+        iterations: best.iterations + within.solution.iterations,
+        converged: true,
+        factor,
+    };
+    found.insert(0, kept);
+    true
+}
+
 /// The best solution, what the rows say there, and the next best, as [`Layout`] has them.
 fn write(
     measured: &Measured<'_>,
@@ -546,6 +621,7 @@ fn write(
     options: Options,
     free: &[usize],
     found: &[Arrived],
+    observable: bool,
     out: &mut [f64],
 ) {
     let scene = &*measured.scene;
@@ -609,7 +685,8 @@ fn write(
         next.map_or(f64::INFINITY, |s| s.chi2),
         best.data,
         measured.measurements() as f64,
-        spread.rank as f64,
+        // The rank of the problem, not that of a place at infinity.
+        if observable { free.len() } else { spread.rank } as f64,
         f64::from(best.iterations),
         f64::from(u8::from(best.converged)),
         scene.vagueness(state, covariance),

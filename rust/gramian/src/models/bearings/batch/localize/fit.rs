@@ -7,6 +7,10 @@ use super::solver::Solver;
 use crate::scalar::hypot;
 use crate::spectrum;
 
+/// Reciprocal ranges above this, in units of the observer's path: the target would be at
+/// the observer's first place, where its first bearing fits whatever it is.
+pub const AT_THE_OBSERVER: f64 = 1e5;
+
 /// Where the steps ended.
 #[derive(Clone, Copy)]
 pub struct Fit<const N: usize> {
@@ -18,11 +22,31 @@ pub struct Fit<const N: usize> {
     pub cost: f64,
     pub iterations: u32,
     pub converged: bool,
+    /// Independent combinations that no bearing sees; see [`ranked`](Self::ranked).
+    pub nullity: usize,
+    /// The first of them.
+    pub null: [f64; N],
 }
 
 impl<const N: usize> Fit<N> {
+    /// The same with its nullity and null vector.
+    pub fn ranked(self, rtol: f64) -> Self {
+        let (nullity, null) = self.unseen(rtol);
+        Self {
+            nullity,
+            null,
+            ..self
+        }
+    }
+
+    /// Whether the steps came to rest at a state, at a finite range, with full rank.
+    pub fn regular(&self) -> bool {
+        let s = self.model[N];
+        self.converged && self.nullity == 0 && s > 0.0 && s < AT_THE_OBSERVER
+    }
+
     /// The nullity and, if it is not zero, the first null vector.
-    fn nullity(&self, rtol: f64) -> (usize, [f64; N]) {
+    fn unseen(&self, rtol: f64) -> (usize, [f64; N]) {
         let mut scale = [1.0; N];
         spectrum::unit_columns(self.root.as_flattened(), N, &mut scale);
         if let Some(inverse) = self.inverse() {
@@ -64,9 +88,9 @@ impl<const N: usize> Fit<N> {
         Some(inverse)
     }
 
-    fn judge(&self, solver: &Solver<N>, nullity: usize) -> Status {
+    fn judge(&self, solver: &Solver<N>) -> Status {
         let s = self.model[N];
-        if nullity > 0 {
+        if self.nullity > 0 {
             Status::Unobservable
         } else if !(s > 0.0) {
             Status::Unbounded
@@ -90,8 +114,7 @@ impl<const N: usize> Fit<N> {
     }
 
     pub fn write(&self, solver: &Solver<N>, out: &mut [f64]) {
-        let (nullity, null) = self.nullity(solver.rtol);
-        let status = self.judge(solver, nullity);
+        let status = self.judge(solver);
         let (estimate, out) = out.split_at_mut(N);
         let (direction, out) = out.split_at_mut(N);
         let (covariance, tail) = out.split_at_mut(N * N);
@@ -111,8 +134,8 @@ impl<const N: usize> Fit<N> {
             estimate.fill(f64::NAN);
             covariance.fill(f64::INFINITY);
         }
-        if nullity > 0 {
-            let moved = solver.move_states(&self.model, &null);
+        if self.nullity > 0 {
+            let moved = solver.move_states(&self.model, &self.null);
             let length = hypot(moved[0], moved[1]);
             let size = moved.iter().fold(0.0_f64, |size, x| size.max(x.abs()));
             // In metres of position, where the position moves at all.
@@ -123,15 +146,14 @@ impl<const N: usize> Fit<N> {
         }
         tail.copy_from_slice(&[
             status.code(),
-            nullity as f64,
+            self.nullity as f64,
             f64::from(self.iterations),
             self.cost,
         ]);
     }
 
     pub fn write_error(&self, solver: &Solver<N>, truth: &[f64; N], out: &mut [f64]) {
-        let (nullity, _) = self.nullity(solver.rtol);
-        let status = self.judge(solver, nullity);
+        let status = self.judge(solver);
         let (error, out) = out.split_at_mut(N);
         let (deviation, tail) = out.split_at_mut(N);
         let spread = match status {

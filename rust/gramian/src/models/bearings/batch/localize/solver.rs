@@ -4,7 +4,7 @@ use alloc::vec;
 use alloc::vec::Vec;
 
 use super::algebra::{decompose, flatten, inverse_step, newton, split, step, stepped};
-use super::fit::Fit;
+use super::fit::{AT_THE_OBSERVER, Fit};
 use super::kernels::{
     Directions, Exact, Field, Linearize, MAX, PseudoLinear, Samples, Triangularize, Turn,
 };
@@ -16,6 +16,13 @@ use crate::bearings;
 use crate::scalar::hypot;
 use crate::spectrum;
 use crate::square_root::rotate_in;
+
+/// By how much another solution may cost more than one at the observer itself.
+const ON_THE_OBSERVER: f64 = 6.0;
+
+/// Reciprocal ranges below this, in units of the observer's path, where the steps did not
+/// come to rest, are infinite ranges.
+const AT_INFINITY: f64 = 1e-6;
 
 /// One trial after the other, in its own memory.
 pub struct Solver<const N: usize> {
@@ -307,19 +314,72 @@ impl<const N: usize> Solver<N> {
         starts.sort_by(|a, b| order(a.map(|a| a.0), b.map(|b| b.0)));
         let mut best: Option<Fit<N>> = None;
         if let Some((_, model)) = starts[0].filter(|start| start.0.is_finite()) {
-            let fit = self.descend(model);
+            let fit = self.descend(model).ranked(self.rtol);
             let freedom = self.count.saturating_sub(N) as f64;
             let plausible = fit.chi2 < freedom + 6.0 * (2.0 * freedom).sqrt() + 20.0;
-            if fit.converged && plausible && fit.model[N] > 0.0 {
+            if fit.regular() && plausible {
                 return fit;
             }
             best = Some(fit);
         }
-        let model = self.ladder(&factor);
-        let second = self.descend(model);
-        match best {
+        let rungs = self.ladder(&factor);
+        let first = rungs[0].1;
+        let second = self.descend(first).ranked(self.rtol);
+        let best = match best {
             Some(best) if !(second.cost < best.cost) && best.converged >= second.converged => best,
             _ => second,
+        };
+        if best.regular() {
+            return best;
+        }
+        // Rows that have lost rank where the steps ended, at infinity or on the observer,
+        // say nothing of the problem where they have it elsewhere.
+        let _ = self.linearize(&first);
+        let root = self.reduce(&first).0;
+        if (Fit { root, ..best }).ranked(self.rtol).nullity > 0 {
+            return best;
+        }
+        self.reconsidered(best, &rungs[1..])
+    }
+
+    /// The best of `fit`, which ended at infinity or on the observer or not at all, and of
+    /// what is reached from the other rungs of the ladder.
+    fn reconsidered(&mut self, fit: Fit<N>, rungs: &[(f64, [f64; MAX])]) -> Fit<N> {
+        let mut inside: Option<Fit<N>> = None;
+        for &(cost, model) in rungs {
+            if cost.is_finite() {
+                let found = self.descend(model).ranked(self.rtol);
+                if found.regular() && inside.is_none_or(|best| found.cost < best.cost) {
+                    inside = Some(found);
+                }
+            }
+        }
+        let s = fit.model[N];
+        // What the fit costs at the edge of what is possible. Beyond infinite range it is
+        // on the wrong side of it, and the last of the factor tells what the way back
+        // costs; on the observer one bearing fits whatever it is.
+        let edge = if s > 0.0 && (fit.nullity > 0 || s >= AT_THE_OBSERVER) {
+            fit.cost + ON_THE_OBSERVER
+        } else if s > 0.0 {
+            fit.cost
+        } else {
+            let back = s * fit.root[N - 1][N - 1];
+            fit.cost + back * back
+        };
+        match inside {
+            Some(inside) if inside.cost <= edge => inside,
+            _ => {
+                let mut fit = Fit {
+                    // Its rank is that of the place, not of the problem.
+                    nullity: 0,
+                    converged: fit.converged && fit.nullity == 0 && s < AT_THE_OBSERVER,
+                    ..fit
+                };
+                if s < AT_INFINITY {
+                    fit.model[N] = fit.model[N].min(0.0);
+                }
+                fit
+            }
         }
     }
 
@@ -404,9 +464,9 @@ impl<const N: usize> Solver<N> {
         })
     }
 
-    /// The best of a ladder of ranges: for each the pseudo-linear solution, from
-    /// its factor.
-    fn ladder(&mut self, factor: &[[f64; MAX]; MAX]) -> [f64; MAX] {
+    /// A ladder of ranges, the best first, each with its cost: for each the pseudo-linear
+    /// solution, from its factor.
+    fn ladder(&mut self, factor: &[[f64; MAX]; MAX]) -> Vec<(f64, [f64; MAX])> {
         let r: [[f64; N]; N] = core::array::from_fn(|i| core::array::from_fn(|j| factor[i][j]));
         let (s, v) = decompose(&r, &[1.0; N]);
         // The direction of relative motion, and what each unit of s adds to it.
@@ -437,18 +497,17 @@ impl<const N: usize> Solver<N> {
         if self.ahead(&base) < 0.0 {
             base = base.map(|x| -x);
         }
-        let mut best = (f64::INFINITY, base);
+        let mut rungs = Vec::with_capacity(20);
         for reciprocal in [3.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 5e-3, 1e-3, 1e-4] {
             let mut h = base;
             for i in 0..N {
                 h[i] += reciprocal * shift[i];
             }
             h[N] = reciprocal;
-            if let Some(model) = self.oriented(h) {
-                let cost = self.linearize(&model).1;
-                if model[N] > 0.0 && cost < best.0 {
-                    best = (cost, model);
-                }
+            if let Some(model) = self.oriented(h)
+                && model[N] > 0.0
+            {
+                rungs.push((self.linearize(&model).1, model));
             }
             if let Some((mean, sigma)) = self.prior {
                 // At this range along the first bearing, moving as known.
@@ -459,16 +518,16 @@ impl<const N: usize> Solver<N> {
                     h[i] = mean[i] * reciprocal / self.units[i / 2];
                 }
                 h[N] = reciprocal;
-                let cost = self.linearize(&h).1;
-                if cost < best.0 {
-                    best = (cost, h);
-                }
+                rungs.push((self.linearize(&h).1, h));
             }
         }
-        if best.0 == f64::INFINITY {
-            best.1[N] = 1e-3;
+        if !rungs.iter().any(|rung| rung.0 < f64::INFINITY) {
+            let mut far = base;
+            far[N] = 1e-3;
+            rungs.insert(0, (f64::INFINITY, far));
         }
-        best.1
+        rungs.sort_by(|a, b| a.0.total_cmp(&b.0));
+        rungs
     }
 
     /// Newton's steps from a model, and where they fail or do not exist damped
@@ -482,6 +541,8 @@ impl<const N: usize> Solver<N> {
             cost,
             iterations: 0,
             converged: false,
+            nullity: 0,
+            null: [0.0; N],
         };
         let tolerance = self.floor.max(1e-12);
         let mut damping = 0.0_f64;

@@ -1,5 +1,9 @@
 //! Levels, observability matrices and Gramians of many linear systems.
 
+mod gramian;
+
+pub use gramian::{Span, gramian_cost, linear_gramian};
+
 use alloc::vec;
 use alloc::vec::Vec;
 use core::convert::Infallible;
@@ -9,7 +13,6 @@ use crate::batch::{Items, Threads};
 use crate::linear::analysis::Analysis;
 use crate::linear::scaling::{self, Systems, Work};
 use crate::linear::staircase::{self, Staircase};
-use crate::linear::window::{Overflow, Window};
 
 /// Lanes that rows are padded to.
 const LANES: usize = 8;
@@ -310,183 +313,6 @@ fn rows_times<S: pulp::Simd, const R: usize>(
     }
 }
 
-/// What a window is made of.
-#[derive(Clone, Copy, Debug)]
-pub enum Span {
-    /// Samples of `x[k+1] = A x[k]`.
-    Samples(usize),
-    /// A duration of x' = A x.
-    Duration(f64),
-}
-
-/// Gramians (trials, n, n) of systems A (trials, n, n) with whitened outputs C
-/// (trials, p, n) and process noise Q (trials, n, n) if given.
-///
-/// # Errors
-/// The first trial whose Gramian exceeds the numbers.
-#[allow(clippy::too_many_arguments)]
-pub fn linear_gramian(
-    a: Items<'_>,
-    c: Items<'_>,
-    q: Option<Items<'_>>,
-    n: usize,
-    span: Span,
-    threads: Threads,
-    path: Path,
-    out: &mut [f64],
-) -> Result<(), (usize, Overflow)> {
-    let cost = gramian_cost(n);
-    if let (Span::Samples(count), None) = (span, q) {
-        let scratch = || vec![0.0; 6 * n * n.next_multiple_of(LANES)];
-        let each = |space: &mut Vec<f64>, trial: usize, out: &mut [f64]| {
-            path.run(Doubling {
-                a: a.get(trial),
-                c: c.get(trial),
-                n,
-                count,
-                space,
-                out,
-            });
-            let finite = out.iter().all(|x| x.is_finite());
-            if finite {
-                Ok(())
-            } else {
-                Err((trial, Overflow))
-            }
-        };
-        return threads.over_with(out, n * n, 0.1 * cost, scratch, each);
-    }
-    threads.over(out, n * n, cost, |trial, out| {
-        let (a, c) = (a.get(trial), c.get(trial));
-        let q = q.map(|q| q.get(trial));
-        let window = match span {
-            Span::Samples(count) => Window::sampled(a, c, q, n).many(count),
-            Span::Duration(duration) => Window::integrated(a, c, q, n, duration).map(Some),
-        };
-        match window.map_err(|error| (trial, error))? {
-            Some(window) => out.copy_from_slice(&window.gramian),
-            None => out.fill(0.0),
-        }
-        Ok(())
-    })
-}
-
-/// The Gramian of `count` samples without process noise, as
-/// [`Window::repeated`](crate::linear::window::Window::repeated) finds it.
-struct Doubling<'a> {
-    a: &'a [f64],
-    c: &'a [f64],
-    n: usize,
-    count: usize,
-    /// Six matrices, rows padded to whole vectors.
-    space: &'a mut [f64],
-    out: &'a mut [f64],
-}
-
-impl pulp::WithSimd for Doubling<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, simd: S) {
-        let Self { a, c, n, .. } = self;
-        let stride = n.next_multiple_of(LANES);
-        let (mut phi, space) = self.space.split_at_mut(n * stride);
-        let (gram, space) = space.split_at_mut(n * stride);
-        let (mut all_phi, space) = space.split_at_mut(n * stride);
-        let (all_gram, space) = space.split_at_mut(n * stride);
-        let (part, mut next) = space.split_at_mut(n * stride);
-        for (from, to) in a.chunks_exact(n).zip(phi.chunks_exact_mut(stride)) {
-            to[..n].copy_from_slice(from);
-        }
-        gram.fill(0.0);
-        for row in c.chunks_exact(n) {
-            for (&x, to) in row.iter().zip(gram.chunks_exact_mut(stride)) {
-                for (to, &y) in to.iter_mut().zip(row) {
-                    *to += x * y;
-                }
-            }
-        }
-        let mut count = self.count;
-        let mut started = false;
-        while count > 0 {
-            if count % 2 == 1 && started {
-                // What came so far, and the window after it.
-                product::<S, false>(simd, gram, all_phi, n, part);
-                product::<S, true>(simd, all_phi, part, n, next);
-                add_symmetric(all_gram, next, n);
-                product::<S, false>(simd, phi, all_phi, n, next);
-                core::mem::swap(&mut all_phi, &mut next);
-            } else if count % 2 == 1 {
-                all_phi.copy_from_slice(phi);
-                all_gram.copy_from_slice(gram);
-                started = true;
-            }
-            count /= 2;
-            if count > 0 {
-                product::<S, false>(simd, gram, phi, n, part);
-                product::<S, true>(simd, phi, part, n, next);
-                add_symmetric(gram, next, n);
-                product::<S, false>(simd, phi, phi, n, next);
-                core::mem::swap(&mut phi, &mut next);
-            }
-        }
-        if !started {
-            self.out.fill(0.0);
-            return;
-        }
-        for (from, to) in all_gram
-            .chunks_exact(stride)
-            .zip(self.out.chunks_exact_mut(n))
-        {
-            to.copy_from_slice(&from[..n]);
-        }
-    }
-}
-
-/// `left` times `right`, or its transpose where `T`: n x n, rows padded.
-#[inline(always)]
-fn product<S: pulp::Simd, const T: bool>(
-    simd: S,
-    left: &[f64],
-    right: &[f64],
-    n: usize,
-    out: &mut [f64],
-) {
-    let stride = n.next_multiple_of(LANES);
-    let vectors = stride / S::F64_LANES;
-    let (right, _) = S::as_simd_f64s(right);
-    let (out, _) = S::as_mut_simd_f64s(out);
-    for i in 0..n {
-        for v in 0..vectors {
-            let mut sum = simd.splat_f64s(0.0);
-            for k in 0..n {
-                let factor = left[if T { k * stride + i } else { i * stride + k }];
-                sum = simd.mul_add_e_f64s(simd.splat_f64s(factor), right[k * vectors + v], sum);
-            }
-            out[i * vectors + v] = sum;
-        }
-    }
-}
-
-/// Adds `other`, symmetric but for rounding, to `matrix`.
-#[inline(always)]
-fn add_symmetric(matrix: &mut [f64], other: &[f64], n: usize) {
-    let stride = n.next_multiple_of(LANES);
-    for i in 0..n {
-        for j in 0..=i {
-            let mean = 0.5 * (other[i * stride + j] + other[j * stride + i]);
-            let sum = matrix[i * stride + j] + mean;
-            matrix[i * stride + j] = sum;
-            matrix[j * stride + i] = sum;
-        }
-    }
-}
-
-/// Roughly what the Gramian of one system takes, in nanoseconds.
-pub fn gramian_cost(n: usize) -> f64 {
-    1000.0 + 100.0 * (n * n * n) as f64
-}
-
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
@@ -519,43 +345,6 @@ mod tests {
                     assert!((x - y).abs() <= 1e-12 * y.abs().max(1.0), "{path:?} {n}");
                 }
             }
-        }
-    }
-
-    #[test]
-    fn every_path_gives_the_gramian_of_one_window() {
-        for n in [1, 3, 6, 8, 11] {
-            let trials = 3;
-            // Growth of one, so that a window of a thousand samples can be held.
-            let mut a = numbers(trials * n * n, 3);
-            for x in &mut a {
-                *x *= 0.5 / n as f64;
-            }
-            let c = numbers(trials * 2 * n, 4);
-            let (a, c) = (Items::each(&a, n * n), Items::each(&c, 2 * n));
-            for count in [0, 1, 2, 11, 1000] {
-                let window = |trial| Window::sampled(a.get(trial), c.get(trial), None, n);
-                for path in Path::available() {
-                    let mut out = vec![f64::NAN; trials * n * n];
-                    let span = Span::Samples(count);
-                    let done = linear_gramian(a, c, None, n, span, Threads::One, path, &mut out);
-                    assert_eq!(done, Ok(()));
-                    for (trial, out) in out.chunks_exact(n * n).enumerate() {
-                        let plain = window(trial).many(count).unwrap();
-                        let plain = plain.map_or(vec![0.0; n * n], |window| window.gramian);
-                        let size = plain.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
-                        for (x, y) in out.iter().zip(&plain) {
-                            assert!((x - y).abs() <= 1e-13 * size, "{path:?} {n} {count}");
-                        }
-                    }
-                }
-            }
-            // Too long for what grows.
-            let grows = vec![1e3; n * n];
-            let mut out = vec![0.0; n * n];
-            let (a, span) = (Items::shared(&grows), Span::Samples(1000));
-            let done = linear_gramian(a, c, None, n, span, Threads::One, Path::Best, &mut out);
-            assert_eq!(done, Err((0, Overflow)));
         }
     }
 
