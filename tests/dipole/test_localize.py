@@ -235,8 +235,8 @@ def test_known_zero_of_a_flat_pass_is_refused():
         ({"speed": -1.0}, None, r"speed = -1\.0: must be > 0"),
         ({"depth": 5.0}, None, "'depth' cannot be known"),
         ({"z": np.nan}, None, "must be finite"),
-        ({"z": 5.0}, {"speed": 3.0}, "must be a mean and a standard deviation"),
-        ({"z": 5.0}, {"speed": (3.0, 0.0)}, "must be > 0"),
+        ({"z": 5.0}, {"speed": 3.0}, r"prior of speed = 3\.0: must be \(mean, sigma\)"),
+        ({"z": 5.0}, {"speed": (3.0, 0.0)}, "must have sigma > 0"),
     ],
 )
 def test_contradictory_or_senseless_knowledge(known, prior, message):
