@@ -49,7 +49,7 @@ def changed(array, index, value):
         (lambda: gm.analyze([[1.0, 2.0]], scale={"z": 1.0}), "no state is named 'z'"),
         (lambda: gm.analyze([[1.0, 2.0]], prior={"z": 1.0}), "prior of 'z': no state has that name"),
         (lambda: gm.analyze([[1.0, 2.0]], prior={"x0": -1.0}), "prior of x0 = -1.0: must be >= 0"),
-        (lambda: gm.analyze([[1.0, 2.0]], weak_ratio=0), "weak_ratio = 0: must be > 0"),
+        (lambda: gm.analyze([[1.0, 2.0]], weak_ratio=0), r"weak_ratio = 0\.0: must be > 0"),
         (lambda: gm.Problem([[1.0, 2.0]], ["a", "b"]).fix("c"), "the states are a, b"),
         (lambda: gm.Problem([[1.0, 2.0]], ["a", "b"]).fix("a", "b"), "at least one must be left"),
         (lambda: gm.Problem([[1.0, 2.0]], ["a", "b"], units=["m"]), "units has 1 entries"),
