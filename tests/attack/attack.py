@@ -262,7 +262,18 @@ MEANT = (
     *(".within", ".p_values", ".starts().guess"),
     # Of a system: a state without a prior, an output without a noise.
     *(".prior", ".noise"),
-    *(f".results().{name}" for name in ("bias", "bias_interval", "std_interval", "rmse")),
+    *(
+        f".results().{name}"
+        for name in (
+            "bias",
+            "bias_interval",
+            "std_interval",
+            "rmse",
+            "rmse_interval",
+            "rmse_dof",
+            "covariance",
+        )
+    ),
 )
 
 

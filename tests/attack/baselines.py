@@ -211,6 +211,21 @@ CALLS: dict[str, dict[str, Any]] = {
     "dipole.field": {"position": np.array([1.0, 2.0, 3.0]), "moment": np.array([1.0, 0.0, 0.0])},
     "dipole.fisher": {**PASS, "times": PASS_TIMES, "sigma": 1e-9},
     "dipole.jacobian": {"position": np.array([1.0, 2.0, 3.0]), "moment": np.ones(3)},
+    "dipole.track": {
+        "times": PASS_TIMES,
+        "field": FIELD,
+        "start": {
+            name: (value, sigma)
+            for name, value, sigma in zip(
+                ("x", "y", "z", "vx", "vy", "vz", "mx", "my", "mz"),
+                (*PASS["r0"], *PASS["v"], *PASS["m"]),
+                (*[0.5] * 3, *[0.1] * 3, *[0.5] * 3),
+                strict=True,
+            )
+        },
+        "sigma": 1e-9,
+        "acceleration": 1e-4,
+    },
     "dipole.localize": {
         "times": PASS_TIMES,
         "field": FIELD,
@@ -700,6 +715,7 @@ CALLS: dict[str, dict[str, Any]] = {
 WITHOUT = {
     "monte_carlo.Experiment": "a base class",
     "bearings.Monitor": "its methods: METHODS",
+    "explore": "opens a widget: tests/explorer/test_widget.py",
 }
 
 

@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -171,19 +172,26 @@ def _registration_trials() -> Callable[[], Any]:
 
 
 def _plan() -> Callable[[], Any]:
-    return lambda: [
-        gm.maneuver.plan(
-            [0.0, 2000.0, 1.0, 1.0],
-            np.zeros(2),
-            speed=5.0,
-            dt=5.0,
-            samples=400,
-            sigma=0.01,
-            criterion="D",
-            legs=8,
-        )
-        for _ in range(50)
-    ]
+    def plan() -> None:
+        with warnings.catch_warnings():
+            # That it was interrupted is said in a warning.
+            warnings.simplefilter("ignore")
+            found = gm.maneuver.plan(
+                [0.0, 2000.0, 1.0, 1.0],
+                np.zeros(2),
+                speed=5.0,
+                dt=5.0,
+                samples=400,
+                sigma=0.01,
+                criterion="D",
+                legs=8,
+                starts=200,
+            )
+        # The best path so far is the answer.
+        if found.stopped == "interrupted":
+            raise KeyboardInterrupt
+
+    return plan
 
 
 def _closed_loop() -> Callable[[], Any]:

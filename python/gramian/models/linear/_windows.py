@@ -382,13 +382,16 @@ def piecewise(
     (1, 2)
     """
     a = as_float_array(A, "A")
-    if a.ndim != 3:
+    if a.ndim != 3 or len(a) == 0:
         raise InputError(f"A has shape {a.shape}: must be (segments, n, n)")
     c = as_float_array(C, "C")
     if c.ndim == 2:
         c = np.broadcast_to(c, (len(a), *c.shape))
-    if c.ndim != 3 or len(a) == 0:
-        raise InputError(f"C has shape {c.shape}: must be (segments, p, n) or (p, n)")
+    if c.ndim != 3 or len(c) != len(a):
+        raise InputError(
+            f"C has shape {c.shape}: must be (p, n), or (segments, p, n) with a C for each of the "
+            f"{len(a)} segments of A"
+        )
     times = np.atleast_1d(as_float_array(durations, "durations"))
     checked = system_of(a[0], c[0], names).names
     if rtol is not None:
