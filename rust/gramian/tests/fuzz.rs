@@ -1097,9 +1097,11 @@ mod sized {
     use gramian::linear::analysis::Analysis;
     use gramian::linear::piecewise::Piecewise;
     use gramian::linear::window::{self, Window};
+    use gramian::numbers::words;
     use gramian::observability::{self, Observability};
     use gramian::registration::estimate::{Estimator, Method, Question};
     use gramian::registration::report;
+    use gramian::spine::verdict::{Findings, judge};
 
     fn rtol<T: Number>(draw: &mut Draw<T>) -> Option<T> {
         (draw.below(2) == 0).then(|| draw.positive())
@@ -1132,7 +1134,8 @@ mod sized {
         draw.finite(found.scale());
         draw.bounds(&found.crlb_std());
         draw.finite(&found.crlb().unwrap_or_default());
-        draw.ordered(&[found.log_det(), found.rtol()]);
+        draw.finite(&found.crlb_root().unwrap_or_default());
+        draw.ordered(&[found.log_det(), found.rtol(), found.condition()]);
         for vector in found.null_space().into_iter().flatten() {
             draw.finite(&vector);
         }
@@ -1151,6 +1154,48 @@ mod sized {
         if let Some(std) = draw.taken(found.combination_std(&combination)) {
             draw.bounds(&[std]);
         }
+    }
+
+    /// Verdicts of any findings, and their words: these are of doubles alone.
+    pub fn verdicts<T: Number>(draw: &mut Draw<T>) {
+        let n = 1 + draw.index(4);
+        let mut of =
+            |count: usize| -> Vec<f64> { draw.numbers(count).into_iter().map(T::double).collect() };
+        let (data_std, scale, prior) = (of(n), of(n), of(n));
+        let (hardness, other) = (of(n), of(3));
+        let open: Vec<bool> = (0..n).map(|_| draw.below(2) == 0).collect();
+        let found = judge(&Findings {
+            rank: draw.index(n + 1),
+            open: &open,
+            data_std: &data_std,
+            scale: &scale,
+            prior: &prior,
+            condition: other[0],
+            hardness: &hardness,
+            weak_ratio: other[1],
+            weak_condition: other[2],
+        });
+        assert!(!found.status.name().is_empty());
+        assert!(found.decided_by.iter().all(|&state| state < n));
+        let words = found.reason.words(|_| "x", |_| "m");
+        assert!(!words.is_empty());
+        let digits = 1 + draw.index(17);
+        for &x in &data_std {
+            let text = words::brief(x, digits);
+            let read: f64 = text.parse().unwrap();
+            let close = (read - x).abs() <= 0.51 * x.abs() || (read.is_nan() && x.is_nan());
+            // The largest numbers round to what is no number any more.
+            let beyond = x.is_finite() && x.abs() > 1e308 && read.abs() == f64::INFINITY;
+            assert!(
+                close || beyond || read == x,
+                "{x:e} in {digits} digits: {text}"
+            );
+        }
+        let names = ["a", "b", "c", "d"];
+        assert_eq!(
+            words::moves(&data_std, &names).is_empty(),
+            data_std.iter().all(|&x| x == 0.0)
+        );
     }
 
     fn system<T: Number>(draw: &mut Draw<T>, n: usize, count: usize) -> Vec<T> {
@@ -1337,6 +1382,8 @@ cases![
     #[cfg(feature = "alloc")]
     sized::observability,
     #[cfg(feature = "alloc")]
+    sized::verdicts,
+    #[cfg(feature = "alloc")]
     sized::analysis,
     #[cfg(feature = "alloc")]
     sized::piecewise,
@@ -1424,6 +1471,7 @@ const STILL_WITHOUT: &[&str] = &[
     "numbers/derivative.rs",
     "spine/rounding.rs",
     "dipole/measured.rs",
+    "dipole/tracker.rs",
     "registration/measured.rs",
 ];
 /// The same, of single functions.
