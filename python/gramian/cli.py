@@ -552,8 +552,11 @@ def main() -> None:
     """
     run: Callable[[], None] = app
     try:
-        run()
-        sys.stdout.flush()
+        try:
+            run()
+        finally:
+            # What cannot be written is an error of the command, not of the interpreter's end.
+            sys.stdout.flush()
     except (GramianError, MemoryError, RecursionError) as error:
         _fail(str(error) or type(error).__name__)
     except BrokenPipeError:

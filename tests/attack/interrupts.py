@@ -204,7 +204,7 @@ def _closed_loop() -> Callable[[], Any]:
         sigma=0.01,
         first_range=(1500.0, 500.0),
         methods=("max_det",),
-        trials=200_000,
+        trials=5_000,
         seed=1,
     )
 
@@ -405,8 +405,8 @@ def _field() -> Callable[[], Any]:
 
 
 def _maneuvers() -> Callable[[], Any]:
-    flight = gm.inertial.segments([gm.inertial.Leg(600.0)] * 40, 0.7, speed=50.0, step=1.0)
-    return lambda: gm.inertial.maneuvers(flight, dt=0.5)
+    flight = gm.inertial.segments([gm.inertial.Leg(600.0)] * 80, 0.7, speed=50.0, step=2.0)
+    return lambda: gm.inertial.maneuvers(flight, dt=1.0)
 
 
 def _monte_carlo() -> Callable[[], Any]:
