@@ -191,6 +191,17 @@ pub fn interruptible<R: Send>(
     }
 }
 
+/// Gives a pool up to work that nobody waits for any more: the next call makes its own, and
+/// does not stand behind that work.
+fn abandon(pool: Option<&Arc<ThreadPool>>) {
+    let mut setting = SETTING.lock().unwrap_or_else(PoisonError::into_inner);
+    if let (Some(given), Some((_, now))) = (pool, &setting.pool)
+        && Arc::ptr_eq(given, now)
+    {
+        discard(setting.pool.take());
+    }
+}
+
 /// Calls `work`, which does not look for Ctrl-C, on a thread of its own where it takes
 /// long: `cost`, in nanoseconds. What is interrupted ends by itself.
 pub fn apart<R: Send + 'static>(
@@ -199,6 +210,7 @@ pub fn apart<R: Send + 'static>(
     work: impl FnOnce(Threads) -> R + Send + 'static,
 ) -> PyResult<R> {
     let pool = pool()?;
+    let used = pool.clone();
     let run = move || match pool {
         None => work(Threads::One),
         Some(pool) => pool.install(|| work(Threads::Auto)),
@@ -218,7 +230,9 @@ pub fn apart<R: Send + 'static>(
         });
         match result {
             Ok(found) => return Ok(found),
-            Err(mpsc::RecvTimeoutError::Timeout) => look(py)?,
+            Err(mpsc::RecvTimeoutError::Timeout) => {
+                look(py).inspect_err(|_| abandon(used.as_ref()))?;
+            }
             Err(mpsc::RecvTimeoutError::Disconnected) => {
                 return Err(PyMemoryError::new_err("out of memory in a factorisation"));
             }

@@ -18,6 +18,9 @@ from gramian.models.registration._setup import Array, SensorsLike, setup
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+#: Places of a map that are worked on at a time.
+_PLACES = 100_000
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Field(Answer):
@@ -144,16 +147,21 @@ def field(
     else:
         along = np.linspace(-radius, radius, 8)
         around = along[:, None] * np.array([np.sin(heading), np.cos(heading)])
-    places = np.stack(np.meshgrid(x, y), axis=-1)[:, :, None, :] + around
-    # A look exactly on a sensor has no azimuth: beside it, it has.
-    for sensor in known.places:
-        on = np.hypot(*np.moveaxis(places - sensor, -1, 0)) < 1e-6 * radius
-        places[on] += 1e-3 * radius
     none = np.zeros(known.n)
-    if index is None:
-        values = _core.registration_eta(places, known.places, known.sigma, none)
-    else:
-        rows = _core.registration_rows(places, known.places, known.sigma, none, known.flags)
-        values = _core.crlb_std(rows, None)[..., index]
+
+    def of_rows(norths: Array) -> Array:
+        places = np.stack(np.meshgrid(x, norths), axis=-1)[:, :, None, :] + around
+        # A look exactly on a sensor has no azimuth: beside it, it has.
+        for sensor in known.places:
+            on = np.hypot(*np.moveaxis(places - sensor, -1, 0)) < 1e-6 * radius
+            places[on] += 1e-3 * radius
+        if index is None:
+            return _core.registration_eta(places, known.places, known.sigma, none)
+        looks = _core.registration_rows(places, known.places, known.sigma, none, known.flags)
+        return _core.crlb_std(looks, None)[..., index]
+
+    # Some rows of the map at a time: little memory, and Ctrl-C ends it soon.
+    step = max(1, _PLACES // nx)
+    values = np.concatenate([of_rows(y[k : k + step]) for k in range(0, ny, step)])
     unit = "" if index is None else known.units[index]
     return Field(x, y, values, quantity, unit, heading, float(radius), known.places, known.labels)
