@@ -19,6 +19,7 @@ test: lint rust-test no-std-check python-test
 lint: $(VENV)/.installed
 	cargo fmt --all -- --check
 	cargo clippy --workspace --all-targets --all-features --quiet -- -D warnings
+	cargo clippy -p gramian-python --no-default-features --quiet -- -D warnings  # as the demo has it
 	$(MAKE) --no-print-directory docs
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .

@@ -115,7 +115,11 @@ class Model(ProblemSource, Value):
 
         NaN marks a missing one.
         """
-        given = np.asarray(bare(z, "measurements"))
+        try:
+            given = np.asarray(bare(z, "measurements"))
+        except ValueError as error:
+            # Rows of different lengths.
+            raise InputError(f"measurements cannot be read: {error}") from None
         if self._options["memory"].get("complex") or np.iscomplexobj(given):
             if np.iscomplexobj(given):
                 given = np.concatenate([given.real.ravel(), given.imag.ravel()])

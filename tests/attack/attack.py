@@ -243,7 +243,7 @@ def short(value: Any) -> str:
     return text if len(text) < 160 else text[:157] + "..."
 
 
-COUNTS = ("trials", "samples", "points", "starts", "restarts", "iterations")
+COUNTS = ("trials", "count", "samples", "points", "starts", "restarts", "iterations")
 #: Where a unit of work takes milliseconds, a user's own function for one.
 SLOW = (
     "estimate",
@@ -255,14 +255,21 @@ SLOW = (
     "maneuver.",
 )
 #: NaN that has a meaning: a state without a scale, the error of a trial without estimate.
-MEANT = (
-    *(".error", ".nees", ".std", ".scale", ".problem.scale", "{}.scale"),
-    # A choice without `relax`; a trial without degrees of freedom; a disturbance without a
-    # first guess; the figures of a run none of whose trials could be used.
-    *(".within", ".p_values", ".starts().guess"),
-    # Of a system: a state without a prior, an output without a noise.
-    *(".prior", ".noise"),
-    *(
+MEANT = (".error", ".nees", ".std", ".scale", ".problem.scale", "{}.scale")
+#: The same of single functions, by a part of their name; each is documented there.
+MEANT_OF = {
+    # A choice without `relax`.
+    "choose.select": (".within",),
+    "registration.select": (".within",),
+    # A trial without degrees of freedom.
+    "estimate_trials": (".p_values",),
+    # A disturbance has no first guess.
+    "maneuver.plan": (".starts().guess",),
+    # A state without a prior, an output without a noise.
+    "linear.": (".prior", ".noise"),
+    "inertial.": (".prior", ".noise"),
+    # A run none of whose trials could be used.
+    "monte_carlo.sweep": tuple(
         f".results().{name}"
         for name in (
             "bias",
@@ -274,7 +281,14 @@ MEANT = (
             "covariance",
         )
     ),
-)
+}
+
+
+def is_meant(name: str, place: str) -> bool:
+    """Say whether NaN at a place of what a function returns is documented."""
+    return place.endswith(MEANT) or any(
+        part in name and place.endswith(places) for part, places in MEANT_OF.items()
+    )
 
 
 class Attack:
@@ -337,7 +351,7 @@ class Attack:
             bad = [
                 place
                 for place in nan_places(result)
-                if place not in self.known[name] and not place.endswith(MEANT)
+                if place not in self.known[name] and not is_meant(name, place)
             ]
             outcome, detail = ("nan", ", ".join(bad[:3]) or "result") if bad else ("result", "")
         if (spent := time.process_time() - began) > PATIENCE:

@@ -7,6 +7,7 @@ mod bearings_localize;
 mod bearings_motion;
 mod choose;
 mod convert;
+mod dense;
 mod dipole;
 mod dipole_record;
 mod dynamics;

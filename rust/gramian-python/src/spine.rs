@@ -7,13 +7,13 @@ use gramian::numbers::words;
 use gramian::spine::verdict::{self, Findings};
 use gramian::{chi_square, rounding};
 
-use gramian::large::dense;
 use gramian::observability::{Observability, marginal_rows as marginal};
 
 use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
 
 use crate::convert::{self, Input, all_finite};
+use crate::dense;
 use crate::errors::{InputError, input_at};
 use crate::output::{self, Batch, expect_representable};
 use crate::run;
@@ -108,7 +108,7 @@ fn crlb_std<'py>(
     let mut refused = None;
     let out = batch.fill(py, &[n], cost, |range, threads, out| {
         let rows = rows.skip(range.start);
-        if n >= dense::LEAST_STATES {
+        if dense::is_large(n) {
             for (trial, std) in out.chunks_exact_mut(n).enumerate() {
                 match dense::crlb_std(rows.get(trial), n, rtol) {
                     Ok(found) => std.copy_from_slice(&found),
@@ -263,7 +263,7 @@ impl Analysis {
             // One factorisation uses one thread: it does not enter the pool.
             py.detach(|| Observability::inexact(data, doubt, known, n, rtol))
                 .map_err(|error| input_at("", error))?
-        } else if known.is_empty() && n >= dense::LEAST_STATES {
+        } else if known.is_empty() && dense::is_large(n) {
             let (data, doubt) = (data.to_vec(), doubt.to_vec());
             run::apart(py, f64::INFINITY, move |_| {
                 dense::observability(&data, &doubt, n, rtol)
@@ -400,11 +400,9 @@ fn singular_values<'py>(
     rows.expect(&[None, None], "one row for each measurement")?;
     let n = rows.core_shape()[1];
     let data = rows.slice()?.to_vec();
-    let mut values = if n >= dense::LEAST_STATES {
-        run::apart(py, f64::INFINITY, move |_| {
-            gramian::large::singular_values(&data, n)
-        })?
-        .map_err(|error| input_at("", error))?
+    let mut values = if dense::is_large(n) {
+        run::apart(py, f64::INFINITY, move |_| dense::singular_values(&data, n))?
+            .map_err(|error| input_at("", error))?
     } else {
         gramian::observability::singular_values(&data, n)
             .map_err(|error| input_at("", error))?

@@ -957,7 +957,11 @@ def _closest(state: Array, covariance: Array, origin: float, sensor: Array) -> C
 
 def _used(use: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.bool_]:
     """Return which numbers of the field (K, S, 3) are to be used."""
-    given = np.asarray(use)
+    try:
+        given = np.asarray(use)
+    except ValueError:
+        # Rows of different lengths.
+        given = np.empty(0)
     if given.dtype != bool:
         raise InputError(f"use = {options.given(use)}: must be True or False for each")
     samples, sensors = shape[:2]

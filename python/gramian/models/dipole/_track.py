@@ -13,6 +13,7 @@ from gramian import _core
 from gramian import _options as options
 from gramian._answers import Answer, Columns
 from gramian._arrays import finite, number
+from gramian._noise import as_pair
 from gramian._text import brief
 from gramian._text import number as readable
 from gramian.exceptions import InputError
@@ -232,13 +233,8 @@ def _begin(start: Any, first: float) -> tuple[float, Array, Array, Array]:
     if missing:
         raise InputError(f"start has no {', '.join(missing)}: every state needs (mean, sigma)")
     pairs = []
-    for name in _NOW:
-        pair = np.asarray(given[name], dtype=float)
-        if pair.shape != (2,) or not np.isfinite(pair).all() or not pair[1] > 0:
-            raise InputError(
-                f"start of {name} = {given[name]!r}: must be (mean, sigma), sigma > 0, both finite"
-            )
-        pairs.append(pair)
+    for name, unit in zip(_NOW, UNITS, strict=True):
+        pairs.append(as_pair(given[name], f"start of {name}", unit))
     means, sigmas = np.array(pairs).T
     root = np.diag(1.0 / sigmas)
     return first, means, root, root

@@ -134,7 +134,7 @@ def field(
     points = whole(points, "points", 2, 10_000)
     if heading is not None:
         heading = number(heading, "heading")
-    index = None if quantity == "eta" else known.index(quantity)
+    index = None if isinstance(quantity, str) and quantity == "eta" else known.index(quantity)
     longer = max(east - west, north - south)
     if not longer < 1e150:
         raise InputError(f"extent = {extent!r}: must be narrower than 1e150 m")

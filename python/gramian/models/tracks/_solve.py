@@ -58,7 +58,9 @@ class TrackEstimate(Answer):
     scene : Scene
     measurements : ndarray, shape (..., m)
     state : ndarray, shape (..., n)
-        The most likely state; where the status is "unobservable" one of many.
+        The most likely state; where the status is "unobservable" one of many. NaN in a
+        trial of a batch whose measurements have no likelihood at any of the starts
+        ("not_converged").
     covariance : ndarray, shape (..., n, n)
         The local Gaussian approximation; `inf` where none exists, 0 for known states.
     code : ndarray of int, shape (...)
@@ -358,6 +360,11 @@ def solve(
         number(alpha, "alpha"),
         number(weak_ratio, "weak_ratio"),
     )
+    if z.ndim == 1 and np.isnan(found["state"]).any():
+        raise InputError(
+            "the measurements have no finite likelihood at any of the starts: is a start, or the "
+            "mean of a prior, on a sensor or beyond what float64 holds?"
+        )
     code = np.asarray(found["code"]).astype(np.int8)
     bad, faults = faulty(z, scene.sigma, scene.channels, found["p_value"])
     code = np.where(bad & (code != 0), np.int8(STATUSES.index("misfit")), code)

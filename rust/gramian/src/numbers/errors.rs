@@ -14,7 +14,11 @@ impl fmt::Display for Shown {
         if size.is_nan() {
             return f.write_str("nan");
         }
-        let plain = size == 0.0 || (1e-4..1e16).contains(&size) || size.is_infinite();
+        if size.is_infinite() {
+            // In as many digits as asked for: there is no exponent to take apart.
+            return f.write_str(if self.0 > 0.0 { "inf" } else { "-inf" });
+        }
+        let plain = size == 0.0 || (1e-4..1e16).contains(&size);
         let mut text = Text::default();
         match f.precision() {
             None if plain => return write!(f, "{:?}", self.0),
@@ -201,5 +205,12 @@ mod tests {
             assert_eq!(format!("{}", Shown(value)), text);
         }
         assert_eq!(format!("{:.2}", Shown(1.909_859e21)), "1.91e+21");
+        for (value, text) in [
+            (f64::INFINITY, "inf"),
+            (f64::NEG_INFINITY, "-inf"),
+            (f64::NAN, "nan"),
+        ] {
+            assert_eq!(format!("{:.2}", Shown(value)), text);
+        }
     }
 }

@@ -407,13 +407,8 @@ pub fn gramian_cost(n: usize) -> f64 {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
+    use super::super::tests::numbers;
     use super::*;
-
-    fn numbers(count: usize, seed: u64) -> Vec<f64> {
-        let mut out = vec![0.0; count];
-        crate::batch::normals(seed, 0, count, Threads::One, &mut out);
-        out
-    }
 
     #[test]
     fn every_path_gives_the_gramian_of_one_window() {

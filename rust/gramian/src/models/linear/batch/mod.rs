@@ -318,7 +318,7 @@ fn rows_times<S: pulp::Simd, const R: usize>(
 mod tests {
     use super::*;
 
-    fn numbers(count: usize, seed: u64) -> Vec<f64> {
+    pub(in crate::models::linear::batch) fn numbers(count: usize, seed: u64) -> Vec<f64> {
         let mut out = vec![0.0; count];
         crate::batch::normals(seed, 0, count, Threads::One, &mut out);
         out

@@ -641,7 +641,8 @@ fn write(
             f64::INFINITY,
             f64::INFINITY,
             present,
-            0.0,
+            // No start has a value: nothing is said of the rank.
+            free.len() as f64,
             0.0,
             0.0,
             f64::INFINITY,
