@@ -12,6 +12,8 @@ __all__ = ["digest", "files_up_to", "read_text", "read_whole", "write_whole"]
 
 #: A file may have so many bytes; `files_up_to` changes it.
 _LIMIT: ContextVar[int] = ContextVar("size limit", default=1 << 29)
+#: What a file has beyond its stated size is read in pieces of so many bytes.
+_PIECE = 1 << 20
 
 
 @contextmanager
@@ -42,7 +44,10 @@ def read_whole(path: Path, limit: int | None = None) -> bytes:
         if size <= limit:
             with path.open("rb") as file:
                 # What grows, or does not tell its size, is not read beyond the limit.
-                content = file.read(limit + 1)
+                content, piece = file.read(size), b"-"
+                while piece and len(content) <= limit:
+                    piece = file.read(min(limit + 1 - len(content), _PIECE))
+                    content += piece
             size = len(content)
         if size > limit:
             raise OSError(

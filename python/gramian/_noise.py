@@ -108,7 +108,10 @@ def as_noise(sigma: ArrayLike, count: int, *, is_complex: bool = False) -> Noise
     is_complex : bool
     """
     sigma = bare(sigma, "sigma")
-    given = np.asarray(sigma)
+    try:
+        given = np.asarray(sigma)
+    except ValueError as error:  # lists of different length
+        raise InputError(f"sigma: {error}") from None
     whole = count // 2 if is_complex else count
     if np.iscomplexobj(given) and given.ndim >= 2:
         if not is_complex:

@@ -476,7 +476,8 @@ class Estimate(Answer):
         columns = _columns(alternatives)
         records, alike = self._handle.scores(self.state, list(columns.values()), self.alpha, 0.8)
         for name, record in zip(columns, records, strict=True):
-            if np.isnan(record["p_value"]):
+            figures = (record[key] for key in ("p_value", "size", "detectable", "effect"))
+            if any(np.isnan(figure).any() for figure in figures):
                 raise InputError(f"alternatives[{name!r}]: its test overflows float64")
         names = list(columns)
         found = [
@@ -1059,6 +1060,7 @@ class Trials(Answer):
     names : tuple of str, length n
     truth : ndarray, shape (n,)
     states : ndarray, shape (trials, n)
+        NaN, as `chi2`, where nothing of a trial could be computed: it did not converge.
     status : ndarray of str, shape (trials,)
         As of an `Estimate`.
     chi2, p_values, lag_p_values : ndarray, shape (trials,)
@@ -1115,10 +1117,10 @@ class Trials(Answer):
 
     def __str__(self) -> str:
         said = ", ".join(f"{100 * v:.3g} % {name}" for name, v in self.shares.items() if v > 0)
-        return (
-            f"{len(self.status)} trials: {said}; truth in the region {100 * self.inside.mean():.3g}"
-            f" %, in the interval {100 * self.covered.mean():.3g} %"
-        )
+        inside = f"truth in the region {100 * self.inside.mean():.3g} %"
+        if not np.isnan(self.intervals).all():
+            inside += f", in the interval {100 * self.covered.mean():.3g} %"
+        return f"{len(self.status)} trials: {said}; {inside}"
 
 
 def estimate_trials(
@@ -1428,7 +1430,9 @@ def faulty(
     """
     with np.errstate(invalid="ignore"):
         asked = np.asarray(p_value) <= _SMALL
-    shape = readings.shape[:-1]
+    # Times or an observer of each record make more records than there are readings.
+    shape = np.broadcast_shapes(readings.shape[:-1], asked.shape)
+    readings = np.broadcast_to(readings, (*shape, readings.shape[-1]))
     asked = np.broadcast_to(asked, shape)
     if not channels or not asked.any():
         return np.zeros(shape, dtype=bool), ()

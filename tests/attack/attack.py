@@ -220,6 +220,8 @@ def nan_places(value: Any, place: str = "", depth: int = 0) -> Iterator[str]:
             yield place
     elif dataclasses.is_dataclass(value) and not isinstance(value, type):
         for field in dataclasses.fields(value):
+            if field.name.startswith("_"):
+                continue
             inner = getattr(value, field.name, None)
             yield from nan_places(inner, f"{place}.{field.name}", depth + 1)
     elif isinstance(value, Mapping):
@@ -261,8 +263,8 @@ MEANT_OF = {
     # A choice without `relax`.
     "choose.select": (".within",),
     "registration.select": (".within",),
-    # A trial without degrees of freedom.
-    "estimate_trials": (".p_values",),
+    # A trial without degrees of freedom, or that did not converge.
+    "estimate_trials": (".p_values", ".states", ".chi2", ".chances"),
     # A disturbance has no first guess.
     "maneuver.plan": (".starts().guess",),
     # A state without a prior, an output without a noise.
@@ -279,8 +281,17 @@ MEANT_OF = {
             "rmse_interval",
             "rmse_dof",
             "covariance",
+            "covariance_interval",
+            "efficiency",
+            "efficiency_interval",
         )
     ),
+    # A report or a reading that is missing.
+    "registration.estimate": (".model.reports",),
+    "tracks.": (".measurements",),
+    "estimate": (".measurements",),
+    # The state where there is no estimate: unobservable, or the model does not hold.
+    "bearings.localize": (".state",),
 }
 
 

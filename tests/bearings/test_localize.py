@@ -299,3 +299,19 @@ def test_a_target_that_turned_is_a_misfit_and_not_a_position():
     assert (honest.status == "misfit").mean() <= 0.01
     with pytest.raises(gm.InputError, match=r"alpha = 2"):
         localize(t, seen, path, sigma, alpha=2.0)
+
+
+def test_an_observer_and_times_of_each_record_and_one_set_of_readings():
+    times, observer = circling(20)
+    readings = simulate(times, observer, np.array([2000, 7000, 3, -2.0]), 1e-4, seed=2)
+    paths = np.stack([observer, observer + np.array([0.0, 5.0])])
+    together = localize(np.stack([times, times]), readings, paths, 1e-4)
+    for k in range(2):
+        alone = localize(times, readings, paths[k], 1e-4)
+        assert (together.state[k] == alone.state).all()
+        assert together.status[k] == alone.status
+    # A record whose readings repeat a value is named by its place among the records.
+    stuck = readings.copy()
+    stuck[6:16] = stuck[6]
+    bad = localize(np.stack([times, times]), stuck, paths, 1e-4)
+    assert [words.split(":")[0] for words in bad.faults] == ["record 0", "record 1"]

@@ -97,3 +97,21 @@ def test_one_look_is_not_enough_and_says_so():
     assert np.isinf(answer.crlb_std).all()
     with pytest.raises(gm.UnobservableError):
         reg.estimate(reg.simulate(TRACK[:1], SENSORS, SIGMA, seed=1), SENSORS, SIGMA)
+
+
+def test_recordings_to_match():
+    t = np.arange(4.0)
+    good = np.stack([np.full(4, 1e3), 0.1 * t], axis=1)
+    with pytest.raises(gm.InputError, match=r"'B': times \(4,\) and reports \(4, 1\)"):
+        reg.match({"A": (t, good), "B": (t, good[:, :1])})
+    with pytest.raises(gm.InputError, match="different numbers of columns: 'A' 2, 'B' 3"):
+        reg.match({"A": (t, good), "B": (t, np.column_stack([good, t]))}, interpolate="linear")
+    lacking = good.copy()
+    lacking[2, 0] = np.nan
+    with pytest.raises(gm.InputError, match="different length: 'A' has 4, 'B' 3"):
+        reg.match({"A": (t, good), "B": (t, lacking)})
+    dropped = reg.match({"A": (t, good), "B": (t, lacking)}, missing="drop")
+    assert dropped.times.tolist() == [0.0, 1.0, 3.0]
+    kept = reg.match({"A": (t, good), "B": (t, lacking)}, missing="keep").values
+    assert np.isnan(kept[2, 1]).all()
+    assert np.isfinite(kept[2, 0]).all()

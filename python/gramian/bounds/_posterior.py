@@ -170,8 +170,14 @@ class Posterior(Value):
         matrix = as_float_array(rows, "rows")
         if matrix.ndim < 2:
             raise InputError(f"rows has shape {matrix.shape}: must be (..., k, {self.n})")
-        weighted = matrix * np.sqrt(_probability(detection))[..., None]
-        n = self.n
+        chance, n = _probability(detection), self.n
+        if matrix.ndim < 2 or matrix.shape[-1] != n:
+            raise InputError(f"rows has shape {matrix.shape}: must be (k, {n}) or (..., k, {n})")
+        if chance.ndim and chance.shape != matrix.shape[-2:-1]:
+            raise InputError(
+                f"detection has shape {chance.shape}: must be () or ({matrix.shape[-2]},)"
+            )
+        weighted = matrix * np.sqrt(chance)[..., None]
         found = self._run(
             self.root, weighted[..., None, :, :], np.eye(n)[None], np.zeros((1, n, n))
         )
@@ -630,6 +636,12 @@ def expected_transition(
     noise = _roots(process_noise, "process_noise")
     if (np.diagonal(noise, axis1=-2, axis2=-1) == 0).any():
         raise InputError("process_noise is singular: the mean of several transitions needs one")
+    one, n = values.shape[1:], values.shape[-1]
+    if noise.shape not in ((n, n), one):
+        raise InputError(
+            f"process_noise has shape {noise.shape}, the transitions {values.shape}: "
+            f"must be ({n}, {n}) or {one}"
+        )
     # Q^-1 = U^-1 U^-T for the factor Q = U^T U.
     whitened = np.linalg.solve(np.swapaxes(noise, -1, -2), values - mean)
     return mean, expected_rows(whitened, chances)

@@ -116,6 +116,10 @@ def read(
         raise InputError("read was given no file")
     columns = options.mapping(columns, "columns", "what a column holds to its heading")
     units = options.mapping(units, "units", "what a column holds to its unit")
+    for name, strings in (("columns", columns), ("units", units)):
+        for key, value in strings.items():
+            if not isinstance(value, str):
+                raise InputError(f"{name} of {key} = {options.given(value)}: must be a string")
     separator, decimal = _signs(separator, decimal)
     if size_limit is not None:
         size_limit = whole(size_limit, "size_limit", 1)

@@ -241,7 +241,10 @@ def sweep(
 
 
 def _values(name: str, given: ArrayLike) -> Array:
-    values = np.asarray(given)
+    try:
+        values = np.asarray(given)
+    except ValueError as error:  # lists of different length
+        raise InputError(f"parameters[{name!r}]: {error}") from None
     if values.ndim != 1 or values.size == 0:
         raise InputError(
             f"parameters[{name!r}] has shape {values.shape}: must be (values,), not empty"

@@ -263,7 +263,7 @@ def localize(
     names, units = state_names(order)
     n = len(names)
     seen = as_float_array(bearings, "bearings")
-    _check_options(weak_ratio, max_iterations, rtol)
+    max_iterations = _check_options(weak_ratio, max_iterations, rtol)
     options.fraction(alpha, "alpha")
     known = _prior(prior, names, units)
     check_count(seen.shape[-1] if seen.ndim else 0, order, len(prior or {}))
@@ -384,7 +384,7 @@ def localize_trials(
             f"target has shape {truth.shape}: must be (..., n), a state of 2, 4, 6 or 8 numbers"
         )
     names, units = state_names(n // 2 - 1)
-    _check_options(weak_ratio, max_iterations, rtol)
+    max_iterations = _check_options(weak_ratio, max_iterations, rtol)
     known = _prior(prior, names, units)
     when = as_float_array(times, "times")
     check_count(when.shape[-1] if when.ndim else 0, n // 2 - 1, len(prior or {}))
@@ -467,12 +467,13 @@ def check_count(count: int, order: int, known: int) -> None:
         )
 
 
-def _check_options(weak_ratio: float, max_iterations: int, rtol: float | None) -> None:
+def _check_options(weak_ratio: float, max_iterations: int, rtol: float | None) -> int:
+    """Check the options of the search; return `max_iterations` as a whole number."""
     if not number(weak_ratio, "weak_ratio") > 0:
         raise InputError(f"weak_ratio = {weak_ratio}: must be > 0")
-    whole(max_iterations, "max_iterations", 1, 2**31)
     if rtol is not None:
         options.fraction(rtol, "rtol")
+    return whole(max_iterations, "max_iterations", 1, 2**31)
 
 
 def _prior(

@@ -184,7 +184,8 @@ def localize(
     wanted = _descriptions(sources, motion, background == "drift", attitude, scale, earth_field)
     limits = levels(alpha, chance, weak_ratio)
     setup.max_iterations = whole(max_iterations, "max_iterations", 1, 1_000_000)
-    if correlation != "fit":
+    fitted = isinstance(correlation, str) and correlation == "fit"
+    if not fitted:
         correlation = number(correlation, "correlation")
         if not 0 <= correlation < 1:
             raise InputError(f"correlation = {correlation}: must be from 0 to below 1")
@@ -197,7 +198,7 @@ def localize(
         measured = ~np.isnan(y).all(axis=0)
         offsets[measured] = np.nanmedian(y[:, measured], axis=0)
         y = y - offsets
-    fixed = 0.0 if isinstance(correlation, str) else correlation
+    fixed = 0.0 if fitted else float(correlation)
     inner = setup.options("none" if background is None else "fit", origin, fixed)
     if isinstance(window, tuple):
         start, end = window
@@ -213,14 +214,10 @@ def localize(
             t, y = t[keep], y[keep]
             raw = setup.run(t, y, inner)
     if wanted != [Description()]:
-        return _described(
-            wanted, raw, t, y, offsets, inner, dropped, setup, limits, correlation == "fit"
-        )
-    if correlation == "fit":
+        return _described(wanted, raw, t, y, offsets, inner, dropped, setup, limits, fitted)
+    if fitted:
         inner, raw = _with_correlation(raw, t, y, inner, setup)
-    return _answer(
-        raw, t, y, offsets, inner, dropped, setup, limits, correlation_given=correlation != "fit"
-    )
+    return _answer(raw, t, y, offsets, inner, dropped, setup, limits, correlation_given=not fitted)
 
 
 def _with_correlation(
@@ -553,7 +550,8 @@ def localize_trials(
     seed, first = whole(seed, "seed", 0, SEED_MOST), whole(first, "first")
     trials = whole(trials, "trials", 1)
     setup = _Setup(known, prior, sensors, None, "gaussian", sigma, starts)
-    setup.enough(np.empty((np.size(times), len(setup.sensors), 3)))
+    times = as_float_array(times, "times")
+    setup.enough(np.empty((times.size, len(setup.sensors), 3)))
     state = np.concatenate([_three(r0, "r0"), _three(v, "v"), _three(m, "m")])
     out = _core.dipole_localize_trials(
         times,

@@ -221,7 +221,7 @@ def match(
     ----------
     recordings : mapping of str to (times, reports)
         For each sensor, in the order of the sensors: instants (K_s,), increasing,
-        and reports (K_s, d).
+        and reports (K_s, d). A report with NaN is one that is missing.
     interpolate : {"none", "linear"}
         What to do where instants differ by more than the tolerance: refuse, or
         interpolate all reports to the instants of the first sensor that lie
@@ -318,11 +318,8 @@ def _together(recordings: dict[str, tuple[Array, Array]], tolerance: float, keep
         if times[i] - start > tolerance:
             start, count = times[i], count + 1
         look[i] = count
-    widths = {name: v.shape[1] for name, (_, v) in recordings.items()}
-    if len(set(widths.values())) > 1:
-        told = ", ".join(f"{name!r} {width}" for name, width in widths.items())
-        raise InputError(f"reports have different numbers of columns: {told}")
-    values = np.full((count + 1, len(recordings), next(iter(widths.values()))), np.nan)
+    width = next(iter(recordings.values()))[1].shape[1]
+    values = np.full((count + 1, len(recordings), width), np.nan)
     at, first = np.full(count + 1, np.nan), 0
     for s, (name, (t, v)) in enumerate(recordings.items()):
         own = look[first : first + len(t)]
@@ -353,6 +350,10 @@ def _recordings(
                 f"recordings[{name!r}] = {options.given(pair)}: must be times and values"
             )
         clean[name] = _recording(name, *pair)
+    widths = {name: v.shape[1] for name, (_, v) in clean.items()}
+    if len(set(widths.values())) > 1:
+        told = ", ".join(f"{name!r} {width}" for name, width in widths.items())
+        raise InputError(f"reports have different numbers of columns: {told}")
     return clean
 
 
@@ -362,14 +363,22 @@ def _recording(name: str, times: ArrayLike, values: ArrayLike) -> tuple[Array, A
         as_float_array(x, f"recording {name!r}: {what}")
         for x, what in ((times, "times"), (values, "reports"))
     )
-    if t.ndim != 1 or v.ndim != 2 or len(t) != len(v) or not len(t):
+    if t.ndim != 1 or v.ndim != 2 or len(t) != len(v) or not len(t) or v.shape[1] not in (2, 3):
         raise InputError(
-            f"recording {name!r}: times {t.shape} and reports {v.shape}: "
-            "must be (K,) and (K, d), one report for each time"
+            f"recording {name!r}: times {t.shape} and reports {v.shape}: must be (K,) and (K, d), "
+            "for each time a report of range, azimuth and, in space, elevation"
         )
     if (late := np.flatnonzero(~(np.diff(t) > 0))).size:
         raise InputError(
             f"recording {name!r}: times[{late[0] + 1}] = {t[late[0] + 1]} s: "
             f"must be later than the one before, {t[late[0]]} s"
         )
-    return t, v
+    if np.isinf(v).any():
+        raise InputError(
+            f"recording {name!r}: reports[{np.argwhere(np.isinf(v))[0][0]}] is infinite"
+        )
+    # NaN is a report that is missing.
+    there = ~np.isnan(v).any(axis=1)
+    if not there.any():
+        raise InputError(f"recording {name!r}: every report is NaN")
+    return t[there], v[there]

@@ -125,7 +125,7 @@ def select(
     known = setup(sensors, sigma, extras)
     if isinstance(tracks, Mapping):
         named = {str(name): track for name, track in tracks.items()}
-    elif isinstance(tracks, (list, tuple, np.ndarray)) and np.ndim(tracks) != 0:
+    elif isinstance(tracks, (list, tuple)) or (isinstance(tracks, np.ndarray) and tracks.ndim):
         named = {f"track {i}": track for i, track in enumerate(tracks)}
     else:
         raise InputError(
