@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 
 #: States that a choice is made on at most: the candidates' own, and those of the goal.
 _STATES = 400
+#: Rows are squared.
+_LARGEST = 1e145
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -369,13 +371,25 @@ def _dense(
     keep = np.flatnonzero(touched)
     others = [problem.names[j] for j in np.flatnonzero(~touched)]
     reduced = problem.marginalize(others) if others else problem
-    rows: Any = reduced.all_rows
     return (
         reduced.names,
-        np.asarray(rows.toarray()),
+        _without_rounding(reduced.all_rows.toarray(), reduced.rtol if others else None),
         [a.tocsc()[:, keep].toarray() if is_sparse(a) else a[:, keep] for a in arrays.values()],
         reduced.scale,
     )
+
+
+def _without_rounding(rows: Array, rtol: float | None) -> Array:
+    """Return rows that are zero along what they do not determine, on unit columns."""
+    if rtol is None:
+        return rows
+    norms = np.linalg.norm(rows, axis=0)
+    norms[norms == 0] = 1.0
+    # An elimination leaves its rounding there: a choice would take it for knowledge.
+    left, values, right = np.linalg.svd(rows / norms, full_matrices=False)
+    values[values <= rtol * values[0]] = 0.0
+    kept: Array = (left * values) @ right * norms
+    return kept
 
 
 def _rows(value: Any, key: str, problem: Problem | None) -> Any:
@@ -384,8 +398,22 @@ def _rows(value: Any, key: str, problem: Problem | None) -> Any:
             raise InputError(f"candidate {key!r} has other states than the problem")
         return value.all_rows
     if is_sparse(value):
-        return value
+        if value.dtype.kind not in "fiub" or value.ndim != 2:
+            raise InputError(
+                f"candidate {key!r} is {value.dtype} of shape {value.shape}: must be real, (K, n)"
+            )
+        return _within_range(value, value.data, key)
     array = np.atleast_2d(finite(value, f"candidate {key!r}"))
     if array.ndim != 2 or 0 in array.shape:
         raise InputError(f"candidate {key!r} has shape {array.shape}: must be (K, n), not empty")
-    return array
+    return _within_range(array, array, key)
+
+
+def _within_range(rows: Any, values: Any, key: str) -> Any:
+    largest = float(np.abs(values).max(initial=0.0))
+    if not largest < _LARGEST:
+        raise InputError(
+            f"candidate {key!r} has an entry of size {largest:g}: must be finite, with a square "
+            "that float64 holds"
+        )
+    return rows

@@ -75,6 +75,26 @@ def test_a_sparse_problem_is_reduced_to_what_the_candidates_touch():
     assert choice.worth == pytest.approx(min(bounds.values()), rel=1e-8)
 
 
+@pytest.mark.parametrize("goal", ["D", "A", "x6"])
+def test_candidates_that_leave_a_gauge_say_so(goal):
+    # Differences of heights: no number of them gives the level.
+    n = 50
+    ends = np.add.outer(np.arange(n - 1), [0, 1]).ravel()
+    chain = csr_array((np.tile([-1.0, 1.0], n - 1), ends, np.arange(0, 2 * n, 2)), shape=(n - 1, n))
+    candidates = {
+        f"{k} to {k + 3}": csr_array(([1.0, -1.0], ([0, 0], [k, k + 3])), shape=(1, n))
+        for k in range(5)
+    }
+    choice = gm.choose.select(candidates, 2, goal, problem=gm.Problem(chain))
+    assert choice.nullity == 1
+    assert "1 combination is still not observable" in str(choice)
+    # With one height among the candidates it is taken, and its level is all that was missing.
+    candidates["height"] = csr_array(([1.0], ([0], [4])), shape=(1, n))
+    choice = gm.choose.select(candidates, 2, goal, problem=gm.Problem(chain))
+    assert choice.nullity == 0
+    assert "height" in choice.chosen
+
+
 @pytest.mark.parametrize("goal", ["D", "A", "x3", {"x2": 1.0, "x9": 4.0}])
 def test_a_sparse_problem_is_chosen_for_as_a_dense_one(goal):
     rng = np.random.default_rng(4)
@@ -142,6 +162,9 @@ def test_a_problem_of_more_states_than_could_be_dense():
         (({"a": [1.0, 0], "b": [1.0]}, 1), "candidate 'b' has shape"),
         (({"a": [1.0, np.nan]}, 1), "candidate 'a'.* = nan"),
         (({"a": [1.0, 0]}, 1, "size"), "goal = 'size'"),
+        (({"a": csr_array([[1.0, np.nan]])}, 1), "candidate 'a' has an entry of size nan"),
+        (({"a": csr_array([[1j, 0]])}, 1), "candidate 'a' is complex128"),
+        (({"a": [1e200, 0]}, 1), "candidate 'a' has an entry of size 1e\\+200"),
         (({"a": [1.0, 0]}, 1, {"y": 1.0}), "goal names 'y'"),
         (({"a": [1.0, 0]}, 1, {"x0": -1.0}), "must be > 0"),
     ],

@@ -60,7 +60,7 @@ def test_import_writes_a_scenario_that_answers_the_same(tmp_path):
     done = run("import", *files, "--sigma-deg", 0.5, "--scenario", toml)
     assert "own" in done.stdout
     assert "2026-05-01T12:00:00Z" in done.stdout
-    assert "mine.toml written" in done.stdout.replace("\n", "")
+    assert "mine.toml written" in " ".join(done.stdout.split())
     assert tomllib.loads(toml.read_text())["tracks"]["file"] == ["own.csv", "seen.csv"]
     again = json.loads(run("localize", toml, "--json").stdout)
     direct = json.loads(run("localize", *files, "--sigma-deg", 0.5, "--json").stdout)

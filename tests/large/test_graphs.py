@@ -69,6 +69,14 @@ EDGE_SE2 0 2 1.1 -0.3 -0.2 1 0 0 1 0 1
 EDGE_SE2 2 3 1.1 -0.3 -0.2 1 0 0 1 0 1
 """
 
+SPACE = """\
+VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1
+VERTEX_SE3:QUAT 7 1.0 0.2 -0.3 0.3171845 -0.2366641 0.1427899 0.9071908
+VERTEX_SE3:QUAT 9 1.8 -0.1 -0.2 0.3990360 -0.1862907 -0.8967650 0.0433426
+EDGE_SE3:QUAT 0 7 1 0 0 0.1 0 0 1 4 0.1 0 0 0 0 4 0 0 0 0 4 0 0 0 9 1 0 9 0 9
+EDGE_SE3:QUAT 7 9 0.5 -0.5 -0.3 0.1 -0.5 -0.8 0.1 4 0 0 0 0 0 4 0 0 0 0 4 0 0 0 9 0 0 9 0 9
+"""
+
 
 @pytest.fixture
 def plane(tmp_path):
@@ -114,15 +122,6 @@ def moved(graph, step):
     )
 
 
-SPACE = """\
-VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1
-VERTEX_SE3:QUAT 7 1.0 0.2 -0.3 0.3171845 -0.2366641 0.1427899 0.9071908
-VERTEX_SE3:QUAT 9 1.8 -0.1 -0.2 0.3990360 -0.1862907 -0.8967650 0.0433426
-EDGE_SE3:QUAT 0 7 1 0 0 0.1 0 0 1 4 0.1 0 0 0 0 4 0 0 0 0 4 0 0 0 9 1 0 9 0 9
-EDGE_SE3:QUAT 7 9 0.5 -0.5 -0.3 0.1 -0.5 -0.8 0.1 4 0 0 0 0 0 4 0 0 0 0 4 0 0 0 9 0 0 9 0 9
-"""
-
-
 @pytest.mark.parametrize("text", [PLANE, SPACE], ids=["SE2", "SE3"])
 def test_rows_are_the_derivatives_of_the_edges_logarithms(tmp_path, text):
     path = tmp_path / "graph.g2o"
@@ -165,6 +164,9 @@ def test_a_graph_in_the_plane_has_three_gauges_and_one_bridge(plane):
         (("VERTEX_SE2 3", "VERTEX_SE2 3.5"), "line 4: '3.5': must be the number of a vertex"),
         (("EDGE_SE2 2 3 1.1 -0.3 -0.2 1", "EDGE_SE2 2 3 1.1 -0.3 -0.2 -1"), "line 8: the information matrix is not positive definite"),
         ((PLANE, "VERTEX_SE2 0 0 0 0\n"), "has no edge"),
+        ((PLANE, SPACE.replace("0 0 0 1\n", "0 0 0 0\n", 1)), "line 1: the quaternion of VERTEX_SE3:QUAT is zero"),
+        ((PLANE, SPACE.replace("0 0 0 1\n", "0 0 1e200 1\n", 1)), r"line 1: the quaternion of VERTEX_SE3:QUAT is of length 1e\+200"),
+        ((PLANE, PLANE + SPACE), "line 9: VERTEX_SE3:QUAT in a graph of the other dimension"),
         ((PLANE, "FIX 4\n" + PLANE), "line 1: vertex 4 is not in the file"),
     ],
 )  # fmt: skip
@@ -173,3 +175,25 @@ def test_a_broken_file_is_named_with_its_line(plane, change, said):
     with pytest.raises(gm.InputError, match=said) as raised:
         read_graph(plane)
     assert str(plane) in str(raised.value)
+
+
+def test_the_report_holds_one_pose_of_each_part_and_draws_the_graph(tmp_path):
+    from gramian.io.graph_report import report
+
+    path = tmp_path / "parts.g2o"
+    path.write_text(PLANE.replace("EDGE_SE2 2 3", "EDGE_SE2 4 3") + "VERTEX_SE2 4 5 5 0\n")
+    made = report(path)
+    facts = dict(made.facts)
+    assert facts["graph"] == "5 poses, 4 edges, 2 parts"
+    assert facts["bridges"] == "1 edge without which the graph falls apart"
+    assert made.data["nullity"] == 6
+    assert "with x0, x3 fixed" in made.tables[0].title
+    assert [made.data["position_std"][k] for k in (0, 3)] == [0, 0]
+    assert made.data["closures"][0][2] > 0
+    figure = made.pictures[0].draw()
+    assert len(figure.axes) == 4  # two panels and their bars
+    # A part that lacks more than its gauge has no such bounds.
+    path.write_text(
+        "FIX 0\n" + PLANE.replace("VERTEX_SE2 3 3", "VERTEX_SE2 4 0 0 0\nVERTEX_SE2 3 3")
+    )
+    assert dict(report(path).facts)["graph"] == "5 poses, 4 edges, 2 parts"

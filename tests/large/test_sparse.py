@@ -136,7 +136,7 @@ EYE = csr_array(np.eye(3))
         (lambda: gm.Problem(([1.0], ([0], [3])), ["a", "b"]), r"column\[0\] = 3: must be below 2"),
         (lambda: gm.Problem(([1.0], ([0], [-1])), ["a", "b"]), r"column\[0\] = -1"),
         (lambda: gm.Problem(([1.0], ([2**63], [0])), ["a"]), r"row\[0\] = 9223372036854775808: must be from 0 to 2\^63 - 1"),
-        (lambda: gm.Problem(([1.0], ([2**62], [0])), ["a"]), "would take .* GB"),
+
         (lambda: gm.Problem(([1.0], ([0.5], [0])), ["a"]), "whole numbers"),
         (lambda: gm.Problem(EYE, ["a", "b", "c"], blocks=["a"]), "blocks has 1"),
         (lambda: gm.Problem(EYE, gauges={"scale": [1.0]}), r"gauges\['scale'\] has shape"),
@@ -145,7 +145,7 @@ EYE = csr_array(np.eye(3))
         (lambda: gm.Problem(EYE).prior({"x0": 0.0}), "prior of x0 = 0"),
         (lambda: gm.analyze(EYE).std_of([1.0, 2.0]), r"shape \(2,\): must be \(3,\)"),
         (lambda: gm.analyze(csr_array((3, 0))), "at least one column"),
-        (lambda: gm.analyze(EYE * 1e-160), "column 0 has norm"),
+        (lambda: gm.analyze(EYE * 1e-160), r"rows have 1e-160 at state x0: its square leaves"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_used_is_named(make, said):
@@ -160,12 +160,58 @@ def test_broken_indices_are_refused():
         gm.Problem(rows)
 
 
+@pytest.mark.parametrize("kind", ["coo", "csc", "bsr"])
+def test_broken_indices_of_other_forms_are_refused_before_scipy_follows_them(kind):
+    rows = csr_array(np.eye(3)).asformat(kind)
+    if kind == "coo":
+        rows.coords = (np.array([0, 1, 2]), np.array([0, 1, 10**9]))
+    else:
+        rows.indices = np.array([0, 1, 10**9], dtype=np.int32)
+    with pytest.raises(gm.InputError, match=f"no valid matrix in {kind.upper()}"):
+        gm.Problem(rows)
+
+
+def test_rows_that_are_short_are_counted_in_words():
+    text = gm.analyze(csr_array([[1.0, 1, 0, 0], [0, 0, 1, 1]]), ["a", "b", "c", "d"]).summary()
+    assert "1 row alone touches a and b" in text
+
+
 def test_memory_is_estimated_before_it_is_taken(monkeypatch):
     from gramian.large import _analysis
 
     monkeypatch.setattr(_analysis, "available_bytes", lambda: 1000)
     with pytest.raises(MemoryError, match=r"take \d+ bytes at its peak: 1000 bytes are available"):
         gm.analyze(random_rows(1, 90, 40, 0.2))
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: gm.Problem(([1.0], ([2**62], [0])), ["a"]),
+        lambda: gm.Problem(([1.0], ([0], [2**62]))),
+        lambda: gm.Problem(csr_array(([1.0], [2**40], [0, 1]), shape=(1, 2**40 + 1))),
+    ],
+    ids=["row", "column", "columns of a matrix"],
+)
+def test_a_number_far_out_says_how_much_it_would_take(make):
+    with pytest.raises(MemoryError, match=r"would take .* GB: .* GB are available; number the"):
+        make()
+
+
+def test_memory_is_what_the_limits_of_container_and_process_leave(tmp_path, monkeypatch):
+    from gramian.large import _problem
+
+    free = _problem.available_bytes()
+    assert 0 < free < 2**62
+    most, used = tmp_path / "most", tmp_path / "used"
+    most.write_text("max\n")
+    used.write_text("5000\n")
+    monkeypatch.setattr(_problem, "_CONTROL_GROUPS", ((str(most), str(used)),))
+    assert _problem.available_bytes() > 6000
+    most.write_text("11000\n")
+    assert _problem.available_bytes() == 6000
+    most.write_text("4000\n")
+    assert _problem.available_bytes() == 0
 
 
 def test_an_empty_problem_is_all_null_space():

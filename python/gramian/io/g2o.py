@@ -179,6 +179,17 @@ class PoseGraph(Value):
         return problem.fix(*self.fixed) if self.fixed else problem
 
     @cached_property
+    def parts(self) -> NDArray[np.int64]:
+        """The part of the graph that each pose is in, (poses,): poses that edges join."""
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+        n = len(self.names)
+        joined = coo_array((np.ones(len(self.edges)), tuple(self.edges.T)), shape=(n, n))
+        _, part = connected_components(joined, directed=False)
+        return np.asarray(part, dtype=np.int64)
+
+    @cached_property
     def weak_places(self) -> WeakPlaces:
         """Bridges and cut poses: where one more measurement helps most."""
         first, second = (np.ascontiguousarray(e, dtype=np.int64) for e in self.edges.T)
@@ -366,8 +377,10 @@ class _Reader:
         ids = [self.vertex(number, word) for word in rest[:ends]]
         values = [self.value(number, word) for word in rest[ends:]]
         quaternion = values[3:7] if dimensions == 3 else [1.0]
-        if not sum(q * q for q in quaternion) > 1e-12:
-            raise self.error(number, f"the quaternion of {tag} is zero")
+        length = float(np.hypot.reduce(quaternion))
+        if not 1e-6 < length < 1e6:
+            what = "zero" if length == 0 else f"of length {length:.3g}: must be about 1"
+            raise self.error(number, f"the quaternion of {tag} is {what}")
         if ends == 2:
             if ids[0] == ids[1]:
                 raise self.error(number, f"an edge from vertex {ids[0]} to itself")

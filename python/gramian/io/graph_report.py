@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from gramian._text import brief, number
+from gramian._text import brief, count, number
 from gramian.analysis import analyze
 from gramian.io.g2o import PoseGraph, read_graph
 from gramian.report import Picture, Report, Table
@@ -98,15 +98,36 @@ def closures(
     return sorted(found, key=lambda item: -item[2])
 
 
+def _size(graph: PoseGraph) -> str:
+    parts = len(set(graph.parts.tolist()))
+    return (
+        f"{count(len(graph.names), 'pose')}, {count(len(graph.edges), 'edge')}, "
+        f"{count(parts, 'part')}"
+    )
+
+
+def _gauge(graph: PoseGraph, free: SparseObservability) -> list[str]:
+    """Return the first pose of each part, where its gauge is all that is missing."""
+    short: dict[int, int] = {}
+    p = len(graph.states)
+    places = {name: k for k, name in enumerate(graph.names)}
+    for missing in free.missing:
+        part = int(graph.parts[places[missing.blocks[0]]])
+        short[part] = short.get(part, 0) + 1
+    if any(number != p for number in short.values()):
+        return []
+    parts = graph.parts.tolist()
+    return [graph.names[parts.index(part)] for part in sorted(short)]
+
+
 def report(path: str | os.PathLike[str]) -> Report:
     """Return the report of a g2o file."""
     graph = read_graph(path)
     free: SparseObservability = analyze(graph.problem)  # type: ignore[assignment]
-    first = graph.names[0]
-    # The usual choice of gauge, where that is all that is missing.
-    fixed = free
-    if free.nullity == len(graph.states) and free.components == 1 and not graph.fixed:
-        fixed = analyze(graph.problem.fix(first))  # type: ignore[assignment]
+    held = _gauge(graph, free)
+    fixed: SparseObservability = free
+    if held:
+        fixed = analyze(graph.problem.fix(*held))  # type: ignore[assignment]
     bounded = fixed.nullity == 0
     std = np.full(len(graph.names), np.inf)
     if bounded:
@@ -115,14 +136,14 @@ def report(path: str | os.PathLike[str]) -> Report:
     more = closures(graph, fixed, std)
     tables = []
     facts = [
-        ("graph", f"{len(graph.names)} poses, {len(graph.edges)} edges, {free.components} parts"),
+        ("graph", _size(graph)),
         ("gap", f"{brief(free.gap, 2)}: how clear the rank is"),
     ]
     facts += [("not observable", text) for text in free.grouped()]
     if free.suggestions:
         facts.append(("what would help", free.describe(free.suggestions[0])))
     facts.append(
-        ("bridges", f"{len(weak.bridges)} edges without which the graph falls apart")
+        ("bridges", f"{count(len(weak.bridges), 'edge')} without which the graph falls apart")
         if weak.bridges
         else ("bridges", "none: every edge could be lost")
     )
@@ -131,7 +152,10 @@ def report(path: str | os.PathLike[str]) -> Report:
         values, _ = fixed.weakest(1)
         facts.append(("weakest direction", f"singular value {brief(values[0])} on unit columns"))
         order = np.argsort(-std, kind="stable")[:_SHOWN]
-        known = f"with {first} fixed" if fixed is not free else "as the file fixes it"
+        known = "as the file fixes it"
+        if held:
+            known = "with " + ", ".join(held[:_SHOWN]) + (", ..." if len(held) > _SHOWN else "")
+            known += " fixed"
         tables.append(
             Table(
                 f"Largest bounds on positions, {known}",
@@ -170,7 +194,8 @@ def report(path: str | os.PathLike[str]) -> Report:
             Picture(
                 "The graph",
                 "Left: poses coloured by the bound on their position. Right: how far they move "
-                "along the weakest direction that is still observable, at one standard deviation.",
+                "along the weakest direction that is still observable, at one standard deviation. "
+                "Bridges are red.",
                 partial(picture, graph, fixed, std),
             )
         ]
@@ -221,6 +246,8 @@ def picture(graph: PoseGraph, answer: SparseObservability, std: Array) -> Figure
     # Seen along the axis in which the graph is flattest.
     axes = np.sort(np.argsort(-np.ptp(graph.positions, axis=0), kind="stable")[:2])
     flat = graph.positions[:, axes]
+    bridges = np.array([[place[a], place[b]] for a, b, _ in graph.weak_places.bridges], int)
+    bridges = bridges.reshape(-1, 2)
     fig = figure(10.0, 4.4)
     left, right = fig.subplots(1, 2)
     for panel, colour, label in (
@@ -228,6 +255,7 @@ def picture(graph: PoseGraph, answer: SparseObservability, std: Array) -> Figure
         (right, np.linalg.norm(moved, axis=1), "move along the weakest direction (m)"),
     ):
         panel.add_collection(LineCollection(list(flat[graph.edges]), colors="0.8", linewidths=0.4))
+        panel.add_collection(LineCollection(list(flat[bridges]), colors="C3", linewidths=1.2))
         dots = panel.scatter(*flat.T, c=colour, s=6, cmap="viridis", zorder=2)
         fig.colorbar(dots, ax=panel, label=label)
         panel.set_aspect("equal", adjustable="datalim")

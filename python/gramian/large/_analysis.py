@@ -23,7 +23,7 @@ from gramian.large._problem import (
     compressed,
     require_finite_rows,
 )
-from gramian.large._words import NullCombination, null_combinations, some_blocks
+from gramian.large._words import NullCombination, null_combinations, some_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 __all__ = ["SparseObservability", "SparseSuggestion", "analyze_sparse"]
 
 Array = NDArray[np.float64]
+
+#: Entries beyond this, or below its inverse, have squares that float64 does not hold.
+_RANGE = 1e145
 Combination = str | Mapping[str, float] | ArrayLike
 
 
@@ -431,7 +434,8 @@ class SparseObservability(Observability):
         lines = [f"{headline}: {self.reason}"]
         lines += [f"  not observable: {text}" for text in self.grouped()]
         for states, rows in self.shortages[:5]:
-            lines.append(f"  {len(rows)} rows alone touch {some_blocks(states)}")
+            alone = "1 row alone touches" if len(rows) == 1 else f"{len(rows)} rows alone touch"
+            lines.append(f"  {alone} {some_of(states, 'states')}")
         if self.status == "unobservable":
             lines.append(f"  gap {brief(self.gap, 2)}: how clear the rank is")
         if self.suggestions:
@@ -519,18 +523,35 @@ def analyze_sparse(
         if not limit > 0:
             raise InputError(f"{label} = {limit}: must be > 0")
     tolerance = problem.rtol if rtol is None else options.fraction(rtol, "rtol")
-    analysis = _reduced(problem.all_rows, tolerance)
+    analysis = _reduced(problem.all_rows, tolerance, problem.names)
     answer = SparseObservability(problem, analysis, tolerance)
     status, reason, decided_by = _status(problem, answer, weak_ratio, weak_condition)
     answer.__dict__.update(status=status, reason=reason, decided_by=decided_by)
     return answer
 
 
-def _reduced(rows: Any, rtol: float | None) -> _core.SparseAnalysis:
+def _reduced(
+    rows: Any, rtol: float | None, names: Sequence[str] | None = None
+) -> _core.SparseAnalysis:
     start, column = rows.indptr, rows.indices
     if start.dtype != column.dtype or start.dtype not in (np.int32, np.int64):
         start, column = start.astype(np.int64), column.astype(np.int64)
-    return _core.SparseAnalysis(start, column, rows.data, rows.shape[1], rtol, available_bytes())
+    try:
+        return _core.SparseAnalysis(
+            start, column, rows.data, rows.shape[1], rtol, available_bytes()
+        )
+    except InputError as error:
+        if names is not None:
+            largest = np.zeros(rows.shape[1])
+            np.maximum.at(largest, column, np.abs(rows.data))
+            wrong = np.flatnonzero((largest > _RANGE) | ((largest > 0) & (largest < 1 / _RANGE)))
+            if len(wrong):
+                name, value = names[wrong[0]], largest[wrong[0]]
+                raise InputError(
+                    f"the rows have {value:.3g} at state {name}: its square leaves the range of "
+                    "float64; choose other units"
+                ) from error
+        raise
 
 
 def _status(

@@ -28,6 +28,16 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
+#: Where Linux says how much memory a control group may take and has taken, of both versions.
+_CONTROL_GROUPS = (
+    ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
+    (
+        "/sys/fs/cgroup/memory/memory.limit_in_bytes",
+        "/sys/fs/cgroup/memory/memory.usage_in_bytes",
+    ),
+)
+#: A state's name, unit, scale and place, in memory: what is taken before any factor.
+_BYTES_OF_A_STATE = 200
 #: Eliminated states leave rows of this accuracy, relative to the columns.
 _ELIMINATION = 1e-9
 
@@ -108,6 +118,7 @@ class SparseProblem(Problem):
         n = array.shape[1]
         if n == 0:
             raise InputError(f"rows has shape {array.shape}: must have at least one column")
+        _require_memory(_BYTES_OF_A_STATE * n, f"{n} states, named and numbered,")
         listed = _names(names, n)
         if units is not None:
             units = options.names(units, "units", "strings")
@@ -524,11 +535,8 @@ def compressed(rows: Any, count: int | None, shape: tuple[int, int] | None) -> A
             f"rows has shape {rows.shape}: must be (measurements, {count}), "
             "one column for each of the names"
         )
+    _require_valid(rows)
     if rows.format == "csr":
-        try:
-            rows.check_format(full_check=True)
-        except ValueError as error:
-            raise InputError(f"rows is no valid matrix in compressed rows: {error}") from error
         # The caller's arrays are used where they are, and never changed.
         array = csr_array((rows.data, rows.indices, rows.indptr), shape=rows.shape)
         if not array.has_canonical_format:
@@ -542,6 +550,24 @@ def compressed(rows: Any, count: int | None, shape: tuple[int, int] | None) -> A
     if array.dtype != np.float64:
         array = array.astype(np.float64)
     return array
+
+
+def _require_valid(rows: Any) -> None:
+    """Raise where the numbers of rows and columns are broken: SciPy writes where they point."""
+    if rows.format in ("csr", "csc", "bsr"):
+        try:
+            rows.check_format(full_check=True)
+        except ValueError as error:
+            what = "compressed rows" if rows.format == "csr" else rows.format.upper()
+            raise InputError(f"rows is no valid matrix in {what}: {error}") from error
+    elif rows.format == "coo":
+        for label, place, limit in zip(("row", "column"), rows.coords, rows.shape, strict=True):
+            wrong = (place < 0) | (place >= limit)
+            if len(place) != len(rows.data) or wrong.any():
+                raise InputError(
+                    f"rows is no valid matrix in COO: {label} numbers must be from 0 to "
+                    f"{limit - 1}, one for each value"
+                )
 
 
 def _from_triplets(
@@ -576,11 +602,9 @@ def _from_triplets(
         if place.max(initial=-1) >= limit:
             k = int(np.argmax(place >= limit))
             raise InputError(f"{label}[{k}] = {place[k]}: must be below {limit}")
-    if shape[0] > 2**40:
-        raise InputError(
-            f"row {shape[0] - 1} would take {8 * shape[0] / 1e9:.0f} GB for the starts of rows "
-            "alone: number the rows without gaps"
-        )
+    _require_memory(
+        8 * shape[0], f"the starts of {shape[0]} rows alone", "number the rows without gaps"
+    )
     return coo_array((values, tuple(places)), shape=shape)
 
 
@@ -646,12 +670,43 @@ def _stacked(parts: Sequence[Any]) -> Any:
     return vstack(parts, format="csr")
 
 
+def _require_memory(wanted: int, what: str, advice: str = "number the states without gaps") -> None:
+    """Raise where what is wanted is more than is free."""
+    free = available_bytes()
+    if wanted > free:
+        raise MemoryError(
+            f"{what} would take {wanted / 1e9:.3g} GB: {free / 1e9:.3g} GB are available; {advice}"
+        )
+
+
 def available_bytes() -> int:
-    """Return how much memory may be taken: what the system says is free, or much."""
+    """Return how much memory may be taken: the least of what the limits leave, or much.
+
+    Those of the system, of the control group (a container) and of the process.
+    """
+    free = [2**62]
     try:
-        for line in Path("/proc/meminfo").read_text().splitlines():
-            if line.startswith("MemAvailable:"):
-                return int(line.split()[1]) * 1024
+        lines = Path("/proc/meminfo").read_text().splitlines()
+        free += [int(x.split()[1]) * 1024 for x in lines if x.startswith("MemAvailable:")]
     except OSError:
         pass
-    return 2**62
+    for limit, used in _CONTROL_GROUPS:
+        try:
+            most = Path(limit).read_text().strip()
+            taken = int(Path(used).read_text())
+        except (OSError, ValueError):
+            continue
+        if most.isdigit():
+            free.append(int(most) - taken)
+    try:
+        import resource
+    except ImportError:  # Windows
+        return max(min(free), 0)
+    most_addresses, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if most_addresses != resource.RLIM_INFINITY:
+        try:
+            pages = int(Path("/proc/self/statm").read_text().split()[0])
+            free.append(most_addresses - pages * resource.getpagesize())
+        except OSError:
+            free.append(most_addresses)
+    return max(min(free), 0)

@@ -13,7 +13,7 @@ from gramian._text import describe_direction
 from gramian._values import Value
 from gramian.large._problem import SparseProblem
 
-__all__ = ["NullCombination", "null_combinations", "some_blocks"]
+__all__ = ["NullCombination", "null_combinations", "some_of"]
 
 Array = NDArray[np.float64]
 
@@ -264,7 +264,7 @@ class _Component:
         elif len(moved) == len(self.blocks):
             of = f"the {_count(len(moved))} that nothing joins with the others ({_few(names)})"
         else:
-            of = some_blocks(names)
+            of = some_of(names, "blocks")
         if kind == "gauge":
             return f"{name} of all {of}" if every else f"{name} of {of}"
         return f"all {name} of {of} shift alike"
@@ -296,11 +296,11 @@ def _echelon(vectors: Array) -> Array:
     return reduced
 
 
-def some_blocks(names: Sequence[str]) -> str:
+def some_of(names: Sequence[str], what: str) -> str:
     """Return "x3", "x3 and x4", or "12 blocks (x3, x4, x5, ...)"."""
     if len(names) <= 2:
         return " and ".join(names)
-    return f"{len(names)} blocks ({_few(names)})"
+    return f"{len(names)} {what} ({_few(names)})"
 
 
 def _few(names: Sequence[str]) -> str:
