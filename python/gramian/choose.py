@@ -371,9 +371,10 @@ def _dense(
     keep = np.flatnonzero(touched)
     others = [problem.names[j] for j in np.flatnonzero(~touched)]
     reduced = problem.marginalize(others) if others else problem
+    rows: Any = reduced.all_rows
     return (
         reduced.names,
-        _without_rounding(reduced.all_rows.toarray(), reduced.rtol if others else None),
+        _without_rounding(rows.toarray(), reduced.rtol if others else None),
         [a.tocsc()[:, keep].toarray() if is_sparse(a) else a[:, keep] for a in arrays.values()],
         reduced.scale,
     )
