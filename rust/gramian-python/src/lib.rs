@@ -28,10 +28,29 @@ mod sparse;
 mod spine;
 mod tracks;
 
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use pyo3::exceptions::PyImportError;
 use pyo3::prelude::*;
+
+/// The address of `sys` in the interpreter that loaded this module first.
+static HOME: AtomicUsize = AtomicUsize::new(0);
+
+/// Refuses a second interpreter: exceptions and types kept here belong to the first.
+fn require_one_interpreter(py: Python<'_>) -> PyResult<()> {
+    let sys = py.import("sys")?.as_ptr() as usize;
+    match HOME.compare_exchange(0, sys, Ordering::SeqCst, Ordering::SeqCst) {
+        Err(home) if home != sys => Err(PyImportError::new_err(
+            "gramian is in use by another interpreter of this process: subinterpreters are not \
+             supported; use processes",
+        )),
+        _ => Ok(()),
+    }
+}
 
 #[pymodule(gil_used = true)]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    require_one_interpreter(module.py())?;
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     spine::register(module)?;
     #[cfg(feature = "large")]
