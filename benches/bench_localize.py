@@ -61,7 +61,7 @@ class Track:
 
         with mp.workdps(30):
             number = lambda x: mp.mpf(float(x))  # noqa: E731
-            near = bearings.localize(self.times, z, self.path, self.sigma).state
+            near = bearings.localize_many(self.times, z, self.path, self.sigma).state
             x = mp.matrix([number(e) for e in near])
             for _ in range(60):
                 normal, right = mp.zeros(4), mp.zeros(4, 1)
@@ -134,7 +134,7 @@ def case(sigma: float, data: Any = None) -> Case:
     z = noisy(FEW, sigma)
 
     def make() -> Any:
-        std = bearings.localize(TIMES, z, PATH, sigma).std
+        std = bearings.localize_many(TIMES, z, PATH, sigma).std
         return np.array([TRACK.most_likely(one) for one in z]), std
 
     wanted = exact.lazily(make)
@@ -148,7 +148,7 @@ def estimates_contest(trials: int, peer_trials: int) -> Contest:
     """Estimates from given bearings."""
 
     def ours(data: Any) -> Callable[[], Any]:
-        return lambda: bearings.localize(TIMES, data, PATH, SIGMA).state
+        return lambda: bearings.localize_many(TIMES, data, PATH, SIGMA).state
 
     return Contest(
         f"bearings localize, {trials} trials, m = {M}",
@@ -189,7 +189,7 @@ def simulated_contest(trials: int) -> Contest:
 
     def two_calls(data: Any) -> Callable[[], Any]:
         sigma, trials = data
-        return lambda: bearings.localize(TIMES, noisy(trials, sigma), PATH, sigma).state
+        return lambda: bearings.localize_many(TIMES, noisy(trials, sigma), PATH, sigma).state
 
     return Contest(
         f"bearings simulated and located, {trials} trials, m = {M}",

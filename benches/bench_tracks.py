@@ -4,7 +4,7 @@
 
 Estimates of two legs (7 states, 60 bearings) against SciPy's `least_squares` with the same
 Jacobian and start; rows of a mixed scene against numpy over all states at once; bearings
-alone against `gm.bearings.localize`. With --proofs the RMSE over the bound, the coverage and
+alone against `gm.bearings.localize_many`. With --proofs the RMSE over the bound, the coverage and
 the choice of legs over 1000 trials. The target of each number stands in brackets behind it.
 """
 
@@ -73,7 +73,7 @@ def bearings_alone() -> None:
     truth = TWO_LEGS[:4]
     z = gm.tracks.simulate(scene, truth, trials=4000, seed=1)
     path = carrier.at(TIMES)[0]
-    old = seconds(lambda: gm.bearings.localize(TIMES, z, path, SIGMA)) / 4000
+    old = seconds(lambda: gm.bearings.localize_many(TIMES, z, path, SIGMA)) / 4000
     new = seconds(lambda: gm.tracks.estimate(scene, z, start=truth * 1.1)) / 4000
     found = seconds(lambda: gm.tracks.estimate(scene, z[:500])) / 500
     print(f"bearings alone, m = 60: specialised {old * 1e6:.1f} us, generic {new * 1e6:.1f} us")

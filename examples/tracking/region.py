@@ -18,7 +18,7 @@ path = np.stack([5.0 * (t - leg) * np.sin(angle), 5.0 * (leg + (t - leg) * np.co
 truth = np.array([3000.0, 7000.0, -3.0, -1.0])
 sigma = np.radians(0.7)
 measured = gm.bearings.simulate(t, path, truth, sigma, seed=3)
-found = gm.bearings.estimate(t, measured, path, sigma)
+found = gm.bearings.localize(t, measured, path, sigma)
 print(found.summary())
 
 region = found.region(("x0", "y0"))

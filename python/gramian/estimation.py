@@ -454,7 +454,11 @@ class Estimate(Answer):
 
     @cached_property
     def _analysis(self) -> _core.Analysis:
-        return _core.Analysis(self._handle.linearize(self.state)[1], None)
+        rows, rtol = self._handle.linearize(self.state)[1], None
+        rounded = getattr(self.model, "rounded", None)
+        if rounded is not None:
+            rows, rtol = rounded(self.state, rows)
+        return _core.Analysis(rows, rtol)
 
     @cached_property
     def fit(self) -> Fit:

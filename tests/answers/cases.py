@@ -104,8 +104,8 @@ def sparse():
 def bearings():
     exact = gm.bearings.BearingsModel(TIMES, observer(), np.full(TIMES.size, 0.002)).h(STATE)
     noisy = exact + 0.002 * np.sin(TIMES)
-    yield gm.bearings.localize(TIMES, noisy, observer(), sigma=0.002)
-    yield gm.bearings.localize(TIMES, np.stack([noisy, exact]), observer(), sigma=0.002)
+    yield gm.bearings.localize_many(TIMES, noisy, observer(), sigma=0.002)
+    yield gm.bearings.localize_many(TIMES, np.stack([noisy, exact]), observer(), sigma=0.002)
     yield gm.bearings.localize_trials(TIMES, observer(), STATE, 0.002, trials=3, seed=1)
     yield gm.bearings.observability_test(TIMES, noisy, 0.002)
     yield gm.bearings.observable(TIMES, exact)

@@ -178,7 +178,7 @@ def test_tables_have_names_and_units(values):
     path = next(v for v in values if isinstance(v, gm.maneuver.Trajectory))
     assert path.to_pandas().attrs["units"]["bearing"] == "rad"
     assert path.to_xarray()["east"].attrs["units"] == "m"
-    found = next(v for v in values if isinstance(v, gm.bearings.Localization))
+    found = next(v for v in values if isinstance(v, gm.bearings.Localizations))
     assert found.to_xarray()["covariance"].shape == (4, 4)
     assert found.to_xarray().unit.values.tolist() == ["m", "m", "m/s", "m/s"]
 

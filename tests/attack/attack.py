@@ -291,7 +291,7 @@ MEANT_OF = {
     "tracks.": (".measurements",),
     "estimate": (".measurements",),
     # The state where there is no estimate: unobservable, or the model does not hold.
-    "bearings.localize": (".state",),
+    "bearings.localize_many": (".state",),
 }
 
 

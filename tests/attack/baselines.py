@@ -71,7 +71,7 @@ def _sparse() -> Any:
 
 
 def _answer() -> Any:
-    return gm.bearings.estimate(T, SEEN, PATH, 0.01)
+    return gm.bearings.localize(T, SEEN, PATH, 0.01)
 
 
 def _path() -> Any:
@@ -161,7 +161,7 @@ CALLS: dict[str, dict[str, Any]] = {
     },
     "bearings.gram": {"times": T, "bearings": SEEN, "weights": np.ones(T.size)},
     "bearings.gram_det": {"times": T, "bearings": SEEN, "weights": np.ones(T.size)},
-    "bearings.localize": {
+    "bearings.localize_many": {
         "times": T,
         "bearings": SEEN,
         "observer": PATH,
@@ -572,13 +572,14 @@ CALLS: dict[str, dict[str, Any]] = {
         "noise": np.array([1.0, 10.0]),
         "samples": 8,
     },
-    "bearings.estimate": {
+    "bearings.localize": {
         "times": T,
         "bearings": SEEN,
         "observer": PATH,
         "sigma": 0.01,
         "prior": {"x0": (2000.0, 500.0)},
         "order": 1,
+        "observer_index": np.zeros(T.size, dtype=int),
     },
     "dipole.check_record": {"times": PASS_TIMES, "field": FIELD, "channels": ("x", "y", "z")},
     "dynamics.empirical_gramian": {

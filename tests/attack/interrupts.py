@@ -218,7 +218,7 @@ def _interval() -> Callable[[], Any]:
 def _region() -> Callable[[], Any]:
     given = _bearings(2000)
     seen = gm.bearings.simulate(**given, seed=1)
-    found = gm.bearings.estimate(given["times"], seen, given["observer"], 0.01)
+    found = gm.bearings.localize(given["times"], seen, given["observer"], 0.01)
     return lambda: [found.region(("x0", "y0"), level) for level in np.linspace(0.5, 0.99, 1000)]
 
 

@@ -64,7 +64,7 @@ def test_an_order_takes_as_many_bearings_as_states(order):
     assert (few.status, few.rank) == ("unobservable", n - 1)
     assert gm.analyze(problem(TIMES[:n], path[:n], x, 1e-3, order=order)).rank == n
     with pytest.raises(gm.InputError, match=f"{n - 1} bearings.*order {order} has {n} states"):
-        gm.bearings.localize(TIMES[: n - 1], np.zeros(n - 1), path[: n - 1], 1e-3, order=order)
+        gm.bearings.localize_many(TIMES[: n - 1], np.zeros(n - 1), path[: n - 1], 1e-3, order=order)
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])
@@ -100,7 +100,7 @@ def test_several_observers():
     noisy = gm.bearings.simulate(
         t, where, state(1, 2), 1e-3, seed=1, observer_index=index, trials=200
     )
-    answer = gm.bearings.localize(t, noisy, where, 1e-3, observer_index=index)
+    answer = gm.bearings.localize_many(t, noisy, where, 1e-3, observer_index=index)
     error = (answer.state - state(1, 2)) / answer.std
     assert np.sqrt((error**2).mean(axis=0)) == pytest.approx(np.ones(4), abs=0.2)
 

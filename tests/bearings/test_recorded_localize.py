@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import gramian as gm
-from gramian.models.bearings import localize, localize_trials, simulate
+from gramian.models.bearings import localize_many, localize_trials, simulate
 
 pytestmark = pytest.mark.recorded
 
@@ -53,7 +53,7 @@ def test_a_ship_that_can_be_located_is(tracks, observer, target, start, bounds):
     # Bearings of the recorded positions, of a target at constant velocity only nearly.
     # One honest trial in 1000 is a misfit at the level of 0.001: none at this one.
     seen = simulate(times, path, ship, SIGMA, seed=1, trials=2000)
-    answer = localize(times, seen, path, SIGMA, alpha=1e-9)
+    answer = localize_many(times, seen, path, SIGMA, alpha=1e-9)
     assert (answer.code == 0).all()
     error = answer.state[:, :2] - ship[0]
     # The scatter is the bound's; the bias is what departing from a straight line costs.
@@ -70,7 +70,9 @@ def test_a_ship_that_can_be_located_is(tracks, observer, target, start, bounds):
 def test_a_ship_that_can_hardly_be_located_is_called_weak(tracks):
     times, path = tracks("observer_ferry_a", 1900.0)
     _, ship = tracks("ship_e", 1900.0)
-    answer = localize(times, simulate(times, path, ship, SIGMA, seed=1, trials=1000), path, SIGMA)
+    answer = localize_many(
+        times, simulate(times, path, ship, SIGMA, seed=1, trials=1000), path, SIGMA
+    )
     weak = np.isin(answer.status, ("weak", "unbounded"))
     assert weak.mean() > 0.5
     # Where an estimate exists the recorded position is within its own uncertainty.
@@ -82,7 +84,9 @@ def test_a_ship_that_can_hardly_be_located_is_called_weak(tracks):
 def test_a_hopeless_ship_is_never_converged(tracks):
     times, path = tracks("observer_d", 900.0)
     _, ship = tracks("ship_g", 900.0)
-    answer = localize(times, simulate(times, path, ship, SIGMA, seed=1, trials=1000), path, SIGMA)
+    answer = localize_many(
+        times, simulate(times, path, ship, SIGMA, seed=1, trials=1000), path, SIGMA
+    )
     assert (answer.status == "determined").mean() < 0.2
 
 
@@ -90,6 +94,8 @@ def test_a_ship_that_turned_shows_in_the_residuals(tracks):
     times, path = tracks("observer_ferry_a", 1200.0)
     _, ship = tracks("ship_h", 1200.0)
     assert straight(times, ship)[1] == pytest.approx(127, abs=5)
-    answer = localize(times, simulate(times, path, ship, SIGMA, seed=1, trials=500), path, SIGMA)
+    answer = localize_many(
+        times, simulate(times, path, ship, SIGMA, seed=1, trials=500), path, SIGMA
+    )
     # The bound alone says 0.5 % of the range; the residuals say not to believe it.
     assert np.median(answer.p_value) < 0.05

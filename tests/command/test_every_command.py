@@ -199,7 +199,7 @@ def test_ctrl_c_stops_it_with_130(folder, name):
     for _ in range(20):
         os.killpg(process.pid, signal.SIGINT)
         try:
-            _, said = process.communicate(timeout=3)
+            _, said = process.communicate(timeout=10)
             break
         except subprocess.TimeoutExpired:
             continue

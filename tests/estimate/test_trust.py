@@ -71,7 +71,7 @@ BOX = {"east": (-200.0, 200.0), "north": (-200.0, 200.0)}
 def recorded(name, **options):
     case = REGIONS[name]
     sigma = np.deg2rad(case["sigma_deg"])
-    return gm.bearings.estimate(TIMES, case["bearings_rad"], PATH, sigma, **options)
+    return gm.bearings.localize(TIMES, case["bearings_rad"], PATH, sigma, **options)
 
 
 @pytest.mark.parametrize("name", ["easy", "skewed", "wide", "open"])
@@ -175,7 +175,7 @@ def turning():
 
 
 def test_a_target_that_turns_is_a_misfit_and_the_turn_is_named():
-    answer = gm.bearings.estimate(TIMES, turning(), PATH, 0.0035)
+    answer = gm.bearings.localize(TIMES, turning(), PATH, 0.0035)
     assert answer.status == "misfit"
     assert answer.fit.p_value < 1e-6
     assert answer.fit.lag1[3] < 1e-3
@@ -184,7 +184,7 @@ def test_a_target_that_turns_is_a_misfit_and_the_turn_is_named():
 
 def test_residuals_that_are_too_small_are_told():
     case = REGIONS["easy"]
-    answer = gm.bearings.estimate(TIMES, case["bearings_rad"], PATH, 0.2)
+    answer = gm.bearings.localize(TIMES, case["bearings_rad"], PATH, 0.2)
     assert answer.fit.p_value > 0.999
     assert "sigma or a unit is wrong" in answer.fit.warning
     assert not recorded("easy").fit.warning
@@ -295,13 +295,13 @@ def test_a_missed_minimum_is_found():
     seen = gm.bearings.simulate(
         TIMES, PATH, [4000, 15000, 3, -1], np.deg2rad(2.0), seed=7, trials=53
     )[52]
-    answer = gm.bearings.estimate(TIMES, seen, PATH, np.deg2rad(2.0))
+    answer = gm.bearings.localize(TIMES, seen, PATH, np.deg2rad(2.0))
     assert answer.fit.chi2 == pytest.approx(27.55, abs=0.01)
     assert all(other.chi2 > answer.fit.chi2 for other in answer.others)
 
 
 def test_the_best_alternative_can_be_refitted():
-    answer = gm.bearings.estimate(TIMES, turning(), PATH, 0.0035)
+    answer = gm.bearings.localize(TIMES, turning(), PATH, 0.0035)
     better = answer.refit()
     name = answer.fit.alternatives[0].name
     assert better.names[-2:] == (f"{name} 1", f"{name} 2")
@@ -392,12 +392,12 @@ def bearings_of_a_pass(seed):
 
 def test_bearings_that_are_stuck_are_a_misfit():
     t, seen, path, sigma = bearings_of_a_pass(1)
-    honest = gm.bearings.estimate(t, seen, path, sigma)
+    honest = gm.bearings.localize(t, seen, path, sigma)
     assert honest.fit.faults == ()
     assert honest.status == "determined"
     # A constant bearing fits a target that closes in: chi2 alone does not show it.
     stuck = np.where(t > t[20], seen[20], seen)
-    found = gm.bearings.estimate(t, stuck, path, sigma)
+    found = gm.bearings.localize(t, stuck, path, sigma)
     assert found.fit.p_value > 0.5
     assert found.status == "misfit"
     assert "bearing is stuck at one value from 300 s to 585 s" in found.reason
@@ -437,26 +437,26 @@ def test_a_batch_of_bearings_is_looked_through():
         step = np.radians(step_deg)
         batch = np.array([bearings_of_a_pass(seed)[1] for seed in range(6)])
         batch = step * np.round(batch / step) if step else batch
-        assert gm.bearings.localize(t, batch, path, sigma, alpha=1e-9).faults == ()
+        assert gm.bearings.localize_many(t, batch, path, sigma, alpha=1e-9).faults == ()
     batch[2] = stuck
-    found = gm.bearings.localize(t, batch, path, sigma, alpha=1e-9)
+    found = gm.bearings.localize_many(t, batch, path, sigma, alpha=1e-9)
     assert (found.status == "misfit").tolist() == [False, False, True, False, False, False]
     (told,) = found.faults
     assert told.startswith("record 2: bearing is stuck at one value from 300 s to 585 s")
-    one = gm.bearings.localize(t, stuck, path, sigma)
+    one = gm.bearings.localize_many(t, stuck, path, sigma)
     assert (one.status, one.p_value > 0.5) == ("misfit", True)
     assert "stuck" in one.summary()
     # Two observers that report the same: one copies the other.
     twice = np.repeat(t, 2)
     index = np.tile([0, 1], t.size)
     both = np.repeat(path, 2, axis=0) + np.outer(index, [1.0, 0.0])
-    copied = gm.bearings.localize(
+    copied = gm.bearings.localize_many(
         twice, np.repeat(seen, 2), both, sigma, observer_index=index, alpha=1e-9
     )
     assert copied.faults == ("bearing of observer 1 is a copy of bearing of observer 0",)
     # Exact data repeat themselves, and are no fault.
     exact = np.full(t.size, 0.5)
-    away = gm.bearings.localize(t, exact, path, sigma, {"vx": (0.0, 1.0), "vy": (0.0, 1.0)})
+    away = gm.bearings.localize_many(t, exact, path, sigma, {"vx": (0.0, 1.0), "vy": (0.0, 1.0)})
     assert away.faults == ()
 
 

@@ -27,7 +27,7 @@ def scene(sigma):
 def test_a_batch_of_far_targets_is_never_unobservable(degrees, share):
     sigma = np.deg2rad(degrees)
     seen = bearings(FAR, sigma, 200, 7)
-    found = gm.bearings.localize(TIMES, seen, PATH, sigma)
+    found = gm.bearings.localize_many(TIMES, seen, PATH, sigma)
     assert not (found.status == "unobservable").any()
     # States there are where the status says so, and the two engines nearly always agree on
     # the best: the batch follows the starts of one track no farther than to a good fit.
@@ -42,7 +42,7 @@ def unbounded(state, degrees, seed):
     """Bearings that no finite range explains best."""
     sigma = np.deg2rad(degrees)
     seen = bearings(state, sigma, 300, seed)
-    status = gm.bearings.localize(TIMES, seen, PATH, sigma).status
+    status = gm.bearings.localize_many(TIMES, seen, PATH, sigma).status
     return seen[status == "unbounded"], sigma
 
 
@@ -53,14 +53,14 @@ def test_one_estimate_says_how_far_at_least(state, degrees, seed):
     records, sigma = unbounded(state, degrees, seed)
     assert len(records) > 3
     for seen in records[:6]:
-        answer = gm.bearings.estimate(TIMES, seen, PATH, sigma)
+        answer = gm.bearings.localize(TIMES, seen, PATH, sigma)
         assert answer.status == "weak"
         interval = answer.interval("range")
         _, high = interval.pieces[-1]
         assert high is None
         assert interval.certain
         # Nothing far away fits better by much.
-        limit = gm.bearings.localize(TIMES, seen, PATH, sigma).chi2
+        limit = gm.bearings.localize_many(TIMES, seen, PATH, sigma).chi2
         assert answer.fit.chi2 < limit + 6.0
         assert answer.unbounded == ("towards infinity" in answer.reason)
 
@@ -74,7 +74,7 @@ def test_a_turned_target_that_fits_best_at_infinity_is_a_misfit():
     offsets = turned - PATH
     seen = np.arctan2(offsets[:, 0], offsets[:, 1])
     seen += sigma * np.random.default_rng(1).normal(size=TIMES.size)
-    answer = gm.bearings.estimate(TIMES, seen, PATH, sigma)
+    answer = gm.bearings.localize(TIMES, seen, PATH, sigma)
     assert answer.status == "misfit"
 
 
@@ -84,8 +84,8 @@ def test_a_straight_observer_is_still_unobservable():
     seen = np.arctan2(offsets[:, 0], offsets[:, 1])
     for noise in (0.0, 0.01):
         z = seen + noise * np.random.default_rng(3).normal(size=(8, TIMES.size))
-        batch = gm.bearings.localize(TIMES, z, straight, 0.01)
+        batch = gm.bearings.localize_many(TIMES, z, straight, 0.01)
         assert (batch.status == "unobservable").all()
-        answer = gm.bearings.estimate(TIMES, z[0], straight, 0.01)
+        answer = gm.bearings.localize(TIMES, z[0], straight, 0.01)
         assert answer.status == "unobservable"
         assert len(answer.null_combinations) == 1

@@ -66,10 +66,10 @@ CONVERTED = [
         G.bearings.rows(minute(T), km(PATH), STATE, deg(0.01))),
     ("bearings.problem", lambda km, deg, minute, nt, kn:
         G.analyze(G.bearings.problem(minute(T), km(PATH), STATE, sigma=deg(0.01)))),
+    ("bearings.localize_many", lambda km, deg, minute, nt, kn:
+        G.bearings.localize_many(minute(T), deg(SEEN), km(PATH), deg(0.01))),
     ("bearings.localize", lambda km, deg, minute, nt, kn:
         G.bearings.localize(minute(T), deg(SEEN), km(PATH), deg(0.01))),
-    ("bearings.estimate", lambda km, deg, minute, nt, kn:
-        G.bearings.estimate(minute(T), deg(SEEN), km(PATH), deg(0.01))),
     ("bearings.residuals", lambda km, deg, minute, nt, kn:
         G.bearings.residuals(minute(T), deg(SEEN + 0.01), km(PATH), STATE)),
     ("bearings.simulate", lambda km, deg, minute, nt, kn:
@@ -229,8 +229,8 @@ def scene(times):
 
 #: Estimates with knowledge by name: of km and knots, as a unit of a library or as a factor.
 KNOWING = [
-    lambda km, kn: gm.bearings.localize(T, SEEN, PATH, 1e-3, {"x0": (2 * km, 0.5 * km)}).state,
-    lambda km, kn: gm.bearings.estimate(T, SEEN, PATH, 1e-3, {"vx": (6 * kn, 1 * kn)}).state,
+    lambda km, kn: gm.bearings.localize_many(T, SEEN, PATH, 1e-3, {"x0": (2 * km, 0.5 * km)}).state,
+    lambda km, kn: gm.bearings.localize(T, SEEN, PATH, 1e-3, {"vx": (6 * kn, 1 * kn)}).state,
     lambda km, kn: gm.estimate(
         gm.bearings.BearingsModel(T, PATH, np.array([1e-3])), SEEN, search=False,
         known={"x0": 2 * km}, prior={"vx": (6 * kn, 1 * kn)}, box={"y0": (1 * km, 9 * km)},

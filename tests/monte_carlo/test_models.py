@@ -89,7 +89,7 @@ def test_the_built_in_estimator_is_localize_on_the_simulated_bearings():
     table = gm.monte_carlo.run(experiment, 300, 5, table=True).table
 
     def own(bearings):
-        return gm.bearings.localize(
+        return gm.bearings.localize_many(
             experiment.times, bearings, experiment.observer, experiment.sigma
         )
 

@@ -6,11 +6,10 @@ metres per second at the first time; x is east, y is north.
 
 - `problem`, `rows`: the whitened rows, for `gramian.analyze`; `NAMES`, `UNITS` and
   `state_names` name the states, `merge` joins several observers.
-- `estimate`: the most likely state as a `gramian.Estimate`, with its fit, other solutions and
-  intervals of the likelihood; `BearingsModel` is the model behind it.
-- `localize`: the most likely state, a `Localization` with one of the `STATUSES`;
-  `residuals` of a state; `simulate` makes noisy bearings, `localize_trials` does both
-  many times, with `Trials`.
+- `localize`: the most likely state as a `gramian.Estimate`, with its fit, other solutions and
+  intervals of the likelihood; `BearingsModel` is the model behind it. `localize_many` does
+  many records at once: `Localizations`, each with one of the `STATUSES`; `residuals` of a
+  state; `simulate` makes noisy bearings, `localize_trials` does both many times, with `Trials`.
 - `observable`, with `ObservableVerdict`: Theorem 1 for exact bearings; `discriminant`,
   `discriminant_sum`, `gram`, `gram_det`, and `best_quadruple` with `Quadruple`.
 - `observability_test`, with `ObservabilityTest`: whether noisy bearings could be those of
@@ -28,15 +27,16 @@ from gramian.models.bearings._discriminant import (
     gram_det,
     observable,
 )
-from gramian.models.bearings._estimate import BearingsModel, estimate
 from gramian.models.bearings._localize import (
     STATUSES,
-    Localization,
+    Localizations,
     Trials,
     localize,
+    localize_many,
     localize_trials,
     residuals,
 )
+from gramian.models.bearings._model import BearingsModel
 from gramian.models.bearings._monitor import Monitor, MonitorAnswer
 from gramian.models.bearings._motion_test import (
     ObservabilityTest,
@@ -49,7 +49,7 @@ __all__ = [
     "STATUSES",
     "UNITS",
     "BearingsModel",
-    "Localization",
+    "Localizations",
     "Monitor",
     "MonitorAnswer",
     "ObservabilityTest",
@@ -59,10 +59,10 @@ __all__ = [
     "best_quadruple",
     "discriminant",
     "discriminant_sum",
-    "estimate",
     "gram",
     "gram_det",
     "localize",
+    "localize_many",
     "localize_trials",
     "merge",
     "observability_test",

@@ -14,16 +14,25 @@ from gramian import _options as options
 from gramian._answers import Answer, Columns, columns_of_states
 from gramian._arrays import SEED_MOST, as_float_array, finite, number, whole, wrap_angles
 from gramian._noise import as_pair
-from gramian._text import brief, describe_direction, plain
-from gramian.estimation import Channel, faulty
-from gramian.exceptions import InputError, UnobservableError
+from gramian._text import brief, plain
+from gramian.estimation import Estimate, estimate, faulty
+from gramian.exceptions import InputError
+from gramian.models.bearings._model import BearingsModel, channels
 from gramian.models.bearings._rows import check_index, state_names
 
-__all__ = ["STATUSES", "Localization", "Trials", "localize", "localize_trials", "residuals"]
+__all__ = [
+    "STATUSES",
+    "Localizations",
+    "Trials",
+    "localize",
+    "localize_many",
+    "localize_trials",
+    "residuals",
+]
 
 Array = NDArray[np.float64]
 
-#: What a status code means; `Localization.code` is the place in this tuple.
+#: What a status code means; `Localizations.code` is the place in this tuple.
 STATUSES = ("determined", "weak", "unobservable", "unbounded", "not_converged", "misfit")
 
 #: Of these the extension finds all but the last, which is decided from the fit.
@@ -32,8 +41,8 @@ _UNOBSERVABLE = STATUSES.index("unobservable")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Localization(Answer):
-    """The answer of `localize`: one estimate, or one for each trial of a batch.
+class Localizations(Answer):
+    """The answer of `localize_many`: an estimate of each record.
 
     Attributes
     ----------
@@ -152,7 +161,7 @@ class Trials(Answer):
         error^T covariance^-1 error: chi-square with n degrees of freedom if the
         covariance tells the truth; NaN where no estimate exists.
     chi2 : ndarray, shape (trials,)
-        As in `Localization`.
+        As in `Localizations`.
     code : ndarray of int, shape (trials,)
         The place in `STATUSES`.
     iterations : ndarray of int, shape (trials,)
@@ -182,12 +191,95 @@ def localize(
     *,
     order: int = 1,
     observer_index: ArrayLike | None = None,
+    **options: Any,
+) -> Estimate:
+    """Return the most likely state of a moving target, and whether it may be believed.
+
+    Parameters
+    ----------
+    times : array_like, shape (m,)
+        Increasing, seconds.
+    bearings : array_like, shape (m,)
+        Clockwise from north, radians; whole turns do not matter.
+    observer : array_like, shape (m, 2)
+        Observer positions (east, north), metres.
+    sigma : array_like, shape () or (m,)
+        Standard deviation of the bearings, radians, > 0.
+    prior : mapping of str to (mean, sigma), optional
+        What is known of states beforehand: ``{"vx": (3.0, 0.5)}``.
+    order : int
+        The target's position is a polynomial in time of this order: 0 at rest,
+        1 at constant velocity, 2 accelerated, 3 with constant jerk.
+    observer_index : array_like of int, shape (m,), optional
+        For bearings of several observers, which one took each. Times of
+        different observers may then coincide.
+    **options
+        As for `gramian.estimate`: a start, a box, a robust loss, levels.
+
+    Returns
+    -------
+    gramian.estimation.Estimate
+        With its fit, other solutions, and intervals and regions of the likelihood; its
+        interval of "range" is that of the first range. The status is "unobservable" where a
+        combination of states leaves all bearings as they are: `null_combinations` has it.
+
+    Raises
+    ------
+    InputError
+        Shapes that do not fit, numbers that are not finite, times that do not
+        increase, a sigma that is not positive, too few bearings for the order.
+
+    See Also
+    --------
+    localize_many : Many records at once, without other solutions and intervals.
+
+    Examples
+    --------
+    >>> import numpy as np, gramian as gm
+    >>> t = np.arange(0.0, 600.0, 20.0)
+    >>> path = np.stack([np.maximum(0, 5 * (t - 300)), np.minimum(5 * t, 1500)], axis=1)
+    >>> seen = gm.bearings.simulate(t, path, [2000, 6000, 3, -1], 1e-3, seed=2)
+    >>> answer = localize(t, seen, path, 1e-3)
+    >>> answer.status, answer.contains([2000, 6000, 3, -1])
+    ('determined', True)
+    """
+    when, path, z = (
+        finite(times, "times"),
+        finite(observer, "observer"),
+        finite(bearings, "bearings"),
+    )
+    if when.ndim != 1 or z.shape != when.shape:
+        raise InputError(
+            f"times has shape {when.shape}, bearings {z.shape}: must be (m,) both; "
+            "localize_many takes batches"
+        )
+    if path.ndim != 2:
+        raise InputError(f"observer has shape {path.shape}: must be (m, 2), one track")
+    check_count(z.size, order, len(prior or {}))
+    index = check_index(when, observer_index)
+    if index is None:
+        check_index(when, np.zeros(when.size, dtype=int))
+    deviations = np.atleast_1d(finite(sigma, "sigma [rad]"))
+    model = BearingsModel(when, path, deviations, order, index)
+    model.handle(z)
+    return estimate(model, z, prior=prior, **options)
+
+
+def localize_many(
+    times: ArrayLike,
+    bearings: ArrayLike,
+    observer: ArrayLike,
+    sigma: ArrayLike,
+    prior: Mapping[str, tuple[float, float]] | None = None,
+    *,
+    order: int = 1,
+    observer_index: ArrayLike | None = None,
     weak_ratio: float = 0.25,
     max_iterations: int = 50,
     rtol: float | None = None,
     alpha: float = 0.001,
-) -> Localization:
-    """Return the most likely state of a moving target, with its covariance.
+) -> Localizations:
+    """Return the most likely states of many records at once, with their covariances.
 
     Parameters
     ----------
@@ -219,19 +311,17 @@ def localize(
 
     Returns
     -------
-    Localization
-        Leading axes are a batch, computed by all threads. Look at its status:
-        "determined"; "weak", a state whose range is hardly known; "unbounded",
-        the likelihood grows towards infinite range; "not_converged", the
-        iterations ran out; "misfit", the bearings contradict the motion or their
-        sigma, or are stuck at one value, which outranks these; in a batch also "unobservable".
+    Localizations
+        Leading axes are a batch, computed by all threads, several hundred thousand records a
+        second. Look at each status: "determined"; "weak", a state whose range is hardly
+        known; "unbounded", the likelihood grows towards infinite range; "not_converged", the
+        iterations ran out; "misfit", the bearings contradict the motion or their sigma, or
+        are stuck at one value, which outranks these; "unobservable", a combination of states
+        leaves all bearings as they are. Other solutions and intervals of the likelihood:
+        `localize`, of one record.
 
     Raises
     ------
-    UnobservableError
-        For a single track, when a combination of states leaves all bearings as
-        they are, so that no most likely state exists. It names the combination.
-        In a batch that is a status.
     InputError
         Shapes that do not fit, numbers that are not finite, times that do not
         increase, a sigma that is not positive, too few bearings for the order.
@@ -255,10 +345,12 @@ def localize(
     >>> import numpy as np, gramian as gm
     >>> t = np.arange(0.0, 600.0, 20.0)
     >>> path = np.stack([np.maximum(0, 5 * (t - 300)), np.minimum(5 * t, 1500)], axis=1)
-    >>> seen = gm.bearings.simulate(t, path, [2000, 6000, 3, -1], 1e-3, seed=1)
-    >>> answer = localize(t, seen, path, 1e-3)
-    >>> answer.status, bool((abs(answer.state - [2000, 6000, 3, -1]) < 3 * answer.std).all())
-    ('determined', True)
+    >>> seen = gm.bearings.simulate(t, path, [2000, 6000, 3, -1], 1e-3, seed=1, trials=3)
+    >>> answer = localize_many(t, seen, path, 1e-3)
+    >>> bool((abs(answer.state - [2000, 6000, 3, -1]) < 4 * answer.std).all())
+    True
+    >>> answer.summary()
+    '3 trials: 3 determined'
     """
     names, units = state_names(order)
     n = len(names)
@@ -267,7 +359,7 @@ def localize(
     options.fraction(alpha, "alpha")
     known = _prior(prior, names, units)
     check_count(seen.shape[-1] if seen.ndim else 0, order, len(prior or {}))
-    check_index(times, observer_index)
+    index = check_index(times, observer_index)
     found = _core.bearings_localize(
         times,
         observer,
@@ -275,16 +367,16 @@ def localize(
         sigma,
         n,
         known,
-        observer_index is not None,
+        index is not None,
         rtol,
         max_iterations,
         weak_ratio,
     )
     chi2, dof = found["chi2"], seen.shape[-1] + len(prior or {}) - n
     p_value = _core.chi_square_survival(chi2, dof) if dof > 0 else np.full(chi2.shape, np.nan)
-    bad, faults = faulty(seen, sigma, _channels(times, observer_index), p_value)
+    bad, faults = faulty(seen, sigma, channels(as_float_array(times, "times"), index), p_value)
     code = np.asarray(_judged(found["status"].astype(np.int8), p_value, bad, alpha))
-    answer = Localization(
+    return Localizations(
         state=found["state"],
         covariance=found["covariance"],
         code=code,
@@ -297,24 +389,6 @@ def localize(
         units=units,
         faults=faults if (code == _MISFIT).any() else (),
     )
-    if answer.code.ndim == 0 and answer.status == "unobservable":
-        raise _unobservable(answer)
-    return answer
-
-
-def _channels(times: ArrayLike, observer_index: ArrayLike | None) -> list[Channel]:
-    """Return the bearings of each observer as a channel."""
-    when = as_float_array(times, "times")
-    if observer_index is None:
-        everything = np.arange(when.shape[-1])
-        return [Channel("bearing", everything, when.reshape(-1, when.shape[-1])[0])]
-    index = np.asarray(observer_index)
-    first = when.reshape(-1, when.shape[-1])[0]
-    return [
-        Channel(f"bearing of observer {k}", places, first[places])
-        for k in np.unique(index).tolist()
-        if (places := np.flatnonzero(index == k)).size
-    ]
 
 
 def _judged(
@@ -490,19 +564,6 @@ def _prior(
         k = names.index(name)
         mean[k], sigma[k] = as_pair(given, f"prior of {name}", units[k])
     return mean, sigma
-
-
-def _unobservable(answer: Localization) -> UnobservableError:
-    # Components that are rounding would only be noise in the message.
-    direction = answer.null_direction.copy()
-    direction[np.abs(direction) < 1e-9 * np.abs(direction).max()] = 0
-    text = describe_direction(direction, answer.names)
-    others = f" and {answer.nullity - 1} more" if answer.nullity > 1 else ""
-    return UnobservableError(
-        f"no estimate exists: the bearings stay as they are along {text}{others}; "
-        "maneuver, or give a prior on one of these states",
-        (text,),
-    )
 
 
 def _plain(values: Array) -> Any:

@@ -217,10 +217,10 @@ def _detected(result: Array, detection: ArrayLike, m: int) -> Array:
     return scaled
 
 
-def check_index(times: ArrayLike, observer_index: ArrayLike | None) -> None:
-    """Refuse times that decrease, or do not increase for one of several observers."""
+def check_index(times: ArrayLike, observer_index: ArrayLike | None) -> NDArray[np.int64] | None:
+    """Return the index as an array; refuse times that decrease, or stand still for one observer."""
     if observer_index is None:
-        return
+        return None
     t = as_float_array(times, "times")
     try:
         index = np.asarray(observer_index)
@@ -238,9 +238,10 @@ def check_index(times: ArrayLike, observer_index: ArrayLike | None) -> None:
         own = np.flatnonzero(index == k)
         if (bad := np.argwhere(np.diff(t[..., own], axis=-1) <= 0)).size:
             i = int(own[int(bad[0][-1]) + 1])
-            raise InputError(
-                f"times[{i}]: must be later than the one before of the same observer, {k}"
-            )
+            same = f" of the same observer, {k}" if own.size < index.size else ""
+            late = t[(*bad[0][:-1], i)]
+            raise InputError(f"times[{i}] = {late:g} s: must be later than the one before{same}")
+    return index
 
 
 def merge(*tracks: Sequence[ArrayLike]) -> tuple[Array, ...]:

@@ -11,7 +11,6 @@ from gramian._text import brief, count, number, plain
 from gramian.estimation import Estimate
 from gramian.exceptions import InputError
 from gramian.models.bearings import _localize, _rows
-from gramian.models.bearings._estimate import estimate
 from gramian.report import Picture, Report, Table, Tone
 
 if TYPE_CHECKING:
@@ -50,8 +49,7 @@ def localize(scenario: BearingsScenario) -> Report:
     )
     prior = _prior(scenario)
     try:
-        _localize.check_count(times.size, 1, len(prior))
-        answer = estimate(times, seen, observer, scenario.sigma, prior)
+        answer = _localize.localize(times, seen, observer, scenario.sigma, prior)
     except InputError as error:
         raise scenario.error("bearings", str(error)) from error
     if answer.status == "unobservable":

@@ -52,7 +52,7 @@ class Bearings(Experiment):
 
     Notes
     -----
-    Estimator "ml": the maximum-likelihood state of `bearings.localize`; its NEES
+    Estimator "ml": the maximum-likelihood state of `bearings.localize_many`; its NEES
     is by the covariance at the estimate. Quantity "gram_logdet": the natural
     logarithm of the determinant of the Gram matrix of the noisy bearings (Li &
     Sheng 2009, Lemma 1). Both simulate and compute in one pass in Rust.

@@ -1,11 +1,9 @@
-"""The most likely state of one target from its bearings, and whether it may be believed."""
+"""Bearings as a model that `gramian.estimate` takes."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from math import factorial
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,12 +12,10 @@ from gramian import _core
 from gramian._arrays import finite
 from gramian._text import brief
 from gramian._values import Value
-from gramian.estimation import Channel, Estimate, channel_faults
-from gramian.estimation import estimate as general
-from gramian.exceptions import InputError
+from gramian.estimation import Channel, channel_faults
 from gramian.models.bearings._rows import state_names
 
-__all__ = ["BearingsModel", "estimate"]
+__all__ = ["BearingsModel", "channels"]
 
 Array = NDArray[np.float64]
 
@@ -38,12 +34,15 @@ class BearingsModel(Value):
         Radians.
     order : int
         0 at rest, 1 constant velocity, 2 accelerated, 3 constant jerk.
+    observer_index : ndarray of int, shape (m,), optional
+        Which observer took each bearing; one took all by default.
     """
 
     times: Array
     observer: Array
     sigma: Array
     order: int = 1
+    observer_index: NDArray[np.int64] | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -80,6 +79,15 @@ class BearingsModel(Value):
         """Return the whitened rows (m, n) at a state."""
         return self.handle(np.zeros(self.times.size)).linearize(x)[1]
 
+    def rounded(self, x: Array, rows: Array) -> tuple[Array, float | None]:
+        """Return rows without what rounding of the coordinates leaves in them, and a tolerance.
+
+        Of the rank decision: beside large coordinates or times a straight path is not straight.
+        """
+        m = self.times.size
+        clean, rtol, *_ = _core.bearing_frame(self.times, self.observer, x, rows[:m], True)
+        return np.vstack([clean, rows[m:]]), rtol
+
     def starts(self, z: Array) -> Array:
         """Return a ladder of ranges along the first bearings, and the pseudo-linear state."""
         n = len(self.names)
@@ -108,9 +116,13 @@ class BearingsModel(Value):
         """
         t = self.times - self.times[0]
         place = self.rows(x)[:, :2]
-        found: dict[str, Array] = {
-            "bias": np.broadcast_to(1.0 / self.sigma, t.shape).copy(),
-        }
+        weight = np.broadcast_to(1.0 / self.sigma, t.shape)
+        parts = channels(self.times, self.observer_index)
+        found: dict[str, Array] = {}
+        for part in parts:
+            column = np.zeros(t.size)
+            column[part.places] = weight[part.places]
+            found["bias" if len(parts) == 1 else f"bias of {part.name}"] = column
         power = self.order + 1
         found["acceleration" if power == 2 else f"motion of order {power}"] = (
             place * (t**power / factorial(power))[:, None]
@@ -119,84 +131,32 @@ class BearingsModel(Value):
             for share in (0.25, 0.5, 0.75):
                 at = float(np.quantile(t, share))
                 found[f"turn at {brief(at, 4)} s"] = place * np.maximum(t - at, 0.0)[:, None]
-            velocity = np.gradient(self.observer, self.times, axis=0)
-            found["clock offset of the path"] = -(place * velocity).sum(axis=1)
+            if len(parts) == 1:
+                velocity = np.gradient(self.observer, self.times, axis=0)
+                found["clock offset of the path"] = -(place * velocity).sum(axis=1)
         return found
 
     def alternative_unit(self, name: str) -> str:
         """Return the unit of an alternative's parameters."""
         if name.startswith("turn"):
             return "m/s"
-        fixed = {"bias": "rad", "clock offset of the path": "s"}
+        if name.startswith("bias"):
+            return "rad"
+        fixed = {"clock offset of the path": "s"}
         return fixed.get(name, f"m/s^{self.order + 1}" if self.order else "m/s")
 
     def faults(self, z: Array) -> tuple[str, ...]:
-        """Return where the bearings are stuck, in words."""
-        one = Channel("bearing", np.arange(self.times.size), self.times)
-        return channel_faults(z, self.sigma, [one])
+        """Return where the bearings are stuck or copied, in words."""
+        return channel_faults(z, self.sigma, channels(self.times, self.observer_index))
 
 
-def estimate(
-    times: ArrayLike,
-    bearings: ArrayLike,
-    observer: ArrayLike,
-    sigma: ArrayLike,
-    prior: Mapping[str, tuple[float, float]] | None = None,
-    *,
-    order: int = 1,
-    **options: Any,
-) -> Estimate:
-    """Return the most likely state of a moving target, and whether it may be believed.
-
-    Parameters
-    ----------
-    times : array_like, shape (m,)
-        Seconds.
-    bearings : array_like, shape (m,)
-        Clockwise from north, radians; whole turns do not matter.
-    observer : array_like, shape (m, 2)
-        Observer positions (east, north), metres.
-    sigma : array_like, shape () or (m,)
-        Standard deviation of the bearings, radians, > 0.
-    prior : mapping of str to (mean, sigma), optional
-        What is known of states beforehand: ``{"vx": (3.0, 0.5)}``.
-    order : int
-        The target's position is a polynomial in time of this order.
-    **options
-        As for `gramian.estimate`.
-
-    Returns
-    -------
-    gramian.estimation.Estimate
-        Its interval of "range" is that of the first range.
-
-    Raises
-    ------
-    InputError
-        Shapes that do not fit, numbers that are not finite, a sigma that is not positive.
-
-    Examples
-    --------
-    >>> import numpy as np, gramian as gm
-    >>> t = np.arange(0.0, 600.0, 20.0)
-    >>> path = np.stack([np.maximum(0, 5 * (t - 300)), np.minimum(5 * t, 1500)], axis=1)
-    >>> seen = gm.bearings.simulate(t, path, [2000, 6000, 3, -1], 1e-3, seed=2)
-    >>> answer = estimate(t, seen, path, 1e-3)
-    >>> answer.status, answer.contains([2000, 6000, 3, -1])
-    ('determined', True)
-    """
-    when, path, z = (
-        finite(times, "times"),
-        finite(observer, "observer"),
-        finite(bearings, "bearings"),
-    )
-    if when.ndim != 1 or z.shape != when.shape:
-        raise InputError(
-            f"times has shape {when.shape}, bearings {z.shape}: must be (m,) both; "
-            "localize takes batches"
-        )
-    if path.ndim != 2:
-        raise InputError(f"observer has shape {path.shape}: must be (m, 2), one track")
-    model = BearingsModel(when, path, np.atleast_1d(finite(sigma, "sigma [rad]")), order)
-    model.handle(z)
-    return general(model, z, prior=prior, **options)
+def channels(times: Array, observer_index: NDArray[np.int64] | None) -> list[Channel]:
+    """Return the bearings of each observer as a channel."""
+    first = times.reshape(-1, times.shape[-1])[0]
+    if observer_index is None:
+        return [Channel("bearing", np.arange(first.size), first)]
+    return [
+        Channel(f"bearing of observer {k}", places, first[places])
+        for k in np.unique(observer_index).tolist()
+        if (places := np.flatnonzero(observer_index == k)).size
+    ]
