@@ -113,6 +113,7 @@ class SparseAnalysis:
         columns: int,
         rtol: float | None,
         available: int,
+        unit: float | None = None,
     ) -> SparseAnalysis: ...
     @property
     def nullity(self) -> int: ...
@@ -829,6 +830,7 @@ def dynamics_follow(
     x0: list[float],
     times: list[float],
     rtol: float | None,
+    most: int,
 ) -> tuple[_Array, _Array, _Array, _Array, int]: ...
 def dynamics_rows(transitions: ArrayLike, white: ArrayLike, first: int, last: int) -> _Array: ...
 def dynamics_windows(

@@ -221,10 +221,10 @@ def _sparse(
     """Choose for a sparse problem all of whose states are observable; None for others."""
     from scipy.sparse import csr_array, vstack
 
-    from gramian.large._analysis import _reduced
+    from gramian.large._analysis import reduced
     from gramian.large._problem import available_bytes
 
-    analysis = _reduced(problem.all_rows, problem.rtol)
+    analysis = reduced(problem.all_rows, problem.rtol)
     if analysis.nullity:
         return None
     groups = [csr_array(_rows(value, key, problem)) for key, value in named.items()]
@@ -370,13 +370,13 @@ def _dense(
         )
     keep = np.flatnonzero(touched)
     others = [problem.names[j] for j in np.flatnonzero(~touched)]
-    reduced = problem.marginalize(others) if others else problem
-    rows: Any = reduced.all_rows
+    smaller = problem.marginalize(others) if others else problem
+    rows: Any = smaller.all_rows
     return (
-        reduced.names,
-        _without_rounding(rows.toarray(), reduced.rtol if others else None),
+        smaller.names,
+        _without_rounding(rows.toarray(), smaller.rtol if others else None),
         [a.tocsc()[:, keep].toarray() if is_sparse(a) else a[:, keep] for a in arrays.values()],
-        reduced.scale,
+        smaller.scale,
     )
 
 

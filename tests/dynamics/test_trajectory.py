@@ -209,3 +209,24 @@ def test_bad_windows_are_named():
         found.rows(about=0.5)
     with pytest.raises(gm.InputError, match="no state is named 'z'"):
         found.posterior(np.zeros((2, 2)), {"z": 1.0})
+
+
+def test_a_span_without_end_ends_with_the_steps_that_were_allowed():
+    def swing(t, x):
+        return np.array([x[1], -np.sin(x[0])])
+
+    def angle(t, x):
+        return x[:1]
+
+    times = np.concatenate([np.linspace(0, 10, 5), [1e3, 3e9]])
+    with pytest.raises(
+        gm.InputError, match=r"max_steps = 2000: .* no farther than t = 10 of 3000000000"
+    ):
+        gm.dynamics.from_ode(swing, angle, [0.5, 0.0], times, max_steps=2000)
+    with pytest.raises(gm.InputError, match="max_steps = 3000"):
+        gm.dynamics.empirical_gramian(swing, angle, [0.5, 0.0], times, step=0.1, max_steps=3000)
+    with pytest.raises(gm.InputError, match="max_steps = 0"):
+        gm.dynamics.from_ode(swing, angle, [0.5, 0.0], [0, 1], max_steps=0)
+    # What converges in that many is as it was.
+    few = gm.dynamics.from_ode(swing, angle, [0.5, 0.0], times[:5], max_steps=2000)
+    assert few == gm.dynamics.from_ode(swing, angle, [0.5, 0.0], times[:5])

@@ -179,9 +179,9 @@ def test_rows_that_are_short_are_counted_in_words():
 def test_memory_is_estimated_before_it_is_taken(monkeypatch):
     from gramian.large import _analysis
 
-    monkeypatch.setattr(_analysis, "available_bytes", lambda: 1000)
-    with pytest.raises(MemoryError, match=r"take \d+ bytes at its peak: 1000 bytes are available"):
-        gm.analyze(random_rows(1, 90, 40, 0.2))
+    monkeypatch.setattr(_analysis, "available_bytes", lambda: 1_000_000)
+    with pytest.raises(MemoryError, match=r"take [\d.]+ GB at its peak: 0\.001 GB are available"):
+        gm.analyze(random_rows(1, 900, 400, 0.2))
 
 
 @pytest.mark.parametrize(

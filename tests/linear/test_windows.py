@@ -194,7 +194,7 @@ BAD = [
     (lambda: gm.linear.gramian(CV_A, CV_C, window=1.0, Q=[[1, 2], [0, 1]]), "Q is not symmetric"),
     (lambda: gm.linear.gramian(CV_A, CV_C, window=1.0, Q=np.eye(3)), "Q has shape"),
     (lambda: gm.linear.rows(CV_A, CV_C, window=1.0, dt=0.1, time="often"), "time = 'often'"),
-    (lambda: gm.linear.rows(100 * np.eye(2), CV_C, window=99.0, dt=1.0), "exceed the numbers"),
+    (lambda: gm.linear.rows(100 * np.eye(2), CV_C, window=99.0, dt=1.0), "overflow float64"),
     (lambda: gm.linear.piecewise(CV_A, CV_C, [1.0]), r"A has shape \(2, 2\)"),
     (lambda: gm.linear.piecewise([CV_A], CV_C, [1.0, 2.0]), "durations has 2 entries"),
     (lambda: gm.linear.piecewise([CV_A], CV_C, [0.0]), r"durations\[0\] = 0 s: must be > 0"),
@@ -205,3 +205,99 @@ BAD = [
 def test_bad_input_is_named(call, message):
     with pytest.raises(gm.InputError, match=message):
         call()
+
+
+def test_unequal_intervals_are_those_of_the_transitions():
+    from scipy.linalg import expm
+
+    rng = np.random.default_rng(5)
+    a, c = rng.normal(size=(4, 4)), rng.normal(size=(2, 4))
+    times = np.array([1.0, 1.25, 1.5, 2.7, 3.0])
+    expected = np.concatenate([c @ expm(a * (t - 1.0)) for t in times])
+    np.testing.assert_allclose(gm.linear.rows(a, c, times=times), expected, rtol=1e-11)
+    whitened = np.concatenate([np.diag([0.5, 0.2]) @ c @ expm(a * (t - 1.0)) for t in times])
+    found = gm.linear.gramian(a, c, times=times, R=[4.0, 25.0])
+    np.testing.assert_allclose(found, whitened.T @ whitened, rtol=1e-10)
+    # Equal intervals are a window.
+    np.testing.assert_allclose(
+        gm.linear.rows(a, c, times=[0.0, 0.5, 1.0]),
+        gm.linear.rows(a, c, window=1.0, dt=0.5),
+        rtol=1e-11,
+    )
+    answer = gm.analyze(
+        gm.linear.problem(np.diag([-1.0, -1.0, -2.0]), [[1, 1, 1]], times=[0, 0.1, 3])
+    )
+    assert answer.null_combinations == ("x0 +1, x1 -1",)
+
+
+def test_a_system_that_varies_has_the_rows_of_its_own_solution():
+    from scipy.integrate import solve_ivp
+
+    def a(t):
+        return np.array([[0, 1, 0], [-1 - 0.5 * np.sin(t), -0.1, t], [0, 0, -0.2 * t]])
+
+    def c(t):
+        return np.array([[1.0, 0, np.cos(t)]])
+
+    times = np.array([0.5, 0.6, 1.7, 4.0])
+    phi = solve_ivp(
+        lambda t, x: (a(t) @ x.reshape(3, 3)).ravel(), (0.5, 4.0), np.eye(3).ravel(),
+        t_eval=times, rtol=1e-12, atol=1e-13, method="DOP853",
+    ).y.T.reshape(-1, 3, 3)  # fmt: skip
+    expected = np.concatenate([c(t) @ p for t, p in zip(times, phi, strict=True)])
+    np.testing.assert_allclose(gm.linear.rows(a, c, times=times), expected, rtol=1e-9, atol=1e-10)
+
+    # The integral, beside that of the Gramian's own differential equation.
+    def rate(t, y):
+        p = y[:9].reshape(3, 3)
+        seen = c(t) @ p
+        return np.concatenate([(a(t) @ p).ravel(), (seen.T @ seen).ravel()])
+
+    end = solve_ivp(
+        rate, (0, 4.0), np.concatenate([np.eye(3).ravel(), np.zeros(9)]), rtol=1e-11, atol=1e-12,
+        method="DOP853",
+    ).y[9:, -1]  # fmt: skip
+    np.testing.assert_allclose(
+        gm.linear.gramian(a, c, window=4.0), end.reshape(3, 3), rtol=1e-8, atol=1e-9
+    )
+    # A constant one is the Gramian there was.
+    constant = gm.linear.gramian(lambda t: a(0.3), c(0.3), window=2.0)
+    np.testing.assert_allclose(constant, gm.linear.gramian(a(0.3), c(0.3), window=2.0), rtol=1e-10)
+
+
+def test_a_varying_system_tells_what_a_constant_one_hides():
+    # x' = 0 with a row that turns: two states, each instant shows one combination.
+    still = gm.linear.problem(np.zeros((2, 2)), [[1.0, 0]], times=[0.0, 0.5, 1.0])
+    turning = gm.linear.problem(
+        np.zeros((2, 2)), lambda t: [[np.cos(t), np.sin(t)]], times=[0.0, 0.5, 1.0]
+    )
+    assert gm.analyze(still).rank == 1
+    assert gm.analyze(turning).rank == 2
+    # Alike in all that varies: the difference stays hidden.
+    both = gm.linear.problem(
+        lambda t: -np.sin(t) * np.eye(2), [[1.0, 1.0]], times=np.linspace(0, 3, 7)
+    )
+    assert gm.analyze(both).null_combinations == ("x0 +1, x1 -1",)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"times": [1.0, 1.0]}, r"times\[1\] = 1.0: must be later"),
+        ({"times": [0.0, np.nan]}, r"times\[1\].* = nan"),
+        ({"times": []}, "times has shape"),
+        ({"times": [0.0, 1.0], "window": 1.0}, "times"),
+        ({}, "missing"),
+    ],
+)
+@pytest.mark.parametrize("ask", [gm.linear.rows, gm.linear.gramian])
+def test_times_that_cannot_be_used_are_named(ask, arguments, said):
+    with pytest.raises(gm.InputError, match=said):
+        ask(np.eye(2), [[1.0, 0.0]], **arguments)
+
+
+def test_a_matrix_that_changes_its_shape_or_is_not_finite_is_named():
+    with pytest.raises(gm.InputError, match=r"A\(t = .*\) has shape \(3, 3\): must be \(2, 2\)"):
+        gm.linear.rows(lambda t: np.eye(2 if t < 0.3 else 3), [[1.0, 0]], times=[0, 1.0], rtol=1e-6)
+    with pytest.raises(gm.InputError, match=r"A\(t = 0\)"):
+        gm.linear.rows(lambda t: np.full((2, 2), np.nan), [[1.0, 0]], times=[0, 1.0])

@@ -28,7 +28,7 @@ from gramian.large._words import NullCombination, null_combinations, some_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["SparseObservability", "SparseSuggestion", "analyze_sparse"]
+__all__ = ["SparseObservability", "SparseSuggestion", "analyze_sparse", "reduced"]
 
 Array = NDArray[np.float64]
 
@@ -179,7 +179,7 @@ class SparseObservability(Observability):
 
     @cached_property
     def _sparse(self) -> _core.SparseAnalysis:
-        return _reduced(self.problem.all_rows, self._rtol)
+        return reduced(self.problem.all_rows, self._rtol)
 
     @cached_property
     def shortages(self) -> tuple[tuple[tuple[str, ...], NDArray[np.int64]], ...]:
@@ -199,7 +199,7 @@ class SparseObservability(Observability):
         """Bound on every state from the measurements alone."""
         if not self.problem.priors:
             return self.crlb_std
-        return _reduced(self.problem.rows, self.problem.rtol).crlb_std()
+        return reduced(self.problem.rows, self.problem.rtol).crlb_std()
 
     @cached_property
     def singular_values(self) -> Array:
@@ -523,22 +523,26 @@ def analyze_sparse(
         if not limit > 0:
             raise InputError(f"{label} = {limit}: must be > 0")
     tolerance = problem.rtol if rtol is None else options.fraction(rtol, "rtol")
-    analysis = _reduced(problem.all_rows, tolerance, problem.names)
+    analysis = reduced(problem.all_rows, tolerance, problem.names)
     answer = SparseObservability(problem, analysis, tolerance)
     status, reason, decided_by = _status(problem, answer, weak_ratio, weak_condition)
     answer.__dict__.update(status=status, reason=reason, decided_by=decided_by)
     return answer
 
 
-def _reduced(
-    rows: Any, rtol: float | None, names: Sequence[str] | None = None
+def reduced(
+    rows: Any,
+    rtol: float | None,
+    names: Sequence[str] | None = None,
+    unit: float | None = None,
 ) -> _core.SparseAnalysis:
+    """Return the core's analysis; singular values on unit columns, or on columns over `unit`."""
     start, column = rows.indptr, rows.indices
     if start.dtype != column.dtype or start.dtype not in (np.int32, np.int64):
         start, column = start.astype(np.int64), column.astype(np.int64)
     try:
         return _core.SparseAnalysis(
-            start, column, rows.data, rows.shape[1], rtol, available_bytes()
+            start, column, rows.data, rows.shape[1], rtol, available_bytes(), unit
         )
     except InputError as error:
         if names is not None:

@@ -97,6 +97,7 @@ fn dynamics_follow<'py>(
     x0: Vec<f64>,
     times: Vec<f64>,
     rtol: Option<f64>,
+    most: usize,
 ) -> PyResult<(Array<'py>, Array<'py>, Array<'py>, Array<'py>, usize)> {
     let n = scale.len();
     let mut system = Functions {
@@ -109,7 +110,7 @@ fn dynamics_follow<'py>(
         outputs,
     };
     let found = match rtol {
-        Some(rtol) => dynamics::integrate(&mut system, &x0, &times, rtol),
+        Some(rtol) => dynamics::integrate(&mut system, &x0, &times, rtol, most),
         None => dynamics::iterate(&mut system, &x0, &times),
     };
     let found = found.map_err(|error| match error {
@@ -118,6 +119,11 @@ fn dynamics_follow<'py>(
         Failure::Stuck { time, step } => InputError::new_err(format!(
             "the trajectory cannot be followed beyond t = {time}: steps of {step:.1e} are not \
              accurate enough: is f smooth and finite there?"
+        )),
+        Failure::TooFar { most, time } => InputError::new_err(format!(
+            "max_steps = {most}: so many steps of the integrator came no farther than t = {time} \
+             of {}: give fewer or earlier times, or allow more steps",
+            times[times.len() - 1]
         )),
         Failure::Infinite { state, time } => {
             InputError::new_err(format!("state {state} is not finite at t = {time}"))

@@ -76,7 +76,8 @@ type Columns<'py> = (
 #[pymethods]
 impl SparseAnalysis {
     #[new]
-    #[pyo3(signature = (start, column, value, columns, rtol, available))]
+    #[pyo3(signature = (start, column, value, columns, rtol, available, unit=None))]
+    #[allow(clippy::too_many_arguments)]
     fn new(
         py: Python<'_>,
         start: &Bound<'_, PyAny>,
@@ -85,6 +86,7 @@ impl SparseAnalysis {
         columns: usize,
         rtol: Option<f64>,
         available: usize,
+        unit: Option<f64>,
     ) -> PyResult<Self> {
         fn run<I: Element + Index>(
             py: Python<'_>,
@@ -92,16 +94,20 @@ impl SparseAnalysis {
             columns: usize,
             rtol: Option<f64>,
             available: usize,
+            unit: Option<f64>,
         ) -> PyResult<Sparse> {
             let rows = arrays.rows(columns)?;
-            interruptible(py, |stop| Sparse::new(&rows, rtol, available, stop))
+            interruptible(py, |stop| match unit {
+                Some(unit) => Sparse::with_unit(&rows, unit, rtol, available, stop),
+                None => Sparse::new(&rows, rtol, available, stop),
+            })
         }
         Ok(Self(
             if let Ok(arrays) = Arrays::<i32>::new(start, column, value) {
-                run(py, &arrays, columns, rtol, available)?
+                run(py, &arrays, columns, rtol, available, unit)?
             } else {
                 let arrays = Arrays::<i64>::new(start, column, value)?;
-                run(py, &arrays, columns, rtol, available)?
+                run(py, &arrays, columns, rtol, available, unit)?
             },
         ))
     }

@@ -24,6 +24,9 @@ __all__ = ["Trajectory", "empirical_gramian", "from_map", "from_ode", "unit_norm
 
 Array = NDArray[np.float64]
 
+#: Steps of the integrator: a minute or so of functions in Python.
+MOST_STEPS = 200_000
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory(Answer):
@@ -173,6 +176,7 @@ def from_ode(
     vectorized: bool = False,
     tangent: Callable[[Array], ArrayLike] | None = None,
     rtol: float = 1e-9,
+    max_steps: int = MOST_STEPS,
 ) -> Trajectory:
     """Follow x' = f(t, x) with outputs y = h(t, x), and their derivatives beside it.
 
@@ -204,6 +208,8 @@ def from_ode(
         x, as `unit_norm` makes. Answers are then about these.
     rtol : float
         Accuracy of states and transitions from one time to the next.
+    max_steps : int
+        So many steps of the integrator at most, those it tried and threw away among them.
 
     Returns
     -------
@@ -213,7 +219,7 @@ def from_ode(
     ------
     InputError
         Shapes that do not fit, times that do not increase, a trajectory that cannot be
-        followed.
+        followed, or not in `max_steps`.
 
     Notes
     -----
@@ -238,7 +244,10 @@ def from_ode(
     >>> path.windows(4.0).rank
     array([3, 3])
     """
-    return _follow(f, h, x0, times, names, sigma, units, scale, jacobian, vectorized, tangent, rtol)
+    most = whole(max_steps, "max_steps", 1)
+    return _follow(
+        f, h, x0, times, names, sigma, units, scale, jacobian, vectorized, tangent, rtol, most
+    )
 
 
 def from_map(
@@ -272,7 +281,9 @@ def from_map(
     >>> path.states.T
     array([[1.  , 0.5 , 0.25]])
     """
-    return _follow(f, h, x0, times, names, sigma, units, scale, jacobian, vectorized, tangent, None)
+    return _follow(
+        f, h, x0, times, names, sigma, units, scale, jacobian, vectorized, tangent, None, 0
+    )
 
 
 def _follow(
@@ -288,6 +299,7 @@ def _follow(
     vectorized: bool,
     tangent: Callable[[Array], ArrayLike] | None,
     rtol: float | None,
+    most: int,
 ) -> Trajectory:
     for function, name in ((f, "f"), (h, "h")):
         options.function(function, name)
@@ -329,6 +341,7 @@ def _follow(
         start.tolist(),
         at.tolist(),
         rtol,
+        most,
     )
     free = None
     if tangent is not None:
@@ -443,13 +456,14 @@ def empirical_gramian(
     discrete: bool = False,
     vectorized: bool = False,
     rtol: float = 1e-9,
+    max_steps: int = MOST_STEPS,
 ) -> Array:
     """Return the empirical observability Gramian: differences of whole trajectories.
 
     Parameters
     ----------
-    f, h, x0, times, sigma, vectorized, rtol
-        As for `from_ode`.
+    f, h, x0, times, sigma, vectorized, rtol, max_steps
+        As for `from_ode`, for each of the 2 n trajectories.
     step : array_like, shape () or (n,)
         How far each state is moved to either side. As it goes to zero the Gramian
         becomes the information of `Trajectory.rows`.
@@ -487,7 +501,7 @@ def empirical_gramian(
             path = (
                 from_map(f, h, moved, times, **given_too)
                 if discrete
-                else from_ode(f, h, moved, times, rtol=rtol, **given_too)
+                else from_ode(f, h, moved, times, rtol=rtol, max_steps=max_steps, **given_too)
             )
             ends.append((path.outputs / path.sigma).ravel())
         columns.append((ends[0] - ends[1]) / (2 * move))

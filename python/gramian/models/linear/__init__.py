@@ -9,7 +9,8 @@ SciPy or python-control (anything with attributes ``A`` and ``C``), or a `System
 - `problem`, `rows`: the whitened rows of a window of samples, for `gramian.analyze`;
   `gramian`, their information; `transition`.
 - `distance`: how far the nearest unobservable system is, a `Distance`; `unobservable`: what
-  is not seen, as an `Unobservable` with its `Mode` objects.
+  is not seen, as an `Unobservable` with its `Mode` objects; `modes`: whether chosen modes of
+  a sparse system of up to 10^5 states are seen, as `Modes`.
 - `gramian_factor`, `split_gramian`, `hankel`: Gramians over all time, as `SplitGramian` and
   `Hankel`.
 - `piecewise`: systems that are constant by segments, as `Piecewise`.
@@ -31,6 +32,7 @@ from gramian.models.linear._levels import (
     observability_matrix,
 )
 from gramian.models.linear._pencil import Distance, Mode, Unobservable, distance, unobservable
+from gramian.models.linear._sparse import Modes, modes
 from gramian.models.linear._systems import System
 from gramian.models.linear._windows import Piecewise, gramian, piecewise, problem, rows, transition
 
@@ -42,6 +44,7 @@ __all__ = [
     "Information",
     "Levels",
     "Mode",
+    "Modes",
     "Piecewise",
     "SplitGramian",
     "System",
@@ -54,6 +57,7 @@ __all__ = [
     "hankel",
     "information",
     "levels",
+    "modes",
     "observability_matrix",
     "piecewise",
     "problem",

@@ -19,6 +19,9 @@ __all__ = ["StateSpace", "System", "SystemLike", "matrices", "system_of", "white
 
 Array = NDArray[np.float64]
 
+#: States of a system that is worked out densely.
+_MOST_DENSE = 3000
+
 
 class StateSpace(Protocol):
     """What SciPy's and python-control's state-space objects have in common."""
@@ -94,7 +97,7 @@ def system_of(
 ) -> System:
     """Return one system with its matrices checked and its names filled in."""
     a, c = matrices(A, C)
-    a, c = _numbers(a, "A"), _numbers(c, "C")
+    a, c = _numbers(_dense(a, "A"), "A"), _numbers(_dense(c, "C"), "C")
     if a.ndim != 2 or a.shape[0] != a.shape[1] or a.size == 0:
         raise InputError(f"A has shape {a.shape}: must be square, a row and a column a state")
     n = len(a)
@@ -173,6 +176,18 @@ def _names(names: Sequence[str] | None, n: int) -> tuple[str, ...]:
     if len(set(checked)) < n:
         raise InputError("names has an entry twice: each state needs its own")
     return checked
+
+
+def _dense(value: Any, name: str) -> Any:
+    """Return a sparse matrix as an array where that is small."""
+    if not hasattr(value, "tocsr"):
+        return value
+    if value.shape[-1] > _MOST_DENSE:
+        raise InputError(
+            f"{name} is sparse with {value.shape[-1]} columns, and this answer is worked out on "
+            f"at most {_MOST_DENSE}, densely: `gramian.linear.modes` answers for chosen modes"
+        )
+    return value.toarray()
 
 
 def _numbers(value: Any, name: str) -> Array:

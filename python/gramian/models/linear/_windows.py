@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -50,11 +51,12 @@ def transition(A: ArrayLike, duration: float) -> Array:
 
 
 def gramian(
-    A: SystemLike,
-    C: ArrayLike | None = None,
+    A: SystemLike | Callable[[float], ArrayLike],
+    C: ArrayLike | Callable[[float], ArrayLike] | None = None,
     *,
-    window: float,
+    window: float | None = None,
     dt: float | None = None,
+    times: ArrayLike | None = None,
     R: ArrayLike | None = None,
     Q: ArrayLike | None = None,
 ) -> Array:
@@ -63,13 +65,18 @@ def gramian(
     Parameters
     ----------
     A : array_like, shape (..., n, n), or state-space object
-        Of x' = A x; with `dt`, of x[k+1] = A x[k]. Need not be stable.
+        Of x' = A x; with `dt`, of x[k+1] = A x[k]. Need not be stable. A system that
+        varies: A(t) -> (n, n) from time 0 on, or from the first of `times`.
     C : array_like, shape (..., p, n)
-    window : float
+        Likewise.
+    window : float, optional
         How long outputs are taken, > 0, in the unit of time of the system.
     dt : float, optional
         Time between samples of a discrete system; there are
         floor(window / dt) + 1 of them, from 0 on.
+    times : array_like, shape (K,), optional
+        In place of `window`: samples of a continuous system at these times, at any
+        intervals.
     R : array_like, shape (), (p,) or (p, p), optional
         Covariance of the outputs (variances, or the matrix), in continuous time
         its density; 1 by default, or the noise of a `System`.
@@ -93,7 +100,9 @@ def gramian(
     -----
     A short window by the exponential of Van Loan 1978's block matrix, then
     doubled as often as it takes; all sums are of positive terms. Rank and
-    bounds of long windows keep twice the digits when taken from `problem`.
+    bounds of long windows keep twice the digits when taken from `problem`. Where A
+    varies, Gauss-Legendre quadrature, its panels halved until the Gramian keeps eleven
+    digits.
 
     Examples
     --------
@@ -101,7 +110,19 @@ def gramian(
     array([[2.        , 2.        ],
            [2.        , 2.66666667]])
     """
-    a, c = matrices(A, C)
+    if times is not None:
+        if window is not None or dt is not None or Q is not None:
+            raise InputError("times goes without window, dt and Q")
+        seen = rows(A, C, times=times, R=R)
+        return _square(seen, "times")
+    if window is None:
+        raise InputError("window is missing: give it, or times")
+    if _varies(A) or _varies(C):
+        if dt is not None or Q is not None:
+            raise InputError("a system that varies goes without dt and Q")
+        return _integral(A, C, number(window, "window"), R)
+    constant: tuple[Any, Any] = (A, C)
+    a, c = matrices(*constant)
     c = as_float_array(c, "C")
     if c.ndim < 2:
         raise InputError(f"C has shape {c.shape}: must be (outputs, states)")
@@ -122,42 +143,148 @@ def gramian(
     return _core.linear_gramian(a, white, Q, number(window, "window"), samples)
 
 
+def _square(seen: Array, what: str) -> Array:
+    with np.errstate(over="ignore", invalid="ignore"):
+        found: Array = seen.T @ seen
+    if not np.isfinite(found).all():
+        raise InputError(f"{what}: the Gramian overflows float64")
+    return found
+
+
+def _integral(A: Any, C: Any, window: float, R: ArrayLike | None) -> Array:
+    """Return the Gramian of a system that varies."""
+    if not window > 0:
+        raise InputError(f"window = {window}: must be > 0 and finite")
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    before: Array | None = None
+    for panels in 2 ** np.arange(1, 12):
+        width = window / panels
+        at = (width * (np.arange(panels)[:, None] + (nodes + 1) / 2)).ravel()
+        seen = rows(A, C, times=np.concatenate([[0.0], at]), R=R)
+        block = seen.shape[0] // (len(at) + 1)
+        root = np.sqrt(np.tile(weights * width / 2, panels)).repeat(block)
+        found = _square(root[:, None] * seen[block:], f"window = {window}")
+        if before is not None and np.abs(found - before).max() <= 1e-11 * np.abs(found).max():
+            return found
+        before = found
+    raise InputError(
+        f"window = {window}: {8 * panels} samples do not suffice for the Gramian: is A(t) "
+        "smooth, and the window not too long?"
+    )
+
+
 def rows(
-    A: SystemLike,
-    C: ArrayLike | None = None,
+    A: SystemLike | Callable[[float], ArrayLike],
+    C: ArrayLike | Callable[[float], ArrayLike] | None = None,
     *,
-    window: float,
-    dt: float,
+    window: float | None = None,
+    dt: float | None = None,
+    times: ArrayLike | None = None,
     R: ArrayLike | None = None,
     time: str = "continuous",
+    rtol: float = 1e-12,
 ) -> Array:
-    """Return whitened rows R^-1/2 C e^(A t) of samples at 0, dt, .., window.
+    """Return whitened rows R^-1/2 C Phi(t, t_0) of samples: of a window, or at any times.
 
     Parameters
     ----------
-    A, C : array_like or state-space object
-        One system.
-    window, dt : float
-        How long and how often outputs are taken: floor(window / dt) + 1 samples.
+    A, C : array_like or state-space object, or functions of the time
+        One system; for one that varies, A(t) -> (n, n), C(t) -> (p, n) or either of them
+        constant.
+    window, dt : float, optional
+        How long and how often outputs are taken: floor(window / dt) + 1 samples, from 0 on.
+    times : array_like, shape (K,), optional
+        In place of them: increasing, at any intervals.
     R : array_like, optional
         Covariance of the outputs of one sample.
     time : {"continuous", "discrete"}
-        Whether A is that of x' = A x, or of x[k+1] = A x[k] with step `dt`.
+        Whether A is that of x' = A x, or of x[k+1] = A x[k] with step `dt`; with `times`
+        it is continuous.
+    rtol : float
+        Accuracy of the transition between two times where A is a function.
 
     Returns
     -------
     ndarray, shape (samples p, n)
-        About the state at time 0.
+        About the state at time 0, or at the first of `times`.
+
+    Notes
+    -----
+    Where A varies, by the integrator of `gramian.dynamics.from_ode` (Gauss-Legendre, order
+    six), which is exact for the transition to `rtol`.
+
+    Examples
+    --------
+    >>> rows([[0, 1], [0, 0]], [[1, 0]], times=[2.0, 3.0, 7.0])
+    array([[1., 0.],
+           [1., 1.],
+           [1., 5.]])
+    >>> rows(lambda t: [[0, 2 * t], [0, 0]], [[1, 0]], times=[0.0, 1.0, 3.0]).round(9)
+    array([[1., 0.],
+           [1., 1.],
+           [1., 9.]])
     """
-    system = system_of(A, C, R=R)
-    samples = _samples(window, number(dt, "dt [-]"))
     options.choice(time, "time", ("continuous", "discrete"))
-    assert samples is not None
+    constant: tuple[Any, Any] = (A, C)
+    if times is None:
+        if window is None or dt is None:
+            raise InputError("window and dt are missing: give both, or times")
+        if _varies(A) or _varies(C):
+            count = _samples(window, number(dt, "dt [-]"))
+            assert count is not None
+            _require_few(count, window, dt)
+            times = dt * np.arange(count)
+        else:
+            return _regular(*constant, window, dt, R, time)
+    elif window is not None or dt is not None:
+        raise InputError("times was given beside window and dt: give one or the other")
+    if time == "discrete":
+        raise InputError('time = "discrete" goes with window and dt of a constant A')
+    at = _increasing(times)
+    if _varies(A) or _varies(C):
+        return _varying(A, C, at, R, rtol)
+    system = system_of(*constant, R=R)
+    block = whitener(R, len(system.C), system.noise) @ system.C
+    steps = {span: transition(system.A, span) for span in set(np.diff(at).tolist())}
+    out = [block]
+    with np.errstate(over="ignore", invalid="ignore"):
+        for span in np.diff(at).tolist():
+            block = block @ steps[span]
+            out.append(block)
+    return _stacked(out, f"times to {at[-1]}")
+
+
+def _increasing(times: ArrayLike) -> Array:
+    at = np.atleast_1d(finite(times, "times [-]"))
+    if at.ndim != 1 or not at.size:
+        raise InputError(f"times has shape {at.shape}: must be (K,), not empty")
+    if (bad := np.flatnonzero(np.diff(at) <= 0)).size:
+        k = bad[0] + 1
+        raise InputError(f"times[{k}] = {at[k]}: must be later than the one before, {at[k - 1]}")
+    return at
+
+
+def _stacked(blocks: list[Array], where: str) -> Array:
+    if not np.isfinite(blocks[-1]).all():
+        raise InputError(f"{where}: the rows overflow float64, the system grows too fast for it")
+    return np.concatenate(blocks)
+
+
+def _require_few(samples: int, window: float, dt: float) -> None:
     if samples > MOST_SAMPLES:
         raise InputError(
             f"window = {window} and dt = {dt}: {samples} samples, more than {MOST_SAMPLES}: "
             "sample less often, or take `gramian`, which keeps no rows"
         )
+
+
+def _regular(
+    A: SystemLike, C: ArrayLike | None, window: float, dt: float, R: ArrayLike | None, time: str
+) -> Array:
+    system = system_of(A, C, R=R)
+    samples = _samples(window, number(dt, "dt [-]"))
+    assert samples is not None
+    _require_few(samples, window, dt)
     white = whitener(R, len(system.C), system.noise) @ system.C
     step = transition(system.A, dt) if time == "continuous" else system.A
     block, out = white, [white]
@@ -165,19 +292,52 @@ def rows(
         for _ in range(samples - 1):
             block = block @ step
             out.append(block)
-    if not np.isfinite(block).all():
-        raise InputError(
-            f"window = {window}: the rows exceed the numbers, the system grows too fast for it"
-        )
-    return np.concatenate(out)
+    return _stacked(out, f"window = {window}")
+
+
+def _varies(given: Any) -> bool:
+    # State-space objects of SciPy and python-control can be called too.
+    return callable(given) and not (hasattr(given, "A") and hasattr(given, "C"))
+
+
+def _at(given: Any, t: float, name: str, shape: tuple[int, ...] | None) -> Array:
+    """Return a matrix that may be a function of the time."""
+    value = finite(given(t) if callable(given) else given, f"{name}(t = {t:g})")
+    if shape is not None and value.shape != shape:
+        raise InputError(f"{name}(t = {t:g}) has shape {value.shape}: must be {shape} as before")
+    return value
+
+
+def _varying(A: Any, C: Any, at: Array, R: ArrayLike | None, rtol: float) -> Array:
+    from gramian.models.dynamics import from_ode
+
+    if C is None:
+        raise InputError("C is missing: give A and C")
+    first = system_of(_at(A, at[0], "A", None), _at(C, at[0], "C", None))
+    a_shape, c_shape = first.A.shape, first.C.shape
+    if len(at) == 1:
+        return whitener(R, c_shape[0]) @ first.C
+    path = from_ode(
+        lambda t, x: _at(A, t, "A", a_shape) @ x,
+        lambda t, x: _at(C, t, "C", c_shape) @ x,
+        # A linear system has its transitions about any state.
+        np.zeros(first.n),
+        at,
+        jacobian=(lambda t, x: _at(A, t, "A", a_shape), lambda t, x: _at(C, t, "C", c_shape)),
+        rtol=rtol,
+    )
+    seen = path.rows().reshape(len(at), *c_shape)
+    white: Array = (whitener(R, c_shape[0]) @ seen).reshape(-1, first.n)
+    return white
 
 
 def problem(
-    A: SystemLike,
-    C: ArrayLike | None = None,
+    A: SystemLike | Callable[[float], ArrayLike],
+    C: ArrayLike | Callable[[float], ArrayLike] | None = None,
     *,
-    window: float,
-    dt: float,
+    window: float | None = None,
+    dt: float | None = None,
+    times: ArrayLike | None = None,
     R: ArrayLike | None = None,
     time: str = "continuous",
     names: Sequence[str] | None = None,
@@ -188,7 +348,7 @@ def problem(
 
     Parameters
     ----------
-    A, C, window, dt, R, time
+    A, C, window, dt, times, R, time
         As for `rows`.
     names, units : sequence of str, length n, optional
     prior : array_like, shape (n,), or mapping of str to float, optional
@@ -198,7 +358,7 @@ def problem(
     Returns
     -------
     Problem
-        About the state at time 0.
+        About the state at time 0, or at the first of `times`.
 
     Examples
     --------
@@ -207,13 +367,25 @@ def problem(
     >>> answer.status
     'observable'
     """
-    system = system_of(A, C, names, units, prior, R)
-    sampled = rows(A, C, window=window, dt=dt, R=R, time=time)
-    # What no output shows is zero in the rows but for rounding, which would count.
-    hidden = _core.LinearUnobservable(system.A, system.C, None)
+    sampled = rows(A, C, window=window, dt=dt, times=times, R=R, time=time)
+    varies = _varies(A) or _varies(C)
+    if varies:
+        start = float(_increasing(times)[0]) if times is not None else 0.0
+        system = system_of(
+            _at(A, start, "A", None), _at(C, start, "C", None), names, units, prior, R
+        )
+    else:
+        constant: tuple[Any, Any] = (A, C)
+        system = system_of(*constant, names, units, prior, R)
+        # What no output shows is zero in the rows but for rounding, which would count.
+        hidden = _core.LinearUnobservable(system.A, system.C, None)
+        if hidden.null_space().size:
+            sampled = hidden.project(sampled)
     found = Problem(
-        hidden.project(sampled) if hidden.null_space().size else sampled,
+        sampled,
         system.names,
+        # As accurate as the transitions are.
+        rtol=1e-10 if varies else None,
         units=system.units,
         scale=system.prior,
         combinations=dict(system.combinations),

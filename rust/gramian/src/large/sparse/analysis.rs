@@ -56,13 +56,40 @@ impl Sparse {
         available: usize,
         stop: &mut Stop<'_>,
     ) -> Result<Self, SparseError> {
-        let n = rows.columns();
-        let structure = Structure::new(rows);
-        let scale: Vec<f64> = rows
+        let scale = rows
             .norms()?
             .into_iter()
             .map(|norm| if norm > 0.0 { 1.0 / norm } else { 1.0 })
             .collect();
+        Self::of_scaled(rows, scale, rtol, available, stop)
+    }
+
+    /// The same with all columns divided by one number, which should be the largest norm
+    /// of a column: singular values are then those of the rows as they are, over `unit`.
+    ///
+    /// # Errors
+    /// [`SparseError`].
+    pub fn with_unit<I: Index>(
+        rows: &Rows<'_, I>,
+        unit: f64,
+        rtol: Option<f64>,
+        available: usize,
+        stop: &mut Stop<'_>,
+    ) -> Result<Self, SparseError> {
+        rows.norms()?;
+        let scale = vec![1.0 / unit; rows.columns()];
+        Self::of_scaled(rows, scale, rtol, available, stop)
+    }
+
+    fn of_scaled<I: Index>(
+        rows: &Rows<'_, I>,
+        scale: Vec<f64>,
+        rtol: Option<f64>,
+        available: usize,
+        stop: &mut Stop<'_>,
+    ) -> Result<Self, SparseError> {
+        let n = rows.columns();
+        let structure = Structure::new(rows);
         let symbolic = Symbolic::new(rows)?;
         let place = symbolic.place.clone();
         let matrix = Scaled::new(rows, &scale, &place);

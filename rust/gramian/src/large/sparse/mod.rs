@@ -48,6 +48,11 @@ impl Index for usize {
     }
 }
 
+#[allow(clippy::trivially_copy_pass_by_ref)] // As the messages have it.
+fn gigabytes(bytes: &usize) -> f64 {
+    *bytes as f64 / 1e9
+}
+
 /// What can be wrong with sparse rows, or with the attempt to reduce them.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SparseError {
@@ -105,7 +110,9 @@ pub enum SparseError {
     },
     /// Memory that does not suffice.
     #[error(
-        "the factor of {columns} columns would have {entries} entries and take {needed} bytes at its peak: {available} bytes are available"
+        "the factor of {columns} columns would have {entries} entries and take {:.3} GB at its peak: {:.3} GB are available",
+        gigabytes(.needed),
+        gigabytes(.available)
     )]
     Memory {
         /// Columns of the matrix.
@@ -118,7 +125,11 @@ pub enum SparseError {
         available: usize,
     },
     /// Another array that would not fit in memory.
-    #[error("{what} would take {needed} bytes: {available} bytes are available")]
+    #[error(
+        "{what} would take {:.3} GB: {:.3} GB are available",
+        gigabytes(.needed),
+        gigabytes(.available)
+    )]
     Size {
         /// What it is.
         what: &'static str,

@@ -58,6 +58,17 @@ pub enum Failure<E> {
         /// The smallest step tried.
         step: f64,
     },
+    /// As many steps as may be taken.
+    #[error(
+        "the integrator took {most} steps and came no farther than t = {time}: give later times \
+         apart, or let it take more"
+    )]
+    TooFar {
+        /// As many as may be taken, those that were tried and thrown away among them.
+        most: usize,
+        /// Where it was.
+        time: f64,
+    },
     /// A state that is not finite.
     #[error("state {state} is not finite at t = {time}")]
     Infinite {
@@ -112,7 +123,8 @@ const STAGES: usize = 3;
 /// Follows x' = f(t, x) from `x0` at `times[0]` through all `times`.
 ///
 /// Between two times there are as many equal steps as it takes: their number is doubled
-/// until state and transition change by less than `rtol` of their size.
+/// until state and transition change by less than `rtol` of their size. At most `most`
+/// steps are taken, those of rejected attempts among them.
 ///
 /// # Errors
 /// [`Failure`].
@@ -125,6 +137,7 @@ pub fn integrate<S: System>(
     x0: &[f64],
     times: &[f64],
     rtol: f64,
+    most: usize,
 ) -> Result<Trajectory, Failure<S::Error>> {
     let n = check(system, x0, times)?;
     if !(rtol > 0.0 && rtol < 1.0) {
@@ -136,12 +149,21 @@ pub fn integrate<S: System>(
         .into());
     }
     let (mut states, mut transitions) = (x0.to_vec(), Vec::new());
-    let (mut substeps, mut steps) = (1_usize, 0);
+    let (mut substeps, mut steps, mut tried) = (1_usize, 0, 0_usize);
     for pair in times.windows(2) {
         let from = states.len() - n;
         let x = states[from..].to_vec();
         // What served before, or half of it.
         substeps = (substeps / 2).max(1);
+        let mut allow = |steps: usize| {
+            tried += steps;
+            let time = pair[0];
+            if tried > most {
+                return Err(Failure::TooFar { most, time });
+            }
+            Ok(())
+        };
+        allow(substeps)?;
         let mut coarse = leap(system, &x, pair[0], pair[1], substeps)?;
         loop {
             substeps *= 2;
@@ -151,6 +173,7 @@ pub fn integrate<S: System>(
                     step: (pair[1] - pair[0]) / substeps as f64,
                 });
             }
+            allow(substeps)?;
             let fine = leap(system, &x, pair[0], pair[1], substeps)?;
             steps += substeps;
             if let (Some(a), Some(b)) = (&coarse, &fine)
@@ -505,7 +528,8 @@ mod tests {
     #[test]
     fn energy_stays_and_the_transition_is_symplectic_and_the_derivative() {
         let times = [0.0, 1.0, 5.0, 6.0];
-        let follow = |x0: [f64; 2]| integrate(&mut Pendulum, &x0, &times, 1e-12).unwrap();
+        let follow =
+            |x0: [f64; 2]| integrate(&mut Pendulum, &x0, &times, 1e-12, usize::MAX).unwrap();
         let found = follow([1.0, 0.3]);
         let energy = |x: &[f64]| 0.5 * x[1] * x[1] - x[0].cos();
         for x in found.states.chunks_exact(2) {
@@ -520,5 +544,18 @@ mod tests {
             let difference = (high.states[2 + i] - low.states[2 + i]) / (2.0 * step);
             assert!((difference - found.transitions[2 * i]).abs() < 1e-9);
         }
+    }
+
+    #[test]
+    fn no_more_steps_than_allowed_are_taken() {
+        let times = [0.0, 1.0, 1e3, 1e9];
+        let found = integrate(&mut Pendulum, &[1.0, 0.3], &times, 1e-9, 5000);
+        assert_eq!(
+            found.unwrap_err(),
+            Failure::TooFar {
+                most: 5000,
+                time: 1.0
+            }
+        );
     }
 }
