@@ -3,7 +3,7 @@
 const AXES = ["x", "y", "z"];
 const dipole = {
   start: () => ({ r0: [-10, 6, 2], v: [1, -0.2, 0], m: [10, 20, 10], count: 41, step: 0.5, noise: 1, first: [0, 0, 0], second: [4, -3, 0], two: false, know: "nothing", size: 1.2, times: null, measured: null }),
-  optional: { times: [0], measured: { values: [0], said: "", fits: true } },
+  optional: { times: [0], measured: { values: [0], said: "", fit: [0] } },
   names: () => ["x0", "y0", "z0", "vx", "vy", "vz", "mx", "my", "mz"],
   units: () => ["m", "m", "m", "m/s", "m/s", "m/s", "A m^2", "A m^2", "A m^2"],
   knowledge(s) {
@@ -17,9 +17,8 @@ const dipole = {
   analyze(s) {
     const all = dipole.knowledge(s), known = all[s.know] || [];
     const names = dipole.names(), units = dipole.units();
-    const [said, status, singular, flat, bound, repaired, scale, field, image, other, mirrored, scaled] = ask("dipole", [[...s.r0, ...s.v, ...s.m], dipole.times(s), [s.noise * 1e-9], dipole.sensors(s).flat(), known, Object.values(all).flat(), [s.size], bytes(names), bytes(units)]);
+    const [said, status, singular, flat, bound, repaired, scale, field, image, other, mirrored, scaled] = ask("dipole", [[...s.r0, ...s.v, ...s.m], dipole.times(s), [s.noise * 1e-9], dipole.sensors(s).flat(), known, Object.values(all).flat(), [s.size], s.measured ? s.measured.fit : [], bytes(names), bytes(units)]);
     const verdict = verdictOf(said), nullSpace = vectors(flat, 9);
-    if (s.measured && !s.measured.fits) Object.assign(verdict, { status: "misfit", tone: "bad", reason: s.measured.said });
     return { verdict, status, singular, nullSpace, bound, scale, repaired, field, image, other, mirrored, scaled, names, units, state: [...s.r0, ...s.v, ...s.m] };
   },
   later: () => [],
@@ -49,7 +48,7 @@ const dipole = {
   facts(s, a) {
     const out = a.verdict.combinations.map((text) => `not observable: <b>${html(text)}</b>`);
     const worst = (other) => Math.max(...other.map((x, i) => Math.abs(x - a.field[i]))) / (s.noise * 1e-9);
-    if (s.measured) out.push(html(s.measured.said));
+    if (s.measured) out.push(`the pass that fits best: ${html(s.measured.said)}`);
     out.push(worst(a.image) < 1e-6 ? "the mirror image gives the same field: only knowledge of the side tells them apart" : `the mirror image differs by up to ${brief(worst(a.image))} sigma`);
     if (s.know === "nothing") out.push(worst(a.other) < 1e-6 ? `a pass ${brief(s.size)} times as large, with ${brief(s.size ** 3)} times the moment, gives the same field` : `a pass ${brief(s.size)} times as large differs by up to ${brief(worst(a.other))} sigma`);
     if (a.nullSpace.length) {
@@ -86,15 +85,14 @@ const dipole = {
     const read = table(text, { time: TIME, x: axis("x"), y: axis("y"), z: axis("z") }, { least: 6 });
     const factor = ["x", "y", "z"].map((k) => (/_?ut\b|µt|\but/.test(read.headings[k]) ? 1e-6 : /(_|\W)t\W?$/.test(read.headings[k]) ? 1 : 1e-9));
     const values = read.time.flatMap((_, i) => ["x", "y", "z"].map((k, c) => read[k][i] * factor[c]));
-    const next = { ...s, times: read.time, two: false, know: "nothing", measured: { values, said: "", fits: true } };
+    const next = { ...s, times: read.time, two: false, know: "nothing", measured: { values, said: "", fit: [] } };
     dipole.fit(next);
     Object.assign(s, next);
   },
   fit(s) {
-    const [state, offset, [chi2, dof, p], values] = ask("dipole_fit", [s.times, s.measured.values, [s.noise * 1e-9], s.first]);
+    const [state, offset, fit, values, said] = ask("dipole_fit", [s.times, s.measured.values, [s.noise * 1e-9], s.first]);
     Object.assign(s, { r0: state.slice(0, 3), v: state.slice(3, 6), m: state.slice(6) });
-    const said = `chi2 = ${brief(chi2, 4)} for ${dof} degrees of freedom (p = ${brief(p, 2)})`, fits = !(p < 0.001);
-    s.measured = { values: values.length ? values : s.measured.values, fits, said: fits ? `the pass fits: ${said}` : `${said}: no pass of a dipole fits with ${brief(s.noise)} nT of noise` };
+    s.measured = { values: values.length ? values : s.measured.values, fit, said: lines(said)[0] };
     return offset;
   },
   fixed: { "its speed": "speed", "the size of its moment": "moment", "how far aside (y0)": "y0", "its height (z0)": "z0" },

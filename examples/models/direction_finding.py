@@ -8,6 +8,7 @@ An emitter straight behind two stations, where the angle wraps: ``angles=True`` 
 import numpy as np
 
 import gramian as gm
+from gramian.plot import COLORS, ellipse, figure
 
 STATIONS = np.array([[0.0, 0.0], [0.0, 500.0]])  # m
 
@@ -25,4 +26,13 @@ def model(at=(-2000.0, 0.0)):
 if __name__ == "__main__":
     answer = gm.analyze(model())
     print(answer.summary())
-    picture = answer.plot()
+    picture = figure(6.4, 4.0)
+    axes = picture.subplots()
+    for station in STATIONS:
+        axes.plot(*np.stack([station, [-2000.0, 0.0]]).T, color=COLORS["muted"], lw=0.8)
+    axes.plot(*STATIONS.T, "^", color=COLORS["observer"], label="stations")
+    axes.plot(-2000.0, 0.0, "o", color=COLORS["target"], label="emitter")
+    outline = np.array([-2000.0, 0.0]) + ellipse(answer.covariance(), 0.95)
+    axes.plot(*outline.T, color=COLORS["target"], label="95 % region")
+    axes.set(xlabel="east (m)", ylabel="north (m)", aspect="equal")
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)

@@ -8,6 +8,7 @@ Odometry and one closure: a hundred poses move together until one is known.
 import numpy as np
 
 import gramian as gm
+from gramian.plot import COLORS, figure
 
 
 def model(poses=34):
@@ -33,4 +34,14 @@ if __name__ == "__main__":
     print(answer.reason)
     for text in answer.null_combinations:
         print(text)
-    picture = answer.plot()
+    # The loop, and the three ways in which all of it moves.
+    picture = figure(7.5, 3.0)
+    turn = np.linspace(0, 2 * np.pi, 34, endpoint=False)
+    east, north = np.cos(turn), np.sin(turn)
+    for axes, change in zip(picture.subplots(1, 3), answer.null_space.T, strict=True):
+        along, up, _ = 0.4 * change.reshape(3, -1) / np.abs(change).max()
+        axes.plot(*np.c_[[east, north], [east[:1], north[:1]]], ".-", color=COLORS["observer"])
+        axes.plot(east + along, north + up, ".", color=COLORS["bad"])
+        axes.quiver(east, north, along, up, color=COLORS["bad"], units="xy", scale=1, width=0.015)
+        axes.set(aspect="equal", xlabel="east (m)", ylabel="north (m)")
+        axes.margins(0.15)

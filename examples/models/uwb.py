@@ -11,6 +11,7 @@ from itertools import combinations
 import numpy as np
 
 import gramian as gm
+from gramian.plot import COLORS, ellipse, figure
 
 ANCHORS = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 8.0], [0.0, 8.0]])  # m
 PAIRS = list(combinations(range(4), 2))
@@ -33,4 +34,12 @@ def model(at=(3.0, 2.0), sigma=0.1):
 if __name__ == "__main__":
     answer = gm.analyze(model())
     print(answer.summary())
-    picture = answer.plot()
+    picture = figure(6.4, 4.6)
+    axes = picture.subplots()
+    axes.plot(*ANCHORS.T, "^", color=COLORS["observer"], label="anchors")
+    for at in np.stack(np.meshgrid([1.5, 4, 6.5, 9], [1.5, 4, 6.5]), axis=-1).reshape(-1, 2):
+        outline = at + ellipse(gm.analyze(model(at)).covariance(), 0.95)
+        axes.plot(*outline.T, color=COLORS["target"], lw=1.2)
+    axes.plot([], [], color=COLORS["target"], label="95 % regions")
+    axes.set(xlabel="east (m)", ylabel="north (m)", aspect="equal")
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)

@@ -14,7 +14,7 @@ from gramian.models.bearings.plot import draw_geometry
 from gramian.plot import COLORS, figure
 from gramian.scenario import load
 
-picture = figure(12.0, 4.3)
+picture = figure(9.6, 4.0)
 panels = picture.subplots(1, 3)
 for axes, name in zip(panels, ("1_easy", "2_hopeless", "3_impossible"), strict=True):
     scenario = load(Path(str(files("gramian") / "demo" / f"{name}.toml")))
@@ -23,4 +23,7 @@ for axes, name in zip(panels, ("1_easy", "2_hopeless", "3_impossible"), strict=T
     draw_geometry(scenario.geometry, gm.analyze(scenario.problem), axes)
     color = {"good": COLORS["good"], "weak": COLORS["weak"], "bad": COLORS["bad"]}[report.tone]
     axes.set_title(report.headline, color=color, fontweight="bold")
-    axes.legend(loc="lower center", bbox_to_anchor=(0.5, -0.55), fontsize="small", frameon=False)
+    lines, labels = axes.get_legend_handles_labels()
+    labels = [text.replace(", half axis", ",\nhalf axis") for text in labels]
+    below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.22), "fontsize": "small"}
+    axes.legend(lines, labels, frameon=False, **below)

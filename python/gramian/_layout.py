@@ -34,7 +34,7 @@ def paragraph(text: str, width: int, indent: str = "", first: str | None = None)
         glued = pattern.sub(by, glued)
     lines = textwrap.wrap(
         glued,
-        max(width, 8),
+        max(width, 1),
         initial_indent=indent if first is None else first,
         subsequent_indent=indent,
         break_long_words=False,

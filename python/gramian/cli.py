@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.status import Status
 
 from gramian._files import files_up_to, write_whole
-from gramian._text import visible
+from gramian._text import brief, visible
 from gramian.exceptions import (
     GramianError,
     InputError,
@@ -244,10 +244,16 @@ def plan(file: File, out: Out = None, json: Json = False, strict: Strict = False
 
     def ask() -> Report:
         scenario = load(file)
-        with _in(file):
-            return _of(scenario.plan(), [file], scenario)
+        what = "searching for a path"
+        with _in(file), _spinner(what) as shown:
 
-    _answer(ask, out, json, strict, "searching for a path")
+            def tell(done: int, pieces: int, best: float) -> None:
+                found = f", best so far {brief(best)}" if isfinite(best) else ""
+                shown.update(_plain(f"{what}: {done} of {pieces} pieces{found}"))
+
+            return _of(scenario.plan(tell), [file], scenario)
+
+    _answer(ask, out, json, strict, doing=None)
 
 
 @app.command()
@@ -307,7 +313,8 @@ def demo(
     answers = _Answers(json, strict)
     for scenario in scenarios:
         loaded = load(scenario)
-        report = _of(loaded.analyze(), [scenario], loaded)
+        with _spinner(f"analysing {scenario.stem}"):
+            report = _of(loaded.analyze(), [scenario], loaded)
         console.rule(f"gramian analyze {scenario}", align="left", style="dim")
         answers.add(scenario.stem, report, out / scenario.stem)
     console.print("\nEdit a scenario and run its line again, or point one at your own tracks.")
@@ -516,7 +523,8 @@ class _Answers:
         written: tuple[Path, ...] = ()
         if out is not None:
             self.lacking = [one for one in ("matplotlib", "jinja2") if find_spec(one) is None]
-            written = (report.write_data(out),) if self.lacking else report.write(out)
+            with _spinner("writing the report"):
+                written = (report.write_data(out),) if self.lacking else report.write(out)
         self.reports[name] = report
         if self.json:
             return

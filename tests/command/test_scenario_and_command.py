@@ -8,9 +8,11 @@ import sys
 from importlib.resources import files
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import gramian as gm
+from gramian._layout import columns
 from gramian.scenario import load
 
 DEMO = Path(str(files("gramian") / "demo"))
@@ -166,3 +168,38 @@ def test_demo_command(tmp_path):
     done = run("demo", "--out", tmp_path / "demo")
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("report.html") == 3
+
+
+def test_a_report_has_a_map_of_what_is_asked(tmp_path):
+    file = tmp_path / "straight.toml"
+    file.write_text(
+        'model = "tracks"\n[[carriers]]\nname = "ship"\npath = [[0, 0], [1500, 2000]]\n'
+        'times = [0, 900]\n[[sensors]]\nkind = "bearing"\ncarrier = "ship"\n'
+        "times = { first = 0, last = 900, step = 15 }\nsigma_deg = 0.5\n"
+        "[target]\nx0 = 3000\ny0 = 4200\nvx = -3\nvy = 1.2\n"
+    )
+    picture = load(file).analyze().pictures[0]
+    assert "dashed" in picture.caption
+    (axes,) = picture.draw().axes
+    ship = np.linspace(0, 1, 200)[:, None] * [1.5, 2.0]
+    target = next(line for line in axes.lines if line.get_label() == "target").get_xydata()
+    dashed = [line.get_xydata() for line in axes.lines if line.get_linestyle() == "--"]
+    assert len(dashed) == 4
+    for track in dashed:
+        seen, true = (np.arctan2(*(points - ship).T) for points in (track, target))
+        np.testing.assert_allclose(seen, true, atol=1e-9)
+    # One more leg, and the place has an ellipse.
+    file.write_text(file.read_text().replace("[1500, 2000]]", "[1500, 0], [1500, 2000]]")
+                    .replace("times = [0, 900]", "times = [0, 450, 900]"))  # fmt: skip
+    picture = load(file).analyze().pictures[0]
+    assert "ellipses" in picture.caption
+    assert "95 % ellipse, first and last" in [x.get_label() for x in picture.draw().axes[0].lines]
+
+
+def test_no_column_is_wider_than_its_place():
+    """Short cells below long heads: the lines keep to the width."""
+    names = [f"state{k} then, m/s" for k in range(9)]
+    for width in range(20, 90, 7):
+        for head, body in columns(["known exactly", *names], [["x", *["0.1"] * 9]] * 2,
+                                  [True, *[False] * 9], width):  # fmt: skip
+            assert max(map(len, head + body)) <= width

@@ -431,11 +431,26 @@ def test_a_recorded_field(page, tmp_path):
     if ours[1] * theirs[1] < 0:
         theirs[:6] *= -1
     np.testing.assert_allclose(ours, theirs, rtol=1e-4)
+    fit = numbers(page, "explorer.scenes.dipole.measured.fit")
+    np.testing.assert_allclose(fit, [found.fit.chi2, found.fit.dof], rtol=1e-6)
+    said = f"chi2 = {found.fit.chi2:.4g} for {found.fit.dof} degrees of freedom (p = "
+    assert said in page.inner_text("#facts")
     assert status(page) == "unobservable"
-    assert "the pass fits: chi2 =" in page.inner_text("#facts")
-    file.write_text(file.read_text().replace("time,", "time,", 1) + "\n20.0,900,900,900")
+    assert page.inner_text("#reason") == "rank 8 of 9: 1 combination is not determined"
+    page.select_option("#control-0", "its speed")
+    settle(page)
+    assert status(page) == "observable"
+    # What no pass explains is said first of what could be determined, and always.
+    file.write_text(file.read_text() + "\n20.0,900,900,900")
     page.set_input_files("#csv", file)
-    page.wait_for_function("document.getElementById('status').textContent === 'misfit'")
+    page.wait_for_function("document.getElementById('reason').textContent.includes(';')")
+    assert status(page) == "unobservable"
+    assert re.search("determined; chi2 = .*: the model does not fit$", page.inner_text("#reason"))
+    page.select_option("#control-0", "its speed")
+    settle(page)
+    found = run_python(code(page, "python"))["found"]
+    assert status(page) == found.status == "misfit"
+    assert page.inner_text("#reason").split(" for ")[1] == found.reason.split(" for ")[1]
 
 
 def test_a_track_between_two_radars(page, tmp_path):

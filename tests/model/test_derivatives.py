@@ -332,3 +332,17 @@ def test_errors_hold_for_random_smooth_functions():
         wrong += int((off > 3 * model.accuracy.error).sum())
         total += off.size
     assert wrong <= 0.002 * total
+
+
+@pytest.mark.parametrize("value", [6.1e-17, 1.2e-16, -3e-16, 1e-15, 5e-324])
+def test_a_zero_and_its_rounding_is_moved_as_a_zero(value):
+    # The cosine of a right angle is no state that nothing sees.
+    model = gm.from_function(lambda s: [s[0] + s[1], s[0] - s[1]], [1.0, value], 0.05, ["a", "b"])
+    answer = gm.analyze(model)
+    assert answer.status == "observable"
+    np.testing.assert_allclose(answer.problem.all_rows, [[20, 20], [20, -20]], rtol=0.2)
+
+
+def test_what_nothing_sees_is_still_not_seen():
+    model = gm.from_function(lambda s: [s[0], 2 * s[0]], [1.0, 1.2e-16], 0.05, ["a", "b"])
+    assert gm.analyze(model).null_combinations == ("b +1",)

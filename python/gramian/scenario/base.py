@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -90,8 +90,8 @@ class Scenario(Section):
         """Estimate from recorded measurements."""
         raise self._unsupported("localize")
 
-    def plan(self) -> Report:
-        """Choose what to do so as to know more."""
+    def plan(self, progress: Callable[[int, int, float], object] | None = None) -> Report:
+        """Choose what to do so as to know more; `progress` hears of pieces of work done."""
         raise self._unsupported("plan")
 
     def experiment(self) -> Simulation:

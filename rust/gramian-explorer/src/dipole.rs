@@ -1,6 +1,6 @@
 //! A magnetic dipole that passes at constant velocity.
 
-use gramian::chi_square;
+use gramian::chi_square::Goodness;
 use gramian::dipole::localize::{Background, Knowledge, Options, localize};
 use gramian::dipole::{Pass, Sensing, measure, push_rows};
 use gramian::observability::Observability;
@@ -12,7 +12,8 @@ use crate::{Answer, Limits, Question};
 /// exactly (rows of nine), others that might be (rows of nine), and the size u of a pass
 /// of another size.
 ///
-/// Behind these the names of the states and their units, as lines.
+/// Behind these (chi2, degrees of freedom) of the fit where the pass was estimated, else
+/// nothing; the names of the states and their units, as lines.
 ///
 /// The answer: the verdict, see [`Answer::verdict`]; (rank, states, tolerance, logarithm of the determinant); singular values;
 /// null space; bounds; for each combination that might be known, the rank with it; for
@@ -28,6 +29,10 @@ pub fn analyze(mut question: Question<'_>) -> Result<Answer, String> {
     let sensors = question.list()?.as_chunks::<3>().0;
     let (known, others) = (question.list()?, question.list()?);
     let [size] = question.array()?;
+    let fit = match question.list()? {
+        [chi2, dof] => Some(Goodness::new(*chi2, *dof)),
+        _ => None,
+    };
     if times.is_empty() {
         return Err(String::from("no sample sees the dipole"));
     }
@@ -63,6 +68,7 @@ pub fn analyze(mut question: Question<'_>) -> Result<Answer, String> {
         data_std: &data_std,
         scale: &scale,
         prior: &[],
+        fit,
     };
     answer.verdict(&mut question, &found, limits)?;
     answer.list(&[found.rank() as f64, 9.0, found.rtol(), found.log_det()]);
@@ -82,11 +88,15 @@ pub fn analyze(mut question: Question<'_>) -> Result<Answer, String> {
     Ok(answer)
 }
 
+/// What a field tells of the numbers that [`fit`] finds: the place, the velocity, the moment
+/// and the constant field, three each, less the size of the pass.
+const ESTIMATED: f64 = 11.0;
+
 /// The pass that fits a recorded field best, with a constant field beside it: of the times,
 /// the field (K, 3) in T, the noise (T), and the place of the sensor.
 ///
-/// The answer: the state; the constant field; (chi2, degrees of freedom, p); the field less
-/// what is constant.
+/// The answer: the state; the constant field; (chi2, degrees of freedom); the field less
+/// what is constant; how well it fits, in words.
 ///
 /// # Errors
 /// What is wrong, in words.
@@ -101,8 +111,7 @@ pub fn fit(mut question: Question<'_>) -> Result<Answer, String> {
     };
     let found = localize(times, field, &[sensor], &Knowledge::default(), &options)
         .map_err(|error| error.to_string())?;
-    let dof = field.len() as f64 - 12.0;
-    let p = chi_square::survival(found.best.cost, dof).unwrap_or(f64::NAN);
+    let fit = Goodness::new(found.best.cost, field.len() as f64 - ESTIMATED);
     let alone: Vec<f64> = field
         .iter()
         .zip(found.background.iter().cycle())
@@ -111,8 +120,9 @@ pub fn fit(mut question: Question<'_>) -> Result<Answer, String> {
     let mut answer = Answer::default();
     answer.list(&found.best.state);
     answer.list(&found.background);
-    answer.list(&[found.best.cost, dof, p]);
+    answer.list(&[fit.chi2, fit.dof]);
     answer.list(&alone);
+    answer.text(&fit.words());
     Ok(answer)
 }
 

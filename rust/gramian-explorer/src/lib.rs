@@ -4,9 +4,10 @@
 //! arrays, each behind its length, made by [`Answer`]. No mathematics is here: it is all
 //! in `gramian`. `explorer/explorer.js` is the other side.
 
+use gramian::chi_square::Goodness;
 use gramian::numbers::words::moves;
 use gramian::observability::Observability;
-use gramian::spine::verdict::{Findings, WEAK_CONDITION, WEAK_RATIO, judge};
+use gramian::spine::verdict::{Findings, WEAK_CONDITION, WEAK_RATIO, judge, of_estimate};
 
 pub mod dipole;
 pub mod exports;
@@ -22,6 +23,8 @@ pub struct Limits<'a> {
     pub scale: &'a [f64],
     /// Deviations beforehand, infinite for none.
     pub prior: &'a [f64],
+    /// How well the states fit where they were estimated.
+    pub fit: Option<Goodness>,
 }
 
 /// A question: numbers, and arrays behind their lengths.
@@ -146,10 +149,12 @@ impl Answer {
             weak_ratio: WEAK_RATIO,
             weak_condition: WEAK_CONDITION,
         });
-        let mut lines = vec![
-            String::from(verdict.status.name()),
-            verdict.reason.words(|i| &names[i], |i| &units[i]),
-        ];
+        let mut reason = verdict.reason.words(|i| &names[i], |i| &units[i]);
+        let mut status = verdict.status.name();
+        if let Some(fit) = limits.fit {
+            (status, reason) = of_estimate(verdict.status, reason, fit, Goodness::ALPHA);
+        }
+        let mut lines = vec![String::from(status), reason];
         lines.extend(null_space.iter().map(|vector| moves(vector, &names)));
         self.text(&lines.join("\n"));
         Ok(())

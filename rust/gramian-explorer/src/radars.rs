@@ -82,6 +82,7 @@ pub fn analyze(mut question: Question<'_>) -> Result<Answer, String> {
         data_std: &data_std,
         scale: &[],
         prior: &[],
+        fit: None,
     };
     answer.verdict(&mut question, &analysis, limits)?;
     answer.list(&[

@@ -3,10 +3,13 @@
 use std::borrow::Cow;
 
 use gramian::batch::{Items, Threads};
-use gramian::chi_square;
+use gramian::chi_square::{self, Goodness};
 use gramian::observability::Observability;
+use gramian::scalar::NumberError;
 use gramian::solve::region::{contours, interval};
 use gramian::solve::{Combination, Model, Options, Solution, WithPrior};
+use gramian::spectrum::default_rtol;
+use gramian::square_root::SquareRootInformation;
 use gramian::tracks::carrier::Carrier;
 use gramian::tracks::scene::estimate::{self as kernel, Layout, Task};
 use gramian::tracks::scene::{Channel, InSensor, Kind, Measured, Moving, Parameter, Scene};
@@ -156,6 +159,28 @@ impl Asked {
         Ok(WithPrior::new(measured, &each, &self.state, &self.prior))
     }
 
+    /// For each sample the deviations of the target's place at its time from the prior and all
+    /// samples so far, whose triangular factor grows row by row.
+    fn along<const N: usize>(&self, rows: &[f64], prior: &[f64]) -> Result<Vec<f64>, String> {
+        let words = |error: NumberError| error.to_string();
+        let (rows, prior) = (rows.as_chunks::<N>().0, prior.as_chunks::<N>().0);
+        let mut so_far = SquareRootInformation::new();
+        for row in prior {
+            so_far.push(row).map_err(words)?;
+        }
+        let mut along = Vec::with_capacity(2 * self.times.len());
+        for (sample, time) in self.times.iter().enumerate() {
+            // A sensor's rows stand together, sample by sample.
+            for row in rows.iter().skip(sample).step_by(self.times.len()) {
+                so_far.push(row).map_err(words)?;
+            }
+            let rtol = default_rtol(so_far.count() as usize, N);
+            let now = Observability::new(so_far.factor().as_flattened(), N, Some(rtol));
+            along.extend(self.place_std(&now.map_err(words)?, time - self.times[0])?);
+        }
+        Ok(along)
+    }
+
     /// Deviations of the target's place so long after the reference time.
     fn place_std(&self, found: &Observability<f64>, after: f64) -> Result<[f64; 2], String> {
         let mut out = [0.0; 2];
@@ -213,16 +238,11 @@ pub fn analyze(mut question: Question<'_>) -> Result<Answer, String> {
         .weakest_direction()
         .map_err(|error| error.to_string())?;
 
-    let count = asked.times.len();
-    let mut along = Vec::with_capacity(2 * count);
-    let mut so_far = prior;
-    for sample in 0..count {
-        for sensor in 0..rows.len() / n / count {
-            so_far.extend_from_slice(&rows[(sensor * count + sample) * n..][..n]);
-        }
-        let now = observed(&so_far, n)?;
-        along.extend(asked.place_std(&now, asked.times[sample] - asked.times[0])?);
-    }
+    // With the tonal there are five states.
+    let along = match n {
+        4 => asked.along::<4>(&rows, &prior)?,
+        _ => asked.along::<5>(&rows, &prior)?,
+    };
 
     let mut answer = Answer::default();
     let (data_std, scale) = (data.crlb_std(), asked.scale());
@@ -230,6 +250,7 @@ pub fn analyze(mut question: Question<'_>) -> Result<Answer, String> {
         data_std: &data_std,
         scale: &scale,
         prior: &asked.prior,
+        fit: None,
     };
     answer.verdict(&mut question, &found, limits)?;
     answer.list(&[found.rank() as f64, n as f64, found.rtol(), found.log_det()]);
@@ -482,7 +503,7 @@ pub fn estimate(mut question: Question<'_>) -> Result<Answer, String> {
         &mut out,
     )
     .map_err(|error| error.to_string())?;
-    let verdict = task.judge(&out, 0.001, 0.25);
+    let verdict = task.judge(&out, Goodness::ALPHA, Task::WEAK_RATIO);
     // State, covariance, null direction, the next best solution, costs.
     let (state, rest) = out.split_at(n);
     let (unseen, rest) = rest[n * n..].split_at(n);

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -23,6 +24,7 @@ __all__ = ["ManeuverScenario"]
 
 Positive = Annotated[float, Field(gt=0)]
 Pair = tuple[float, float]
+Progress = Callable[[int, int, float], object]
 Method = Literal["max_det", "hammel_liu", "bearing_rate", "circle", "perpendicular", "plan"]
 
 UNITS = {"x": "m", "y": "m", "x0": "m", "y0": "m", "vx": "m/s", "vy": "m/s"}
@@ -163,16 +165,16 @@ class ManeuverScenario(Scenario):
     prior: dict[str, Positive] = Field(default_factory=dict)
     closed_loop: Loop | None = None
 
-    def plan(self) -> Report:
+    def plan(self, progress: Progress | None = None) -> Report:
         """Plan the path, compare it with the laws, and fly both if asked to."""
         try:
-            best = self._plan()
+            best = self._plan(progress)
             loop = self._loop()
         except InputError as error:
             raise self.error("plan", str(error)) from error
         return _report(self.path.name, best, loop)
 
-    def _plan(self) -> Plan:
+    def _plan(self, progress: Progress | None) -> Plan:
         observer, limits, goal = self.observer, self.limits, self.goal
         combination = goal.combination
         sigma_deg = self.bearings.sigma_deg
@@ -205,6 +207,7 @@ class ManeuverScenario(Scenario):
             time_limit=goal.time_limit,
             bound=goal.bound,
             seed=goal.seed,
+            progress=progress,
         )
 
     def _loop(self) -> ClosedLoop | None:

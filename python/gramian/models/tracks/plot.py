@@ -11,11 +11,12 @@ from gramian._text import brief
 from gramian.plot import COLORS, Figure, ellipse, ellipsoid, equal_space, figure
 
 if TYPE_CHECKING:
+    from gramian.analysis import Observability
     from gramian.models.tracks._legs import LegChoice
     from gramian.models.tracks._scene import Scene
     from gramian.models.tracks._solve import TrackEstimate
 
-__all__ = ["chart", "legs", "space"]
+__all__ = ["chart", "geometry", "legs", "space"]
 
 Array = NDArray[np.float64]
 
@@ -24,14 +25,36 @@ _KM = 1e-3
 
 def chart(estimate: TrackEstimate) -> Figure:
     """Draw a map: carriers, the estimated track, 95 % ellipses of its ends."""
-    scene = estimate.scene
+    covariance = estimate.covariance if np.isfinite(estimate.covariance).all() else None
+    return _map(estimate.scene, estimate.state, covariance)
+
+
+def geometry(scene: Scene, state: Array, answer: Observability) -> Figure:
+    """Draw a map of what is asked: carriers, the target, and how well its place is known.
+
+    The bound's 95 % ellipses of the first and last place; where a combination of the states
+    is not determined, tracks along it in their place.
+    """
+    free = [scene.names.index(name) for name in answer.names]
+    if not answer.nullity:
+        covariance = np.zeros((state.size, state.size))
+        covariance[np.ix_(free, free)] = answer.covariance()
+        return _map(scene, state, covariance)
+    change = np.zeros(state.size)
+    change[free] = answer.null_space[:, 0]
+    return _map(scene, state, None, change)
+
+
+def _map(
+    scene: Scene, state: Array, covariance: Array | None, change: Array | None = None
+) -> Figure:
     fig = figure(6.4, 5.4)
     axes = fig.subplots()
     stamps = _times(scene)
     for path, name in _carriers(scene):
         axes.plot(*(path[:, :2] * _KM).T, ".-", color=COLORS["observer"], label=name, markersize=4)
     times = np.linspace(stamps[0], stamps[-1], 200)
-    track = estimate.track(times)[:, :2] * _KM
+    track = scene.track(state, times)[:, :2] * _KM
     axes.plot(*track.T, color=COLORS["target"], linewidth=2, label="target")
     axes.plot(*track[0], "o", color=COLORS["target"])
     axes.annotate(
@@ -40,12 +63,21 @@ def chart(estimate: TrackEstimate) -> Figure:
         track[-8],
         arrowprops={"arrowstyle": "-|>", "color": COLORS["target"], "mutation_scale": 18},
     )
-    if np.isfinite(estimate.covariance).all():
+    if covariance is not None:
         for k, time in enumerate((stamps[0], stamps[-1])):
-            middle = estimate.track([time])[0, :2] * _KM
-            outline = middle + ellipse(_at(estimate, time)[:2, :2] * _KM**2, 0.95)
+            middle = scene.track(state, [time])[0, :2] * _KM
+            outline = middle + ellipse(_at(scene, state, covariance, time)[:2, :2] * _KM**2, 0.95)
             label = "95 % ellipse, first and last" if k == 0 else None
             axes.plot(*outline.T, color=COLORS["bad"], linewidth=1.2, label=label)
+    if change is not None:
+        # As far as a fifth of the picture.
+        reach = np.abs(scene.track(state + change, times)[:, :2] * _KM - track).max()
+        everything = np.vstack([track, *(path[:, :2] * _KM for path, _ in _carriers(scene))])
+        size = 0.2 * np.ptp(everything, axis=0).max() / reach if reach > 0 else 0.0
+        for k, part in enumerate((-2, -1, 1, 2)):
+            other = scene.track(state + part * size * change, times)[:, :2] * _KM
+            label = "as good, to first order" if k == 0 else None
+            axes.plot(*other.T, "--", color=COLORS["bad"], linewidth=1.2, label=label)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("east, km")
     axes.set_ylabel("north, km")
@@ -78,7 +110,9 @@ def space(estimate: TrackEstimate) -> Figure:
     if np.isfinite(estimate.covariance).all():
         for k, time in enumerate((stamps[0], stamps[-1])):
             middle = estimate.track([time])[0] * _KM
-            for i, outline in enumerate(ellipsoid(_at(estimate, time) * _KM**2)):
+            for i, outline in enumerate(
+                ellipsoid(_at(scene, estimate.state, estimate.covariance, time) * _KM**2)
+            ):
                 label = "95 % ellipsoid, first and last" if k == i == 0 else None
                 axes.plot(*(middle + outline).T, color=COLORS["bad"], linewidth=0.9, label=label)
     equal_space(axes, np.vstack(points))
@@ -126,16 +160,15 @@ def _carriers(scene: Scene) -> list[tuple[Array, str]]:
     return list(found.values())
 
 
-def _at(estimate: TrackEstimate, time: float) -> Array:
+def _at(scene: Scene, state: Array, covariance: Array, time: float) -> Array:
     """Covariance (D, D) of the position at a time, by differences of the track."""
-    n = estimate.state.size
-    slope = np.zeros((estimate.scene.motion.dimension, n))
-    for k in range(n):
-        step = 1e-4 * max(abs(float(estimate.state[k])), float(estimate.std[k]), 1e-6)
-        moved = np.array([estimate.state, estimate.state])
+    slope = np.zeros((scene.motion.dimension, state.size))
+    for k, std in enumerate(np.sqrt(np.diag(covariance))):
+        step = 1e-4 * max(abs(float(state[k])), float(std), 1e-6)
+        moved = np.array([state, state])
         moved[0, k] -= step
         moved[1, k] += step
-        ends = [estimate.scene.track(x, [time])[0] for x in moved]
+        ends = [scene.track(x, [time])[0] for x in moved]
         slope[:, k] = (ends[1] - ends[0]) / (2 * step)
-    covariance: Array = slope @ estimate.covariance @ slope.T
-    return covariance
+    found: Array = slope @ covariance @ slope.T
+    return found

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from gramian import io
 from gramian._text import brief, number
-from gramian.analysis import analyze
+from gramian.analysis import Observability, analyze
 from gramian.exceptions import InputError
 from gramian.models.tracks._estimate import estimate
 from gramian.models.tracks._motion import Carrier, Motion
@@ -265,9 +265,24 @@ class TracksScenario(Scenario):
             verdict=verdict,
             facts=[("cannot be determined", text) for text in answer.null_combinations],
             tables=answer_tables(answer),
-            pictures=answer_pictures(answer),
+            pictures=[self._map(answer), *answer_pictures(answer)],
             data={"model": self.model, "observability": answer.to_dict()},
         )
+
+    def _map(self, answer: Observability) -> Picture:
+        scene, state = self.scene, np.array([self.state[name] for name in self.scene.names])
+        shown = (
+            "dashed, tracks along a combination of the states that is not determined"
+            if answer.nullity
+            else "the 95 % ellipses that the bound allows of its first and last place"
+        )
+
+        def draw() -> Any:
+            from gramian.models.tracks.plot import geometry
+
+            return geometry(scene, state, answer)
+
+        return Picture("Map", f"Carriers, the target, and {shown}.", draw)
 
     def localize(self) -> Report:
         """Estimate the state from the measurements of a file."""

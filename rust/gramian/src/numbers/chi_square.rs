@@ -89,6 +89,64 @@ pub fn critical(alpha: f64, dof: f64) -> Result<f64, NumberError> {
     }
 }
 
+/// How well a model fits: chi-square at its best, and how often noise alone leaves more.
+///
+/// ```
+/// use gramian::chi_square::Goodness;
+/// let found = Goodness::new(91.0, 37.0);
+/// assert!(found.is_misfit(Goodness::ALPHA));
+/// assert_eq!(found.words(), "chi2 = 91 for 37 degrees of freedom (p = 1.9e-06)");
+/// // Without degrees of freedom nothing is tested.
+/// assert!(!Goodness::new(0.0, 0.0).is_misfit(0.5));
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Goodness {
+    /// The least sum of squared residuals over sigma^2, priors included.
+    pub chi2: f64,
+    /// Measurements that are there and priors, less free states.
+    pub dof: f64,
+    /// Probability of a larger chi-square where the model is true; NaN where there is none.
+    pub p_value: f64,
+}
+
+impl Goodness {
+    /// "misfit" below this probability, by default.
+    pub const ALPHA: f64 = 0.001;
+
+    /// Tests a sum of squares that is left with so many degrees of freedom.
+    pub fn new(chi2: f64, dof: f64) -> Self {
+        Self {
+            chi2,
+            dof,
+            p_value: survival(chi2, dof).unwrap_or(f64::NAN),
+        }
+    }
+
+    /// Whether the model does not fit, at a level of the test.
+    pub fn is_misfit(self, alpha: f64) -> bool {
+        self.p_value < alpha
+    }
+
+    /// That the model does not fit, in words; none where it may.
+    #[cfg(feature = "alloc")]
+    pub fn misfit(self, alpha: f64) -> Option<alloc::string::String> {
+        self.is_misfit(alpha)
+            .then(|| alloc::format!("{}: the model does not fit", self.words()))
+    }
+
+    /// The test in words.
+    #[cfg(feature = "alloc")]
+    pub fn words(self) -> alloc::string::String {
+        use crate::numbers::words::brief;
+        alloc::format!(
+            "chi2 = {} for {} degrees of freedom (p = {})",
+            brief(self.chi2, 4),
+            self.dof,
+            brief(self.p_value, 2)
+        )
+    }
+}
+
 /// Q(a, x) by its series, or by its continued fraction where x is large.
 fn few<T: Real>(a: T, x: T) -> T {
     let (half, one) = (T::of(0.5), T::one());

@@ -135,6 +135,8 @@ struct Column<'a> {
     next: f64,
     least: f64,
     most: f64,
+    /// Whether the state may be a zero and its rounding: neither scale nor step is given.
+    rounded: bool,
     phase: Phase,
     shrunk: usize,
     grown: usize,
@@ -387,6 +389,7 @@ impl<'a> Column<'a> {
             } else {
                 8.0 * size
             },
+            rounded: !(given || scale > 0.0),
             phase: Phase::Search,
             shrunk: 0,
             grown: 0,
@@ -691,10 +694,10 @@ impl<'a> Column<'a> {
             } else if self.grown < 4 && longer > 2.0 * pair.step {
                 self.grown += 1;
                 self.next = longer;
-            } else {
+            } else if !self.as_zero() {
                 self.anchor = last;
                 self.phase = Phase::Ladder;
-                self.next = 0.5 * pair.step;
+                self.next = 0.5 * self.pairs[last].step;
             }
             return Ok(());
         }
@@ -706,7 +709,11 @@ impl<'a> Column<'a> {
                 self.next = longer;
                 return Ok(());
             }
+            if self.as_zero() {
+                return Ok(());
+            }
         }
+        let pair = &self.pairs[last];
         let lawful = last > 0 && self.pairs[last - 1].finite && {
             let before = &self.pairs[last - 1];
             let ratio = pair.step / before.step;
@@ -736,6 +743,19 @@ impl<'a> Column<'a> {
         }
         self.next = next;
         Ok(())
+    }
+
+    /// Moves a state as a zero is moved, once: what shows little or nothing within its own size
+    /// may be a zero and its rounding, the cosine of a right angle.
+    fn as_zero(&mut self) -> bool {
+        let shown = self.pairs.last().is_some_and(|pair| pair.step < FIRST);
+        if !(self.rounded && shown) {
+            return false;
+        }
+        self.rounded = false;
+        self.most = f64::INFINITY;
+        self.next = FIRST;
+        true
     }
 
     /// Once the noise is known, a longer step may be better.

@@ -7,6 +7,7 @@ use alloc::format;
 use alloc::string::String;
 use alloc::vec::Vec;
 
+use crate::numbers::chi_square::Goodness;
 use crate::numbers::words::brief;
 
 /// The status, worst first.
@@ -109,6 +110,34 @@ pub struct Findings<'a> {
 pub const WEAK_RATIO: f64 = 1.0;
 /// "Weak" above this condition number where no state has a limit, by default.
 pub const WEAK_CONDITION: f64 = 1e8;
+
+/// The status and the reason where the states were estimated and the fit was tested at the
+/// level `alpha`: a misfit outranks all but what is unobservable, and is said in any case.
+///
+/// ```
+/// use gramian::chi_square::Goodness;
+/// use gramian::spine::verdict::{Status, of_estimate};
+/// let fit = Goodness::new(91.0, 37.0);
+/// let (status, reason) = of_estimate(Status::Weak, String::new(), fit, 0.001);
+/// assert_eq!(status, "misfit");
+/// assert!(reason.ends_with("(p = 1.9e-06): the model does not fit"));
+/// let reason = String::from("rank 8 of 9");
+/// let (status, reason) = of_estimate(Status::Unobservable, reason, fit, 0.001);
+/// assert_eq!(status, "unobservable");
+/// assert!(reason.starts_with("rank 8 of 9; chi2 = 91"));
+/// ```
+pub fn of_estimate(
+    status: Status,
+    reason: String,
+    fit: Goodness,
+    alpha: f64,
+) -> (&'static str, String) {
+    match (status, fit.misfit(alpha)) {
+        (_, None) => (status.name(), reason),
+        (Status::Unobservable, Some(misfit)) => (status.name(), format!("{reason}; {misfit}")),
+        (_, Some(misfit)) => ("misfit", misfit),
+    }
+}
 
 /// Judges: unobservable before weak before observable.
 ///
@@ -225,6 +254,11 @@ impl Reason {
                 };
                 let (name, unit) = (name(state), unit(state));
                 let (name, unit) = (name.as_ref(), unit.as_ref());
+                if std.is_infinite() {
+                    return format!(
+                        "the measurements alone do not determine {name}: only the prior does"
+                    );
+                }
                 let gap = if unit.is_empty() { "" } else { " " };
                 let (std, limit) = (brief(std, 4), brief(limit, 4));
                 format!(

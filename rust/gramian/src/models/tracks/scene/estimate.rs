@@ -14,7 +14,7 @@ use alloc::vec::Vec;
 use super::trials::Trials;
 use super::{InSensor, Measured, Scene};
 use crate::batch::{Items, Threads};
-use crate::numbers::chi_square;
+use crate::numbers::chi_square::Goodness;
 use crate::numbers::words::{brief, moves};
 pub use crate::solve::Loss;
 use crate::solve::side_by_side::{Arrived, losses, minimize_all};
@@ -329,12 +329,14 @@ impl Verdict {
                     .collect();
                 format!("no measurement sees {}", moves(&kept, names))
             }
-            Status::Misfit => format!(
-                "chi2 = {} for {} degrees of freedom (p = {}): the model does not fit",
-                brief(cost, 4),
-                self.dof,
-                brief(self.p_value, 2)
-            ),
+            Status::Misfit => {
+                let fit = Goodness {
+                    chi2: cost,
+                    dof: self.dof,
+                    p_value: self.p_value,
+                };
+                fit.misfit(1.0).unwrap_or_default()
+            }
             Status::NotConverged => String::from("the steps did not come to rest"),
             Status::Ambiguous => format!(
                 "another solution fits as well: chi2 is larger by {}",
@@ -353,6 +355,9 @@ impl Verdict {
 const AS_WELL: f64 = 6.0;
 
 impl Task<'_> {
+    /// "weak" above this share of a position's distance, by default.
+    pub const WEAK_RATIO: f64 = 0.25;
+
     /// Judges a trial that [`estimate`] has written: "misfit" where the cost is improbable at
     /// the level `alpha`, "weak" where a position's deviation is more than `weak_ratio` of its
     /// distance.
@@ -366,14 +371,13 @@ impl Task<'_> {
         let information = self.sigma.iter().filter(|s| s.is_finite()).count() as f64;
         let dof = present + information - free;
         let tested = matches!(self.options.loss, Loss::Squares) && dof > 0.0 && cost.is_finite();
-        let p_value = if tested {
-            chi_square::survival(cost, dof).unwrap_or(f64::NAN)
-        } else {
-            f64::NAN
-        };
+        let mut fit = Goodness::new(cost, dof);
+        if !tested {
+            fit.p_value = f64::NAN;
+        }
         let status = if rank < free {
             Status::Unobservable
-        } else if p_value < alpha {
+        } else if fit.is_misfit(alpha) {
             Status::Misfit
         } else if converged < 1.0 {
             Status::NotConverged
@@ -387,7 +391,7 @@ impl Task<'_> {
         Verdict {
             status,
             dof,
-            p_value,
+            p_value: fit.p_value,
         }
     }
 }
