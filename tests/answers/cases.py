@@ -145,6 +145,9 @@ def linear():
     yield from (gm.linear.levels(A, C, names=names), hidden, hidden.modes[0])
     yield gm.linear.batch_levels(np.zeros((4, 2, 2)), [[1.0, 1.0]])
     yield gm.linear.distance(stable, seen)
+    yield gm.dynamics.lie_derivatives(
+        lambda t, x: [x[1], -np.sin(x[0])], lambda t, x: [x[0]], [0.3, 0.1]
+    )
     yield gm.linear.modes(np.diag([-1.0, -1.0, -3.0]), np.ones((1, 3)), near=-1.0, count=2)
     yield gm.linear.degree(stable, seen, "order", names=["a", "b"])
     yield gm.linear.information(stable, seen, names=["a", "b"], window=2.0, prior=[1, 1], dt=0.1)

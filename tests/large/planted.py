@@ -161,10 +161,12 @@ def sliding_and_floating(rng: np.random.Generator) -> Planted:
     for k in range(m - 1):
         relative(rows, chain[k], chain[k + 1], chain_places[k], chain_places[k + 1], rng)
     every = frozenset([*names, *chain])
+    # Either slides along the other: the one of fewer poses is named.
+    slides = chain if m <= n else names
     return Planted(
         rows.problem(gauges=gauges([*names, *chain], [*places, *chain_places])),
         {("gauge", gauge, every) for gauge in PLANE}
-        | {("gauge", "translation along x", frozenset(chain))},
+        | {("gauge", "translation along x", frozenset(slides))},
     )
 
 

@@ -457,7 +457,10 @@ class SparseObservability(Observability):
                 lines.append(f"{first.blocks[0]}: no measurement touches it ({len(same)} states)")
             else:
                 what = ", ".join(m.gauge for m in same[:-1])
-                lines.append(f"{what}, {same[-1].text}")
+                text = same[-1].text
+                # "all angle of ..." once: "all angle, voltage of ...".
+                every = "all " if same[-1].kind == "shift" else ""
+                lines.append(f"{every}{what}, {text.removeprefix(every)}")
         if len(lines) > 20:
             lines = [*lines[:20], f"and {len(lines) - 20} more"]
         return lines

@@ -204,7 +204,10 @@ class _Component:
         votes: dict[tuple[float, ...], list[Any]] = {}
         order = np.argsort(self.block, kind="stable")
         starts = np.searchsorted(self.block[order], self.blocks)
-        for own in np.split(order, starts[1:]):
+        owned = np.split(order, starts[1:])
+        # One measure for all blocks: their own differ with the accuracy of what sees them.
+        typical = np.median([np.linalg.norm(gauges[own]) for own in owned])
+        for own in owned:
             g = gauges[own]
             level = np.linalg.norm(g, axis=0)
             used = level > 1e-12
@@ -214,8 +217,7 @@ class _Component:
             amount, *_ = np.linalg.lstsq(g, rest[own], rcond=None)
             if np.abs(g @ amount - rest[own]).max() > 1e-7 * size:
                 continue
-            moved = amount * np.median(level)
-            key = tuple(np.round(moved.ravel() / size, 5) + 0.0)
+            key = tuple(np.round(amount.ravel() * typical / size, 5) + 0.0)
             votes.setdefault(key, []).append(amount)
         if not votes:
             return rest

@@ -318,7 +318,7 @@ def _follow(
         rtol = options.fraction(rtol, "rtol")
         if rtol < 1e-14:
             raise InputError(f"rtol = {rtol}: must be at least 1e-14 and below 1")
-    labels, measures, moves = _described(names, units, scale, start)
+    labels, measures, moves = described(names, units, scale, start)
     here = at[:1], start[None]
     p = many(h, "h", None, vectorized)(*here).shape[1]
     rate = many(f, "f", n, vectorized)
@@ -378,7 +378,7 @@ def _two(jacobian: str | tuple[Any, Any]) -> list[Any]:
     return parts
 
 
-def _described(
+def described(
     names: Sequence[str] | None,
     units: Sequence[str] | None,
     scale: ArrayLike | None,
