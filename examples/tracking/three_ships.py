@@ -14,7 +14,7 @@ from gramian.models.bearings.plot import draw_geometry
 from gramian.plot import COLORS, figure
 from gramian.scenario import load
 
-picture = figure(9.6, 4.0)
+picture = figure(9.6, 4.5)
 panels = picture.subplots(1, 3)
 for axes, name in zip(panels, ("1_easy", "2_hopeless", "3_impossible"), strict=True):
     scenario = load(Path(str(files("gramian") / "demo" / f"{name}.toml")))

@@ -5,11 +5,8 @@ use std::borrow::Cow;
 use gramian::batch::{Items, Threads};
 use gramian::chi_square::{self, Goodness};
 use gramian::observability::Observability;
-use gramian::scalar::NumberError;
 use gramian::solve::region::{contours, interval};
 use gramian::solve::{Combination, Model, Options, Solution, WithPrior};
-use gramian::spectrum::default_rtol;
-use gramian::square_root::SquareRootInformation;
 use gramian::tracks::carrier::Carrier;
 use gramian::tracks::scene::estimate::{self as kernel, Layout, Task};
 use gramian::tracks::scene::{Channel, InSensor, Kind, Measured, Moving, Parameter, Scene};
@@ -159,28 +156,6 @@ impl Asked {
         Ok(WithPrior::new(measured, &each, &self.state, &self.prior))
     }
 
-    /// For each sample the deviations of the target's place at its time from the prior and all
-    /// samples so far, whose triangular factor grows row by row.
-    fn along<const N: usize>(&self, rows: &[f64], prior: &[f64]) -> Result<Vec<f64>, String> {
-        let words = |error: NumberError| error.to_string();
-        let (rows, prior) = (rows.as_chunks::<N>().0, prior.as_chunks::<N>().0);
-        let mut so_far = SquareRootInformation::new();
-        for row in prior {
-            so_far.push(row).map_err(words)?;
-        }
-        let mut along = Vec::with_capacity(2 * self.times.len());
-        for (sample, time) in self.times.iter().enumerate() {
-            // A sensor's rows stand together, sample by sample.
-            for row in rows.iter().skip(sample).step_by(self.times.len()) {
-                so_far.push(row).map_err(words)?;
-            }
-            let rtol = default_rtol(so_far.count() as usize, N);
-            let now = Observability::new(so_far.factor().as_flattened(), N, Some(rtol));
-            along.extend(self.place_std(&now.map_err(words)?, time - self.times[0])?);
-        }
-        Ok(along)
-    }
-
     /// Deviations of the target's place so long after the reference time.
     fn place_std(&self, found: &Observability<f64>, after: f64) -> Result<[f64; 2], String> {
         let mut out = [0.0; 2];
@@ -238,11 +213,18 @@ pub fn analyze(mut question: Question<'_>) -> Result<Answer, String> {
         .weakest_direction()
         .map_err(|error| error.to_string())?;
 
-    // With the tonal there are five states.
-    let along = match n {
-        4 => asked.along::<4>(&rows, &prior)?,
-        _ => asked.along::<5>(&rows, &prior)?,
-    };
+    // Reduced anew at each sample: a factor that grows row by row gathers rounding, which
+    // before a turn is all there is of the fourth direction.
+    let count = asked.times.len();
+    let mut along = Vec::with_capacity(2 * count);
+    let mut so_far = prior;
+    for sample in 0..count {
+        for sensor in 0..rows.len() / n / count {
+            so_far.extend_from_slice(&rows[(sensor * count + sample) * n..][..n]);
+        }
+        let now = observed(&so_far, n)?;
+        along.extend(asked.place_std(&now, asked.times[sample] - asked.times[0])?);
+    }
 
     let mut answer = Answer::default();
     let (data_std, scale) = (data.crlb_std(), asked.scale());
