@@ -312,13 +312,12 @@ def localize_many(
     Returns
     -------
     Localizations
-        Leading axes are a batch, computed by all threads, several hundred thousand records a
-        second. Look at each status: "determined"; "weak", a state whose range is hardly
-        known; "unbounded", the likelihood grows towards infinite range; "not_converged", the
-        iterations ran out; "misfit", the bearings contradict the motion or their sigma, or
-        are stuck at one value, which outranks these; "unobservable", a combination of states
-        leaves all bearings as they are. Other solutions and intervals of the likelihood:
-        `localize`, of one record.
+        Leading axes are a batch, computed by all threads. Look at each status: "determined";
+        "weak", a state whose range is hardly known; "unbounded", the likelihood grows towards
+        infinite range; "not_converged", the iterations ran out; "misfit", the bearings
+        contradict the motion or their sigma, or are stuck at one value, which outranks these;
+        "unobservable", a combination of states leaves all bearings as they are. Other
+        solutions and intervals of the likelihood: `localize`, of one record.
 
     Raises
     ------
