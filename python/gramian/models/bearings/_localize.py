@@ -255,7 +255,9 @@ def localize(
         )
     if path.ndim != 2:
         raise InputError(f"observer has shape {path.shape}: must be (m, 2), one track")
-    check_count(z.size, order, len(prior or {}))
+    states = len(state_names(order)[0])
+    if prior is None or isinstance(prior, Mapping):
+        check_count(z.size, order, min(len(prior or {}), states))
     index = check_index(when, observer_index)
     if index is None:
         check_index(when, np.zeros(when.size, dtype=int))

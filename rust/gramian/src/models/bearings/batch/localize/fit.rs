@@ -140,8 +140,11 @@ impl<const N: usize> Fit<N> {
             let size = moved.iter().fold(0.0_f64, |size, x| size.max(x.abs()));
             // In metres of position, where the position moves at all.
             let unit = if length > 1e-9 * size { length } else { size };
-            for (out, x) in direction.iter_mut().zip(&moved) {
-                *out = x / unit;
+            // Coordinates near the end of the range leave no direction that is a number.
+            if unit > 0.0 && moved.iter().all(|x| (x / unit).is_finite()) {
+                for (out, x) in direction.iter_mut().zip(&moved) {
+                    *out = x / unit;
+                }
             }
         }
         tail.copy_from_slice(&[
