@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from gramian import _options as options
 from gramian._answers import Answer, Columns
 from gramian._arrays import finite, number, whole
-from gramian._text import describe_direction
+from gramian._text import count, describe_direction
 from gramian.analysis import analyze
 from gramian.exceptions import InputError
 from gramian.models.dynamics._functions import Function
@@ -73,12 +73,15 @@ class LieDerivatives(Answer):
         """Return the ranks and what is not seen, as text."""
         n = len(self.names)
         head = "LOCALLY WEAKLY OBSERVABLE" if self.observable else "RANK SHORT"
-        lines = [f"{head}: rank {self.ranks[-1]} of {n} with {len(self.ranks) - 1} derivatives"]
+        lines = [f"{head}: rank {self.ranks[-1]} of {n} {self._told()}"]
         if not self.observable:
             lines += [f"  not seen: {text}" for text in self.null_combinations]
             if self.generic_ranks[-1] > self.ranks[-1]:
                 lines.append(f"  rank {self.generic_ranks[-1]} at almost all points near by")
         return "\n".join(lines)
+
+    def _told(self) -> str:
+        return f"with {count(len(self.ranks) - 1, 'derivative')}"
 
     def _as_table(self) -> Columns:
         orders = [str(k) for k in range(len(self.ranks))]
