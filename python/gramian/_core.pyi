@@ -222,6 +222,7 @@ class Model:
         symmetries: Callable[[_Array], _Array] | None,
         priors: int = 0,
         groups: Sequence[tuple[Sequence[int], float]] = ...,
+        twofold: Sequence[int] = ...,
     ) -> Model: ...
     @staticmethod
     def bearings(

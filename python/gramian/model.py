@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,12 +14,20 @@ from gramian import _core
 from gramian import _options as options
 from gramian._arrays import SEED_MOST, as_float_array, finite, number, whole
 from gramian._noise import Noise, as_noise, negligible
+from gramian._registry import load
 from gramian._units import bare
 from gramian._values import Value
 from gramian.exceptions import InputError
-from gramian.problem import Accuracy, Array, Problem, ProblemSource, checked_names
+from gramian.problem import Accuracy, Array, Problem, ProblemSource, checked_names, is_sparse
+
+if TYPE_CHECKING:
+    from gramian.large import SparseProblem
 
 __all__ = ["Model", "from_function"]
+
+#: From so many states on, and up to such a share of entries, rows are sparse.
+SPARSE_STATES = 100
+SPARSE_SHARE = 0.1
 
 Method = Literal["central", "complex", "given", "jax", "torch", "casadi"]
 
@@ -85,6 +93,10 @@ class Model(ProblemSource, Value):
     def problem(self, x: ArrayLike | None = None) -> Problem:
         """Return the rows at one state with all that belongs to them.
 
+        Of a hundred states or more, with a `sparsity` (given or found) of at most a tenth of
+        all entries, it is a `gramian.large.SparseProblem`, unless noise correlates the
+        measurements, some are exact, or `tangent` or `row_sigma` is given.
+
         Parameters
         ----------
         x : array_like, shape (n,), optional
@@ -103,8 +115,10 @@ class Model(ProblemSource, Value):
         return kept
 
     def rows(self, x: ArrayLike | None = None) -> Array:
-        """Return the whitened rows (K, n) at one state."""
-        return self.problem(x).rows
+        """Return the whitened rows (K, n) at one state, as a plain array."""
+        rows: Any = self.problem(x).rows
+        dense: Array = rows.toarray() if is_sparse(rows) else rows
+        return dense
 
     def jacobian(self, x: ArrayLike | None = None) -> Array:
         """Return the derivatives (m, n) of h at one state, without noise."""
@@ -164,6 +178,7 @@ class Model(ProblemSource, Value):
             None,
             ties.count,
             ties.lengths,
+            ties.twofold(),
         )
 
     def difference(self, to: Array, start: Array) -> Array:
@@ -361,7 +376,9 @@ class Model(ProblemSource, Value):
             }
             return found.values(), found.error(), how
         if method == "complex":
-            return self._measured(state, functools.partial(_complex_step, self._h), at)
+            h: Any = self._h
+            one = (lambda x: h(x[None])[0]) if options["vectorized"] else h
+            return self._measured(state, functools.partial(_complex_step, one), at)
         if method == "given":
 
             def derivative(x: Array) -> Array:
@@ -372,7 +389,9 @@ class Model(ProblemSource, Value):
                 return raw if raw.dtype.kind == "f" else raw.astype(float)
 
             return self._measured(state, derivative, at)
-        return self._measured(state, functools.partial(_automatic, self._h, method), at)
+        foreign: Any = self._h
+        automatic = functools.partial(foreign.jacobian_of, vectorized=options["vectorized"])
+        return self._measured(state, automatic, at)
 
     def _reach(self, state: Array) -> Array:
         """Return where the search for steps starts: the scale, or what was right at `x`.
@@ -499,19 +518,82 @@ class Model(ProblemSource, Value):
         return each
 
     def _pattern(self, count: int, state: Array) -> list[list[int]] | None:
+        """Return for each state the measurements it may move; None where that is not known."""
         sparsity = self._options["sparsity"]
         if sparsity is None:
             return None
+        # One that is found may be another at another state.
+        key = state.tobytes() if isinstance(sparsity, str) else b""
+        if self._kept.get("pattern", (None,))[0] == key:
+            known: list[list[int]] = self._kept["pattern"][1]
+            return known
+        pattern: Any
         if isinstance(sparsity, str):
             if sparsity != "find":
                 raise InputError(f'sparsity = {sparsity!r}: must be "find" or a pattern (m, n)')
             pattern = self._found_pattern(count, state)
         else:
-            dense = sparsity.toarray() if hasattr(sparsity, "toarray") else np.asarray(sparsity)
-            pattern = dense != 0
+            pattern = sparsity if is_sparse(sparsity) else np.asarray(sparsity)
         if pattern.shape != (count, self.n):
             raise InputError(f"sparsity has shape {pattern.shape}: must be ({count}, {self.n})")
-        return [np.flatnonzero(column).tolist() for column in pattern.T]
+        if is_sparse(pattern):
+            columns = pattern.tocsc(copy=True)
+            columns.eliminate_zeros()
+            columns.sum_duplicates()
+            listed = [part.tolist() for part in np.split(columns.indices, columns.indptr[1:-1])]
+        else:
+            listed = [np.flatnonzero(column).tolist() for column in pattern.T]
+        self._kept["pattern"] = (key, listed)
+        return listed
+
+    def _sparse_problem(
+        self, state: Array, values: Array, error: Array | None
+    ) -> SparseProblem | None:
+        """Return the problem with sparse rows, or None where it has no use or place."""
+        options, noise = self._options, self.noise
+        if self.n < SPARSE_STATES or options["sparsity"] is None:
+            return None
+        pattern = self._pattern(len(values), state)
+        if pattern is None or noise.root.ndim > 1 or len(noise.exact):
+            return None
+        if options["tangent"] is not None or options["row_sigma"] is not None:
+            return None
+        entries = sum(map(len, pattern))
+        if entries > SPARSE_SHARE * values.size:
+            return None
+        from scipy.sparse import csr_array
+
+        j = np.repeat(np.arange(self.n), [len(column) for column in pattern])
+        i = np.concatenate([np.asarray(column, dtype=int) for column in pattern])
+        if (missed := np.count_nonzero(values)) > np.count_nonzero(values[i, j]):
+            outside = values != 0
+            outside[i, j] = False
+            row, column = np.argwhere(outside)[0]
+            raise InputError(
+                f"sparsity leaves out {missed - np.count_nonzero(values[i, j])} entries of the "
+                f"Jacobian: h(x)[{row}] depends on {self.names[column]}"
+            )
+        kept = np.flatnonzero(noise.root > 0)
+        whitened = csr_array((values[i, j] * noise.root[i], (i, j)), shape=values.shape)[kept]
+        rtol = options["rtol"]
+        if error is not None and rtol is None:
+            # As `Problem.doubt`: ranks are decided above the errors of the columns.
+            lengths = np.sqrt(np.asarray(whitened.multiply(whitened).sum(axis=0)).ravel())
+            errors = csr_array((error[i, j] * noise.root[i], (i, j)), shape=values.shape)
+            off = np.sqrt(np.asarray(errors.multiply(errors).sum(axis=0)).ravel())
+            if ((off > 0) & ~(off < lengths / 3)).any():
+                return None
+            relative = float(np.linalg.norm(off / np.where(lengths > 0, lengths, 1.0)))
+            default = 32 * np.finfo(float).eps * np.sqrt(max(whitened.shape))
+            rtol = min(relative, 0.5) if relative > default else None
+        return load("large").SparseProblem(  # type: ignore[no-any-return]
+            whitened,
+            self.names,
+            units=self.units,
+            scale=self.scale,
+            rtol=rtol,
+            combinations=options["combinations"],
+        )
 
     def _found_pattern(self, count: int, state: Array) -> NDArray[np.bool_]:
         """Return which outputs each state may move: those that NaN in its place reaches."""
@@ -535,15 +617,20 @@ class Model(ProblemSource, Value):
     def _problem(self, state: Array) -> Problem:
         values, error, how = self._derivatives(state)
         options, noise = self._options, self.noise
-        problem = Problem(
-            noise.whiten(values),
-            self.names,
-            units=self.units,
-            scale=self.scale,
-            rtol=options["rtol"],
-            combinations=options["combinations"],
-            row_error=None if error is None else noise.errors(error),
-            row_sigma=options["row_sigma"],
+        sparse = self._sparse_problem(state, values, error)
+        problem = (
+            sparse
+            if sparse is not None
+            else Problem(
+                noise.whiten(values),
+                self.names,
+                units=self.units,
+                scale=self.scale,
+                rtol=options["rtol"],
+                combinations=options["combinations"],
+                row_error=None if error is None else noise.errors(error),
+                row_sigma=options["row_sigma"],
+            )
         )
         accuracy = Accuracy(
             method=options["method"],
@@ -554,6 +641,8 @@ class Model(ProblemSource, Value):
             groups=how["groups"],
         )
         problem = problem._replaced(accuracy=accuracy)
+        if sparse is not None:
+            return problem
         exact = noise.exact[_moved(noise.exact, values, error)] @ values
         if len(exact):
             problem = problem.constrain(exact)
@@ -646,8 +735,9 @@ def from_function(
         As for `Problem`.
     sparsity : array_like, shape (m, n), or "find", optional
         Which measurement depends on which state (not zero: it does). States that share no
-        measurement are moved together, which takes few evaluations for local models.
-        "find" looks where NaN in place of a state reaches.
+        measurement are moved together, which takes few evaluations for local models; of a
+        hundred states or more the rows are sparse then (see `Model.problem`). Also a
+        ``scipy.sparse`` matrix. "find" looks where NaN in place of a state reaches.
     tangent : array_like, shape (n, d), callable or list of tuples of str, optional
         Directions in which the state can move, where it lies on a surface; a function of
         the state that returns them; or groups of states whose vector keeps its length:
@@ -710,8 +800,8 @@ def from_function(
             raise InputError(
                 f"x has shape {state.shape}: must be ({len(known)},), one for each name"
             )
-    if method == "casadi":
-        h = _casadi_values(h)
+    if method in _FOREIGN:
+        h = _FOREIGN[method](h)
     model = Model(
         names=known,
         units=empty.units,
@@ -795,6 +885,18 @@ class _Ties:
             self.noise.whiten(values), np.vstack([self.exact @ values, normals])
         )
 
+    def twofold(self) -> list[int]:
+        """Return which groups mean the same with the opposite sign, as unit quaternions do."""
+        places = []
+        for k, group in enumerate(self.groups):
+            opposite = self.at.copy()
+            opposite[group] = -opposite[group]
+            same, other = self.model._value(self.at), self.model._batch(opposite[None])[0]
+            off = np.abs(self.model.difference(other, same))
+            if len(group) == 4 and (off <= 1e-12 * np.abs(same).max(initial=0.0)).all():
+                places.append(k)
+        return places
+
     def _check_redundant(self, combinations: Array) -> None:
         sizes = np.abs(combinations) @ np.abs(self.measured[self.kept])
         off = np.abs(combinations @ self.measured[self.kept])
@@ -875,23 +977,62 @@ def _complex_step(h: Callable[[Array], ArrayLike], x: Array) -> Array:
     return finite(np.stack(columns, axis=1), "the complex-step Jacobian of h")
 
 
-def _automatic(h: Callable[[Any], Any], method: str, x: Array) -> Array:
-    """Return the Jacobian by the automatic differentiation of another package."""
-    if method == "jax":
+class _jax_values:
+    """A function written for JAX as a function of arrays, with its Jacobian."""
+
+    def __init__(self, function: Callable[[Any], Any]) -> None:
         try:
-            import jax
+            import jax  # noqa: F401
         except ImportError as error:
             raise InputError('method = "jax" needs jax: pip install jax') from error
+        self._h = function
+
+    def _value(self, x: Any) -> Any:
+        from jax import numpy
+
+        value = self._h(x)
+        return numpy.stack(value) if isinstance(value, (list, tuple)) else value
+
+    def __call__(self, x: Array) -> NDArray[Any]:
+        from jax import numpy
+
+        return np.asarray(self._value(numpy.asarray(x)))
+
+    def jacobian_of(self, x: Array, *, vectorized: bool) -> NDArray[Any]:
+        import jax
+
+        h: Any = (lambda state: self._value(state[None])[0]) if vectorized else self._value
         return np.asarray(jax.jacfwd(h)(x)).reshape(-1, x.size)
-    if method == "torch":
+
+
+class _torch_values:
+    """A function written for PyTorch as a function of arrays, with its Jacobian."""
+
+    def __init__(self, function: Callable[[Any], Any]) -> None:
         try:
-            import torch
+            import torch  # noqa: F401
         except ImportError as error:
             raise InputError('method = "torch" needs PyTorch: pip install torch') from error
+        self._h = function
+
+    def _value(self, x: Any) -> Any:
+        import torch
+
+        value = self._h(x)
+        return torch.stack(tuple(value)) if isinstance(value, (list, tuple)) else value
+
+    def __call__(self, x: Array) -> NDArray[Any]:
+        import torch
+
+        value = self._value(torch.tensor(x, dtype=torch.float64))
+        return np.asarray(value.detach().cpu().numpy())
+
+    def jacobian_of(self, x: Array, *, vectorized: bool) -> NDArray[Any]:
+        import torch
+
+        h: Any = (lambda state: self._value(state[None])[0]) if vectorized else self._value
         found = torch.autograd.functional.jacobian(h, torch.tensor(x, dtype=torch.float64))
-        return np.asarray(found.detach().numpy()).reshape(-1, x.size)
-    function: Any = h
-    return np.asarray(function.jacobian_of(x), dtype=float).reshape(-1, x.size)
+        return np.asarray(found.detach().cpu().numpy()).reshape(-1, x.size)
 
 
 class _casadi_values:
@@ -912,5 +1053,15 @@ class _casadi_values:
     def __call__(self, x: Array) -> Array:
         return np.asarray(self._value(x), dtype=float).ravel()
 
-    def jacobian_of(self, x: Array) -> Array:
-        return np.asarray(self._jacobian(x), dtype=float)
+    def jacobian_of(self, x: Array, *, vectorized: bool) -> Array:
+        if vectorized:
+            raise InputError("vectorized = True: a CasADi function takes one state; leave it out")
+        return np.asarray(self._jacobian(x), dtype=float).reshape(-1, x.size)
+
+
+#: Functions of other packages as functions of arrays.
+_FOREIGN: Mapping[str, Callable[[Any], Any]] = {
+    "jax": _jax_values,
+    "torch": _torch_values,
+    "casadi": _casadi_values,
+}

@@ -66,6 +66,80 @@ class TestAutomaticDifferentiation:
         assert a.status == b.status
 
 
+class Tensor:
+    """A stand-in for PyTorch's: what it takes and gives are tensors, and nothing else."""
+
+    def __init__(self, values, slopes=None):
+        self.values, self.slopes = np.asarray(values, dtype=float), slopes
+
+    def detach(self):
+        return Tensor(self.values)
+
+    def cpu(self):
+        return self
+
+    def numpy(self):
+        # PyTorch refuses where a gradient hangs on it.
+        assert self.slopes is None, "Can't call numpy() on a Tensor that requires grad"
+        return self.values
+
+    def __getitem__(self, key):
+        return Tensor(self.values[key], None if self.slopes is None else self.slopes[key])
+
+    def __array__(self, *_, **__):
+        raise TypeError("a tensor is no array")
+
+    def product(self, other):
+        assert isinstance(other, Tensor), "must be Tensor, not ndarray"
+        return Tensor(
+            self.values * other.values,
+            None
+            if self.slopes is None
+            else self.slopes * other.values[..., None] + self.values[..., None] * other.slopes,
+        )
+
+
+@pytest.fixture
+def torch_stand_in(monkeypatch):
+    """The calls of PyTorch that the adapter makes, on dual numbers."""
+    from types import SimpleNamespace
+
+    def tensor(values, dtype):
+        assert dtype == "float64"
+        assert isinstance(values, np.ndarray)
+        return Tensor(values.copy(), None)
+
+    def stack(parts):
+        assert all(isinstance(part, Tensor) for part in parts)
+        slopes = [part.slopes for part in parts]
+        values = np.stack([part.values for part in parts])
+        return Tensor(values, None if slopes[0] is None else np.stack(slopes))
+
+    def jacobian(h, x):
+        return Tensor(h(Tensor(x.values, np.eye(x.values.size))).slopes)
+
+    functional = SimpleNamespace(jacobian=jacobian)
+    module = SimpleNamespace(
+        tensor=tensor,
+        stack=stack,
+        float64="float64",
+        autograd=SimpleNamespace(functional=functional),
+    )
+    monkeypatch.setitem(sys.modules, "torch", module)
+
+
+@pytest.mark.usefixtures("torch_stand_in")
+def test_a_function_of_torch_is_given_tensors_and_no_arrays():
+    """Every call of h, for its value, differences, estimates and Jacobian."""
+    h = lambda x: [x[0].product(x[1]), x[0].product(x[0]), x[1].product(x[1])]  # noqa: E731
+    model = gm.from_function(h, [2.0, 3.0], 0.1, ["a", "b"], method="torch")
+    np.testing.assert_allclose(model.h(), [6.0, 4.0, 9.0])
+    np.testing.assert_allclose(model.jacobian(), [[3, 2], [4, 0], [0, 6]], rtol=1e-15)
+    assert model.accuracy.method == "torch"
+    found = gm.estimate(model, [6.1, 4.0, 9.1], start=[2.5, 2.5])
+    assert abs(found.state - [2.0, 3.0]).max() < 0.1
+
+
 def test_what_is_no_casadi_function():
     pytest.importorskip("casadi", reason="needs CasADi")
     with pytest.raises(gm.InputError, match=r"h is a function: must be a casadi\.Function"):

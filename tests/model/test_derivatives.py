@@ -274,6 +274,80 @@ def test_few_evaluations_for_a_chain():
         assert (np.abs(model.rows() - jacobian) <= 3 * model.accuracy.error).all()
 
 
+def local_model(n, **options):
+    """A chain whose links see two states each; its Jacobian."""
+    calls = []
+
+    def chain(x):
+        calls.append(1)
+        return np.concatenate([[x[0]], np.diff(x) + 0.1 * np.sin(x[1:]) * x[:-1]])
+
+    x = np.random.default_rng(0).normal(size=n)
+    jacobian = np.zeros((n, n))
+    jacobian[0, 0] = 1
+    i = np.arange(1, n)
+    jacobian[i, i] = 1 + 0.1 * np.cos(x[1:]) * x[:-1]
+    jacobian[i, i - 1] = -1 + 0.1 * np.sin(x[1:])
+    names = [f"p{k // 2}.{'xy'[k % 2]}" for k in range(n)]
+    return gm.from_function(chain, x, 0.1, names, **options), jacobian, calls
+
+
+@pytest.mark.parametrize("given", ["find", "pattern", "sparse pattern"])
+def test_a_thousand_states_with_local_rows_are_a_sparse_problem(given):
+    from scipy.sparse import csr_array
+
+    n = 1000
+    pattern = np.eye(n, dtype=bool) | np.eye(n, k=-1, dtype=bool)
+    sparsity = {"find": "find", "pattern": pattern, "sparse pattern": csr_array(pattern)}[given]
+    model, jacobian, calls = local_model(n, sparsity=sparsity)
+    assert len(calls) <= (200 if given == "find" else 40)
+    problem = model.problem()
+    assert isinstance(problem, gm.large.SparseProblem)
+    assert problem.rows.nnz == 2 * n - 1
+    np.testing.assert_allclose(problem.rows.toarray(), jacobian / 0.1, atol=1e-7)
+    assert (np.abs(model.jacobian() - jacobian) <= 3 * model.accuracy.error).all()
+    answer = gm.analyze(model)
+    assert (answer.rank, answer.status) == (n, "observable")
+    np.testing.assert_allclose(gm.crlb_std(model), gm.crlb_std(jacobian / 0.1), rtol=1e-6)
+    # Asked elsewhere, and with one measurement missing.
+    assert isinstance(model.problem(model.x + 0.01), gm.large.SparseProblem)
+    sigma = np.full(n, 0.1)
+    sigma[5] = np.inf
+    fewer = local_model(n, sparsity=pattern)[0]
+    fewer = gm.from_function(fewer.h, fewer.x, sigma, fewer.names, sparsity=pattern)
+    assert fewer.problem().rows.shape == (n - 1, n)
+    assert gm.analyze(fewer).nullity == 1
+
+
+def test_where_rows_stay_dense():
+    n = 120
+    pattern = np.eye(n, dtype=bool) | np.eye(n, k=-1, dtype=bool)
+    for options in (
+        {},
+        {"sparsity": np.ones((n, n))},
+        {"sparsity": pattern, "row_sigma": 1e-9},
+        {"sparsity": pattern, "tangent": np.eye(n)[:, 1:]},
+    ):
+        assert isinstance(local_model(n, **options)[0].problem().rows, np.ndarray)
+    assert isinstance(local_model(60, sparsity="find")[0].problem().rows, np.ndarray)
+
+
+def test_a_pattern_that_leaves_entries_out_is_refused():
+    model, jacobian, _ = local_model(120)
+    with pytest.raises(
+        gm.InputError, match=r"leaves out 119 entries .* h\(x\)\[1\] depends on p0.x"
+    ):
+        gm.from_function(
+            model.h,
+            model.x,
+            0.1,
+            model.names,
+            method="given",
+            jacobian=lambda x: jacobian,
+            sparsity=np.eye(120),
+        )
+
+
 def test_all_points_at_once():
     times = np.linspace(0, 4, 9)
     one = gm.from_function(lambda x: x[0] * np.sin(x[1] * times), [2.0, 0.7], 1.0, ["a", "w"])

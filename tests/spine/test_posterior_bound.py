@@ -356,6 +356,46 @@ def test_a_row_far_heavier_than_the_others_costs_neither_rank_nor_digits(weight,
     np.testing.assert_allclose(gm.crlb_std(np.vstack([known[known.any(axis=1)], rows])), wanted)
 
 
+@pytest.mark.parametrize("prior", [INF, 1e3])
+def test_heavy_rows_of_a_batch_cost_no_digits(prior):
+    """Each trial by itself, in long arithmetic; the first row weighs from 1 to 1e15."""
+    rng = np.random.default_rng(5)
+    move, noise = nearly_constant_velocity(0.05)
+    rows = rng.normal(size=(4, 5, 4, 4))
+    rows[:, 2, 0] *= 10.0 ** np.array([0, 7, 12, 15])[:, None]
+    known = np.full(4, prior)
+    found = bounds.posterior(rows, move, noise, known, form="information", keep="all")
+    flat = 1e12 if np.isinf(prior) else prior
+    for trial, std in enumerate(found.std):
+        wanted = exact(rows[trial], move, noise, flat**2 * np.eye(4))
+        np.testing.assert_allclose(std, wanted, rtol=1e-9)
+    np.testing.assert_allclose(found.last.std, found.std[:, -1], rtol=1e-12)
+
+
+def test_a_prior_far_tighter_than_the_others_costs_no_digits():
+    move, noise = nearly_constant_velocity(0.05)
+    rows = [PLANE / 5**0.5] * 5
+    for tight in 10.0 ** np.arange(-16, 0, 3):
+        known = np.array([10.0, tight, 5.0, 10.0])
+        wanted = exact(rows, move, noise, np.diag(known**2))
+        found = bounds.posterior(rows, move, noise, known, form="information")
+        np.testing.assert_allclose(found.std, wanted, rtol=1e-12)
+
+
+def test_units_do_not_decide_whether_a_transition_has_an_inverse():
+    move, noise = nearly_constant_velocity(0.05)
+    units = np.array([1e-9, 1e4, 1e7, 1e-3])
+    rows = np.broadcast_to(np.eye(4), (6, 4, 4))
+    plain = bounds.posterior(rows, move, noise, [INF] * 4).std
+    scaled = bounds.posterior(
+        rows / units,
+        units[:, None] * move / units,
+        units[:, None] * noise * units,
+        [INF] * 4,
+    ).std
+    np.testing.assert_allclose(scaled / units, plain, rtol=1e-12)
+
+
 def test_heavy_rows_that_say_the_same_leave_no_rounding_behind():
     at = bounds.Posterior.of_prior([INF, INF])
     heavy = np.array([[1e14, 1.1e14], [1.3e14, 1.43e14], [3e14, 3.3e14]])

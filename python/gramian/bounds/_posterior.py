@@ -425,10 +425,14 @@ def posterior(
             raise InputError("spread: not beside exact knowledge")
         return _step_by_step(start, plain, transition, process_noise, detection, constraints, keep)
     stacked = _stacked(plain, n)
-    if start.form == "information" and stacked.ndim == 3 and start.root.ndim == 2:
-        every = np.vstack([start.root, stacked.reshape(-1, n)])
-        if spread is None and np.isfinite(every).all() and _uneven(every):
-            return _step_by_step(start, plain, transition, process_noise, detection, {}, keep)
+    if start.form == "information" and _fades(start.root, stacked, transition):
+        # One triangular factor of the information does not hold both the heavy and the light:
+        # that of the covariance does.
+        whole = _whole(start)
+        if whole is not None:
+            start = whole
+        elif spread is None:
+            return _trial_by_trial(start, stacked, transition, process_noise, detection, keep)
     steps = stacked.shape[-3]
     weighted = _detected(stacked, detection)
     moved = _transition(transition, start.form, n)
@@ -560,6 +564,81 @@ def _step_by_step(
         std[k], roots[k] = at.std, at.root
     same = start.form == at.form
     return PosteriorBound(std, at, roots if keep == "all" and same else None)
+
+
+def _fades(root: Array, rows: Array, transition: ArrayLike) -> bool:
+    """Say whether rows are so heavy, now or after the first move, that others fade beside them."""
+    n = root.shape[-1]
+    every = [root.reshape(-1, n), rows.reshape(-1, n)]
+    if not all(np.isfinite(part).all() for part in every):
+        return False
+    moved = as_float_array(transition, "transition")
+    if moved.ndim >= 2 and moved.shape[-2:] == (n, n) and moved.size:
+        first = moved if moved.ndim == 2 else moved[..., 0, :, :]
+        every.append((root @ _inverse(first)).reshape(-1, n))
+    return _uneven(np.vstack(every))
+
+
+def _whole(start: Posterior) -> Posterior | None:
+    """Return the covariance form of what is known of all states; None where it is not all."""
+    roots = start.root.reshape(-1, start.n, start.n)
+    triangles = []
+    for root in roots:
+        axes = _core.Analysis(root, None, None).crlb_root()
+        if axes is None:
+            return None
+        triangles.append(_triangle(axes))
+    return Posterior(np.array(triangles).reshape(start.root.shape), "covariance")
+
+
+def _trial_by_trial(
+    start: Posterior,
+    rows: Array,
+    transition: ArrayLike,
+    process_noise: ArrayLike,
+    detection: ArrayLike,
+    keep: str,
+) -> PosteriorBound:
+    """Return the bound of each trial by itself."""
+    if rows.ndim == 3 and start.root.ndim == 2:
+        return _step_by_step(start, rows, transition, process_noise, detection, {}, keep)
+    n = start.n
+    moved, noise = (
+        given[None] if given.ndim == 2 else given
+        for given in (
+            as_float_array(transition, "transition"),
+            as_float_array(process_noise, "process_noise"),
+        )
+    )
+    batch = np.broadcast_shapes(
+        rows.shape[:-3], moved.shape[:-3], noise.shape[:-3], start.root.shape[:-2]
+    )
+    roots, seen, moves, noises = (
+        np.broadcast_to(part, batch + part.shape[part.ndim - own :])
+        for part, own in ((start.root, 2), (rows, 3), (moved, 3), (noise, 3))
+    )
+    found = [
+        _step_by_step(
+            Posterior(roots[i], start.form), seen[i], moves[i], noises[i], detection, {}, keep
+        )
+        for i in np.ndindex(batch)
+    ]
+    lasts = [one.last for one in found]
+    if len({last.form for last in lasts}) > 1:
+        whole = [last if last.form == "covariance" else _whole(last) for last in lasts]
+        if any(last is None for last in whole):
+            raise InputError(
+                "rows so heavy that the others fade beside them, and trials of which some end "
+                "with states of which nothing is known: give these one by one"
+            )
+        lasts = [last for last in whole if last is not None]
+    every = [one.roots for one in found if one.roots is not None]
+    kept = np.array(every).reshape(*batch, -1, n, n) if len(every) == len(found) else None
+    return PosteriorBound(
+        np.array([one.std for one in found]).reshape(*batch, -1, n),
+        Posterior(np.array([last.root for last in lasts]).reshape(*batch, n, n), lasts[0].form),
+        kept,
+    )
 
 
 def expected_rows(rows: ArrayLike, weights: ArrayLike | None = None) -> Array:
@@ -713,13 +792,32 @@ def _transition(transition: ArrayLike, form: Form, n: int) -> Array:
         raise InputError(f"transition has shape {matrix.shape}: must be (..., {n}, {n})")
     if form == "covariance":
         return np.ascontiguousarray(np.swapaxes(matrix, -1, -2))
-    if matrix.size and not (np.linalg.cond(matrix) < 1 / np.finfo(float).eps).all():
+    inverse = _inverse(matrix)
+    if not np.isfinite(inverse).all():
         raise InputError(
             'transition has no inverse: form = "information" needs one; '
             'with a finite prior use form = "covariance"'
         )
-    inverse: Any = np.linalg.inv(matrix)
-    result: Array = inverse
+    return inverse
+
+
+def _inverse(matrix: Array) -> Array:
+    """Return the inverse of square matrices in any units, NaN where there is none."""
+    rows = columns = np.ones(matrix.shape[:-1])
+    with np.errstate(all="ignore"):
+        for _ in range(2):
+            for axis in (-1, -2):
+                scaled = matrix * rows[..., None] * columns[..., None, :]
+                size = 2.0 ** -np.rint(np.log2(np.abs(scaled).max(axis=axis, initial=0.0)))
+                size = np.where(np.isfinite(size), size, 1.0)
+                rows, columns = (rows * size, columns) if axis == -1 else (rows, columns * size)
+        scaled = matrix * rows[..., None] * columns[..., None, :]
+        usable = np.isfinite(scaled).all(axis=(-1, -2), keepdims=True)
+        scaled = np.where(usable, scaled, 0.0)
+        condition = np.asarray(np.linalg.cond(scaled))[..., None, None]
+        usable = usable & (condition < 1 / np.finfo(float).eps)
+        inverse: Any = np.linalg.inv(np.where(usable, scaled, np.eye(matrix.shape[-1])))
+        result: Array = np.where(usable, inverse * columns[..., None] * rows[..., None, :], np.nan)
     return result
 
 

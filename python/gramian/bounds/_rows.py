@@ -12,8 +12,9 @@ from gramian import _core
 from gramian._arrays import as_float_array
 from gramian._noise import as_knowledge
 from gramian._text import describe_null_space
+from gramian.analysis import analyze
 from gramian.exceptions import InputError, UnobservableError
-from gramian.problem import Problem, ProblemSource, as_problem, at_least_one_row
+from gramian.problem import Problem, ProblemSource, as_problem, at_least_one_row, is_sparse
 
 __all__ = ["crlb", "crlb_std", "gram"]
 
@@ -62,7 +63,7 @@ def crlb_std(
     Parameters
     ----------
     rows_or_problem : array_like, shape (..., K, n), Problem or Model
-        Whitened rows.
+        Whitened rows; also sparse ones.
     prior : mapping of str to float or (mean, sigma), or array_like, optional
         What is known beforehand: deviations by name (x0, x1, ... for plain rows), one
         for each state (n,), or their covariance (n, n). 0 is exact knowledge, `inf`
@@ -89,9 +90,11 @@ def crlb_std(
     >>> crlb_std([[2.0, 0.0], [2.0, 0.0]])
     array([0.35355339, inf])
     """
-    if isinstance(rows_or_problem, (Problem, ProblemSource)):
+    if isinstance(rows_or_problem, (Problem, ProblemSource)) or is_sparse(rows_or_problem):
         problem = as_problem(rows_or_problem, None)
         problem = problem if prior is None else problem.prior(prior)
+        if is_sparse(problem.rows):
+            return analyze(problem).crlb_std
         if problem.row_error is None and problem.row_sigma is None and not len(problem.constraints):
             known = at_least_one_row(problem.all_rows)
             return _std(known, problem.rtol)

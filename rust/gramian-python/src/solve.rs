@@ -85,6 +85,8 @@ struct Given {
     priors: usize,
     /// Groups of states that keep the length of their vector, and the length.
     groups: Vec<(Vec<usize>, f64)>,
+    /// Which of these groups mean the same with the opposite sign: unit quaternions.
+    twofold: Vec<usize>,
     /// x -> (residuals, rows).
     linearize: Py<PyAny>,
     /// a, b -> h(b) - h(a), whitened.
@@ -142,6 +144,19 @@ impl Model for Given {
 
     fn priors(&self) -> usize {
         self.priors
+    }
+
+    fn change(&self, a: &[f64], b: &[f64], out: &mut [f64]) {
+        for ((out, a), b) in out.iter_mut().zip(a).zip(b) {
+            *out = b - a;
+        }
+        for (group, _) in self.twofold.iter().filter_map(|&k| self.groups.get(k)) {
+            if group.iter().map(|&i| a[i] * b[i]).sum::<f64>() < 0.0 {
+                for &i in group {
+                    out[i] = -b[i] - a[i];
+                }
+            }
+        }
     }
 
     fn retract(&self, x: &mut [f64]) {
@@ -459,9 +474,14 @@ fn record<'py>(py: Python<'py>, s: &Solution) -> PyResult<Bound<'py, PyDict>> {
 #[pymethods]
 impl PyModel {
     /// From functions in Python; the last `priors` measurements are prior knowledge, and the
-    /// states of each of `groups` keep the length of their vector.
+    /// states of each of `groups` keep the length of their vector; those at the places `twofold`
+    /// of them mean the same with the opposite sign.
     #[staticmethod]
-    #[pyo3(signature = (states, measurements, linearize, difference, symmetries, priors=0, groups=Vec::new()))]
+    #[pyo3(signature = (
+        states, measurements, linearize, difference, symmetries, priors=0, groups=Vec::new(),
+        twofold=Vec::new()
+    ))]
+    #[allow(clippy::too_many_arguments)]
     fn from_functions(
         states: usize,
         measurements: usize,
@@ -470,6 +490,7 @@ impl PyModel {
         symmetries: Option<Py<PyAny>>,
         priors: usize,
         groups: Vec<(Vec<usize>, f64)>,
+        twofold: Vec<usize>,
     ) -> PyResult<Self> {
         if groups.iter().any(|(g, _)| g.iter().any(|&i| i >= states)) {
             return Err(InputError::new_err("groups: must name states of the model"));
@@ -481,6 +502,7 @@ impl PyModel {
                 measurements,
                 priors: priors.min(measurements),
                 groups,
+                twofold,
                 linearize,
                 difference,
                 symmetries,

@@ -123,7 +123,7 @@ pub use numbers::{chi_square, scalar};
 pub use spine::observability;
 #[cfg(feature = "std")]
 pub use spine::rounding;
-pub use spine::{bound, information, rows, spectrum, square_root};
+pub use spine::{bound, constrained, information, rows, spectrum, square_root};
 
 /// The examples of the readme run as tests.
 #[cfg(doctest)]

@@ -30,7 +30,7 @@ use gramian::linear;
 use gramian::maneuver::plan::{self, Criterion, Legs, Target};
 use gramian::maneuver::steer::{self, Limits};
 use gramian::maneuver::{self, AtStandoff, Law, Side, Steering};
-use gramian::posterior::{self, Posterior};
+use gramian::posterior::{self, ConstrainedPosterior, Posterior};
 use gramian::registration::degree::Running;
 use gramian::registration::pair::Plane;
 use gramian::registration::{Dimension, Layout, look};
@@ -447,6 +447,34 @@ fn posterior<T: Number>(draw: &mut Draw<T>) {
             draw.taken(result);
         }
         draw.finite(bound.root().factor().as_flattened());
+        draw.bounds(&bound.standard_deviations());
+    }
+}
+
+fn constrained_posterior<T: Number>(draw: &mut Draw<T>) {
+    let mut bound = ConstrainedPosterior::<T, 3>::unknown();
+    for _ in 0..draw.index(6) {
+        draw.again();
+        let (row, before) = (draw.array(), bound);
+        let result = match draw.below(2) {
+            0 => bound.update(&row),
+            _ => bound.know(&row),
+        };
+        draw.unchanged(&result, &bound, &before);
+        draw.taken(result);
+        draw.again();
+        let (inverse, noise) = (draw.arrays::<3, 3>(), draw.arrays::<3, 2>());
+        let (before, count) = (bound, draw.index(3));
+        draw.sound |= count < 2;
+        let result = bound.predict(&inverse, &noise[..count]);
+        draw.unchanged(&result, &bound, &before);
+        if count == 2 {
+            draw.taken(result);
+        }
+        let known = bound.information();
+        if let Some(crlb) = known.crlb() {
+            draw.finite(crlb.as_flattened());
+        }
         draw.bounds(&bound.standard_deviations());
     }
 }
@@ -1356,6 +1384,7 @@ cases![
     row_sinks,
     information,
     posterior,
+    constrained_posterior,
     semidefinite_root,
     chi_square,
     scalar,

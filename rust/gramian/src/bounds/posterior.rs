@@ -23,6 +23,7 @@
 //! `update_inverse` is Carlson's triangular measurement update (1973).
 
 use crate::bound::crlb_std;
+use crate::constrained::{ConstrainedInformation, clean};
 use crate::numbers::lane::Lane;
 use crate::scalar::{NumberError, Real, check_finite, check_length};
 use crate::spectrum::Spectrum;
@@ -287,6 +288,157 @@ impl<T: Real, const N: usize> Posterior<T, N> {
     }
 }
 
+/// A [`Posterior`] beside exact knowledge: sigma 0, an equality constraint, the normal of a
+/// surface. Process noise ends what it moves, and nothing else.
+///
+/// # Source
+/// As [`Posterior`]; exact knowledge as in [`ConstrainedInformation`].
+///
+/// ```
+/// use gramian::posterior::ConstrainedPosterior;
+/// // A position and a velocity; the position is known exactly, twice.
+/// let mut bound = ConstrainedPosterior::<f64, 2>::unknown();
+/// let inverse = [[1.0, -1.0], [0.0, 1.0]];
+/// bound.know(&[1.0, 0.0])?;
+/// bound.predict(&inverse, &[])?;
+/// assert!(bound.standard_deviations()[0].is_infinite());
+/// bound.know(&[1.0, 0.0])?;
+/// assert_eq!(bound.standard_deviations(), [0.0, 0.0]);
+/// // The velocity is disturbed, and with it all that follows.
+/// bound.predict(&inverse, &[[0.0, 0.5]])?;
+/// assert_eq!(bound.standard_deviations(), [0.0, 0.5]);
+/// bound.predict(&inverse, &[])?;
+/// assert_eq!(bound.standard_deviations(), [0.5, 0.5]);
+/// # Ok::<(), gramian::scalar::NumberError>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ConstrainedPosterior<T: Real, const N: usize> {
+    information: ConstrainedInformation<T, N>,
+}
+
+impl<T: Real, const N: usize> ConstrainedPosterior<T, N> {
+    /// Nothing is known.
+    #[must_use]
+    pub fn unknown() -> Self {
+        Self {
+            information: ConstrainedInformation::new(),
+        }
+    }
+
+    /// Takes in one whitened measurement row, or a row of prior knowledge.
+    ///
+    /// # Errors
+    /// As [`ConstrainedInformation::push`]; the row is not taken in then.
+    pub fn update(&mut self, row: &[T; N]) -> Result<(), NumberError> {
+        self.information.push(row)
+    }
+
+    /// Takes in a combination of the states that is known exactly.
+    ///
+    /// # Errors
+    /// As [`ConstrainedInformation::know`]; nothing is taken in then.
+    pub fn know(&mut self, combination: &[T; N]) -> Result<(), NumberError> {
+        self.information.know(combination)
+    }
+
+    /// Moves the state: x' = F x + sum of g w, with `inverse` = F^-1, `noise` the
+    /// vectors g and w of unit variance.
+    ///
+    /// # Errors
+    /// As [`Posterior::predict`]. The state is not moved then.
+    pub fn predict(&mut self, inverse: &[[T; N]; N], noise: &[[T; N]]) -> Result<(), NumberError> {
+        check_finite("inverse", inverse.as_flattened())?;
+        check_finite("noise", noise.as_flattened())?;
+        let back = |row: &[T; N]| -> [T; N] {
+            core::array::from_fn(|k| clean((0..N).map(|j| row[j] * inverse[j][k]), N))
+        };
+        let mut exact = [[T::zero(); N]; N];
+        let mut count = 0;
+        for combination in self.information.combinations() {
+            exact[count] = back(&combination);
+            count += 1;
+        }
+        let before = *self.information.root();
+        let mut moved = SquareRootInformation::new();
+        for (state, row) in before.factor().iter().enumerate() {
+            if !self.information.is_held(state) {
+                moved.absorb(&back(row));
+            }
+        }
+        let mut work = [[T::zero(); N]; N];
+        for g in noise {
+            // The exact combination that this noise moves most, beside its terms.
+            let along = |row: &[T; N]| clean((0..N).map(|j| row[j] * g[j]), N);
+            let part = |row: &[T; N]| {
+                let size = (0..N).fold(T::zero(), |sum, j| sum + (row[j] * g[j]).abs());
+                let moved = along(row).abs();
+                if moved > T::zero() {
+                    moved / size
+                } else {
+                    moved
+                }
+            };
+            let mut most = (T::zero(), count);
+            for (q, row) in exact[..count].iter().enumerate() {
+                if part(row) > most.0 {
+                    most = (part(row), q);
+                }
+            }
+            if most.1 == count {
+                let mut factor = *moved.factor();
+                update_inverse(factor.as_flattened_mut(), N, g, work.as_flattened_mut());
+                moved = SquareRootInformation::new();
+                for row in &factor {
+                    moved.absorb(row);
+                }
+                continue;
+            }
+            // That combination told the noise: the others, and the rows, without it.
+            let by = exact[most.1];
+            let one = T::one() / along(&by);
+            let without = |row: &[T; N]| -> [T; N] {
+                let share = along(row) * one;
+                core::array::from_fn(|j| clean([row[j], -(share * by[j])].into_iter(), 2))
+            };
+            count -= 1;
+            exact[most.1] = exact[count];
+            for row in &mut exact[..count] {
+                *row = without(row);
+            }
+            let factor = *moved.factor();
+            moved = SquareRootInformation::new();
+            for row in &factor {
+                moved.absorb(&without(row));
+            }
+            moved.absorb(&by.map(|c| c * one));
+        }
+        let moved = moved.with_count(before.count()).sound()?;
+        let mut information = ConstrainedInformation::new();
+        for combination in &exact[..count] {
+            check_finite("combination", combination).map_err(|_| NumberError::Overflow {
+                result: "information",
+            })?;
+            information.know(combination)?;
+        }
+        for row in moved.factor() {
+            information.push(row)?;
+        }
+        self.information = information;
+        Ok(())
+    }
+
+    /// The information on what is not known exactly, and what is.
+    pub fn information(&self) -> &ConstrainedInformation<T, N> {
+        &self.information
+    }
+
+    /// The bound on each state: 0 where it is known exactly, infinite where it is not
+    /// determined, or overflows.
+    pub fn standard_deviations(&self) -> [T; N] {
+        self.information.crlb_std()
+    }
+}
+
 /// What can be wrong with a covariance.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
@@ -309,4 +461,78 @@ pub enum Error {
         /// Of which state.
         index: usize,
     },
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    type Square = [[f64; 3]; 3];
+
+    fn product(a: &Square, b: &Square) -> Square {
+        core::array::from_fn(|i| core::array::from_fn(|j| (0..3).map(|k| a[i][k] * b[k][j]).sum()))
+    }
+
+    /// P - P h h^T P / (h^T P h + variance).
+    fn measured(p: &Square, h: &[f64; 3], variance: f64) -> Square {
+        let ph = p.map(|row| (0..3).map(|k| row[k] * h[k]).sum::<f64>());
+        let s = (0..3).map(|k| h[k] * ph[k]).sum::<f64>() + variance;
+        core::array::from_fn(|i| core::array::from_fn(|j| p[i][j] - ph[i] * ph[j] / s))
+    }
+
+    /// The recursion in covariances, which takes exact knowledge as it is.
+    #[test]
+    fn exact_knowledge_along_a_motion() {
+        let mut seed = 3_u64;
+        let mut number = || {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (seed >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+        };
+        for case in 0..100 {
+            let mut row = || [number(), number(), number()];
+            let (exact, h, g) = (row(), row(), row());
+            let [a, b, c] = row();
+            // A motion of determinant one, and its inverse.
+            let forth: Square = [[1.0, a, b], [0.0, 1.0, c], [0.0, 0.0, 1.0]];
+            let back: Square = [[1.0, -a, a * c - b], [0.0, 1.0, -c], [0.0, 0.0, 1.0]];
+            let mut p: Square = [[4.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 9.0]];
+            let mut bound = ConstrainedPosterior::<f64, 3>::unknown();
+            for (i, weight) in [0.5, 1.0, 1.0 / 3.0].into_iter().enumerate() {
+                let mut row = [0.0; 3];
+                row[i] = weight;
+                bound.update(&row).unwrap();
+            }
+            // The second noise is one that the combination does not see.
+            let blind = [exact[1], -exact[0], 0.0];
+            let noise = [g, blind];
+            for step in 0..4 {
+                if step != 2 {
+                    p = measured(&p, &exact, 0.0);
+                    bound.know(&exact).unwrap();
+                }
+                p = measured(&p, &h, 1.0);
+                bound.update(&h).unwrap();
+                for (i, found) in bound.standard_deviations().iter().enumerate() {
+                    assert!(
+                        (found - p[i][i].sqrt()).abs() < 1e-9,
+                        "{case} {step} {found}"
+                    );
+                }
+                let noise = &noise[..(case + step) % 3];
+                let transpose = core::array::from_fn(|i| core::array::from_fn(|j| forth[j][i]));
+                p = product(&product(&forth, &p), &transpose);
+                for g in noise {
+                    p = core::array::from_fn(|i| core::array::from_fn(|j| p[i][j] + g[i] * g[j]));
+                }
+                bound.predict(&back, noise).unwrap();
+                for (i, found) in bound.standard_deviations().iter().enumerate() {
+                    assert!(
+                        (found - p[i][i].sqrt()).abs() < 1e-9,
+                        "{case} {step} {found}"
+                    );
+                }
+            }
+        }
+    }
 }

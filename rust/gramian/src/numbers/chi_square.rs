@@ -147,6 +147,94 @@ impl Goodness {
     }
 }
 
+/// The standard normal value that `p` of all lie below, to the last digits; infinite for 0
+/// and 1.
+///
+/// # Source
+/// Wichura 1988, Algorithm AS 241, Applied Statistics 37.
+#[cfg(feature = "std")]
+#[allow(clippy::excessive_precision)] // As printed.
+pub(crate) fn normal_quantile(p: f64) -> f64 {
+    let ratio = |r: f64, above: [f64; 8], below: [f64; 8]| {
+        let sum = |terms: [f64; 8]| terms.into_iter().fold(0.0, |sum, c| sum * r + c);
+        sum(above) / sum(below)
+    };
+    let off = p - 0.5;
+    if off.abs() <= 0.425 {
+        let above = [
+            2_509.080_928_730_122_672_7,
+            33_430.575_583_588_128_105,
+            67_265.770_927_008_700_853,
+            45_921.953_931_549_871_457,
+            13_731.693_765_509_461_125,
+            1_971.590_950_306_551_442_7,
+            133.141_667_891_784_377_45,
+            3.387_132_872_796_366_608,
+        ];
+        let below = [
+            5_226.495_278_852_545_925,
+            28_729.085_735_721_942_674,
+            39_307.895_800_092_710_61,
+            21_213.794_301_586_595_867,
+            5_394.196_021_424_751_107_7,
+            687.187_007_492_057_908_3,
+            42.313_330_701_600_911_252,
+            1.0,
+        ];
+        return off * ratio(0.180_625 - off * off, above, below);
+    }
+    let tail = p.min(1.0 - p);
+    let r = (-tail.ln()).sqrt();
+    let size = if !r.is_finite() {
+        r
+    } else if r <= 5.0 {
+        let above = [
+            7.745_450_142_783_414_076_4e-4,
+            0.022_723_844_989_269_184_583_3,
+            0.241_780_725_177_450_611_77,
+            1.270_458_252_452_368_382_58,
+            3.647_848_324_763_204_605_04,
+            5.769_497_221_460_691_405_5,
+            4.630_337_846_156_545_295_9,
+            1.423_437_110_749_683_577_34,
+        ];
+        let below = [
+            1.050_750_071_644_416_843_24e-9,
+            5.475_938_084_995_344_946e-4,
+            0.015_198_666_563_616_457_196_6,
+            0.148_103_976_427_480_074_59,
+            0.689_767_334_985_100_004_55,
+            1.676_384_830_183_803_849_4,
+            2.053_191_626_637_758_821_87,
+            1.0,
+        ];
+        ratio(r - 1.6, above, below)
+    } else {
+        let above = [
+            2.010_334_399_292_288_132_65e-7,
+            2.711_555_568_743_487_578_15e-5,
+            0.001_242_660_947_388_078_438_6,
+            0.026_532_189_526_576_123_093,
+            0.296_560_571_828_504_891_23,
+            1.784_826_539_917_291_335_8,
+            5.463_784_911_164_114_369_9,
+            6.657_904_643_501_103_777_2,
+        ];
+        let below = [
+            2.044_263_103_389_939_785_64e-15,
+            1.421_511_758_316_445_888_7e-7,
+            1.846_318_317_510_054_681_8e-5,
+            7.868_691_311_456_132_591e-4,
+            0.014_875_361_290_850_614_852_5,
+            0.136_929_880_922_735_805_31,
+            0.599_832_206_555_887_937_69,
+            1.0,
+        ];
+        ratio(r - 5.0, above, below)
+    };
+    if off < 0.0 { -size } else { size }
+}
+
 /// Q(a, x) by its series, or by its continued fraction where x is large.
 fn few<T: Real>(a: T, x: T) -> T {
     let (half, one) = (T::of(0.5), T::one());
@@ -294,6 +382,23 @@ fn ln_gamma<T: Real>(x: T) -> T {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_quantile_is_the_root_of_the_critical_value() {
+        for p in [
+            1e-300, 1e-20, 1e-9, 1e-3, 0.07, 0.075, 0.2, 0.499, 0.5, 0.7, 0.93, 0.999,
+        ] {
+            let wanted = critical((2.0 * f64::min(p, 1.0 - p)).min(1.0 - 1e-16), 1.0);
+            let (wanted, found) = (wanted.unwrap().sqrt(), normal_quantile(p));
+            assert!(
+                (found.abs() - wanted).abs() < 2e-14 * wanted.max(1.0),
+                "{p} {found}"
+            );
+            assert!(p == 0.5 || (found < 0.0) == (p < 0.5));
+        }
+        assert_eq!(normal_quantile(0.0), f64::NEG_INFINITY);
+        assert_eq!(normal_quantile(1.0), f64::INFINITY);
+    }
 
     #[test]
     fn known_values() {

@@ -81,6 +81,9 @@ pub struct Options {
     pub patience: u32,
     /// See `patience`.
     pub stall: f64,
+    /// Damping of the first step, on columns of unit length. 0 goes all the way at once, which
+    /// is the faster near a minimum; 1 follows the slope from far away.
+    pub damping: f64,
 }
 
 impl Default for Options {
@@ -91,6 +94,7 @@ impl Default for Options {
             loss: Loss::Squares,
             patience: 0,
             stall: 1e-6,
+            damping: 0.0,
         }
     }
 }
@@ -369,7 +373,7 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
         if !chi2.is_finite() {
             return found;
         }
-        let mut damping = 0.0_f64;
+        let mut damping = self.options.damping;
         let mut penalty = vec![0.0_f64; k];
         let mut next = vec![0.0; n];
         let mut before = f64::INFINITY;

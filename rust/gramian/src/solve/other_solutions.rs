@@ -163,6 +163,9 @@ const COARSE: f64 = 1e-2;
 /// So many steps that lower chi2 by less than this share of it, before a start is given up.
 const PATIENCE: u32 = 6;
 const STALL: f64 = 1e-4;
+/// Damping of a first step from far away: half the evaluations, and more of the starts come to
+/// rest.
+const FAR: f64 = 1.0;
 
 impl<'a, M: Model + ?Sized> Places<'a, M> {
     fn new(model: &'a M, first: &Solution, options: Options) -> Self {
@@ -188,6 +191,7 @@ impl<'a, M: Model + ?Sized> Places<'a, M> {
             tolerance: COARSE,
             patience: PATIENCE,
             stall: STALL,
+            damping: FAR,
             ..self.options
         };
         let mut known = None;

@@ -7,7 +7,7 @@ use alloc::vec::Vec;
 use super::Model;
 use super::gauss_newton::{Options, Solution, minimize};
 use crate::batch::Stream;
-use crate::chi_square;
+use crate::chi_square::normal_quantile;
 
 /// Where states may be.
 #[derive(Clone, Debug, PartialEq)]
@@ -72,17 +72,6 @@ impl Spread {
                 .collect(),
         }
     }
-}
-
-/// The standard normal value that `p` of all lie below.
-fn normal_quantile(p: f64) -> f64 {
-    let tails = (2.0 * p.min(1.0 - p)).clamp(1e-300, 1.0);
-    let size = if tails >= 1.0 {
-        0.0
-    } else {
-        chi_square::critical(tails, 1.0).map_or(0.0, f64::sqrt)
-    };
-    if p < 0.5 { -size } else { size }
 }
 
 /// By how much chi2 must be lower where steps did not come to rest than where others did:

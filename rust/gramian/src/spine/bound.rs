@@ -79,6 +79,43 @@ pub fn crlb_std<T: Real, const N: usize>(spectrum: &Spectrum<T, N>) -> [T; N] {
     out
 }
 
+/// Standard deviation of a combination of the states; 0 for none, infinite for one that
+/// is not determined, or overflows.
+///
+/// ```
+/// use gramian::{bound, square_root::SquareRootInformation};
+/// // The sum is known to 0.5, neither of the states.
+/// let mut root = SquareRootInformation::<f64, 2>::new();
+/// root.push(&[2.0, 2.0])?;
+/// let spectrum = root.spectrum();
+/// assert!((bound::combination_std(&spectrum, &[1.0, 1.0]) - 0.5).abs() < 1e-15);
+/// assert!(bound::combination_std(&spectrum, &[1.0, 0.0]).is_infinite());
+/// # Ok::<(), gramian::scalar::NumberError>(())
+/// ```
+pub fn combination_std<T: Real, const N: usize>(
+    spectrum: &Spectrum<T, N>,
+    combination: &[T; N],
+) -> T {
+    let scale = spectrum.scale();
+    let scaled: [T; N] = core::array::from_fn(|j| combination[j] * scale[j]);
+    let size = scaled.iter().fold(T::zero(), |norm, &x| hypot(norm, x));
+    if size == T::zero() {
+        return size;
+    }
+    let (values, rank) = (spectrum.singular_values(), spectrum.rank());
+    let touch = touch_tolerance(values, rank, spectrum.rtol());
+    let along = |k: usize| {
+        let each = spectrum.vectors()[k].iter().zip(&scaled);
+        each.fold(T::zero(), |sum, (&v, &x)| sum + v * x)
+    };
+    let null = (rank..N).fold(T::zero(), |norm, k| hypot(norm, along(k)));
+    if null > touch * size {
+        return T::INFINITY;
+    }
+    let std = (0..rank).fold(T::zero(), |norm, k| hypot(norm, along(k) / values[k]));
+    if std.is_finite() { std } else { T::INFINITY }
+}
+
 /// The Cramer-Rao bound on the covariance of a fixed-size problem; `None` where the
 /// rank is short, since no such matrix exists then, or where an entry
 /// overflows.

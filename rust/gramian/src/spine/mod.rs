@@ -4,6 +4,7 @@
 #[cfg(feature = "std")]
 pub mod batch_gram;
 pub mod bound;
+pub mod constrained;
 pub mod information;
 #[cfg(feature = "alloc")]
 pub mod observability;
