@@ -761,7 +761,8 @@ def from_function(
     the measured noise of `h` (Ridders 1982; More & Wild 2011). `analyze` decides ranks
     above it, and calls "undecided" what it cannot tell; `model.accuracy` says what was
     found. It takes about 6 evaluations a state and at most 18 for the noise; three states or
-    more never take more than 18 each in all, beside the value at x.
+    more never take more than 18 each in all, beside the value at x. Outputs of seven
+    decimals or fewer at every point count as rounded to them.
 
     Examples
     --------

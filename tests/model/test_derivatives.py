@@ -127,6 +127,33 @@ def test_printed_digits():
     assert answer.status in {"unobservable", "undecided"}
 
 
+@pytest.mark.parametrize("digits", [1, 2, 3, 4, 6])
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_printed_digits_are_the_noise_they_are(n, digits):
+    """Few digits move in jumps: a step that meets one is no slope, however straight it looks."""
+    rng = np.random.default_rng(17)
+    names = ["a", "b", "c"][:n]
+    useful = 0
+    for _ in range(12):
+        x, weights = rng.normal(size=n), rng.normal(size=(3, n))
+        model = gm.from_function(
+            lambda x, w=weights: np.round(2 * np.sin(w @ x), digits), x, 0.1, names
+        )
+        slope = 2 * np.cos(weights @ x)[:, None] * weights
+        assert (np.abs(model.jacobian() - slope) <= 3 * model.accuracy.error).all()
+        useful += bool((model.accuracy.error < 0.1 * np.abs(slope).max()).all())
+    # Two digits leave little of a slope; six nearly all.
+    assert useful >= {1: 0, 2: 0, 3: 4, 4: 6}.get(digits, 12)
+
+
+def test_whole_numbers_and_constants_are_no_printed_digits():
+    model = gm.from_function(
+        lambda x: [x[0] + 2 * x[1], 5.0, x[0] - x[1]], [64.0, 3.0], 1.0, ["a", "b"]
+    )
+    np.testing.assert_allclose(model.jacobian(), [[1, 2], [0, 0], [1, -1]], atol=1e-12)
+    assert model.accuracy.error.max() < 1e-10
+
+
 @pytest.mark.parametrize("rtol", [1e-3, 1e-6, 1e-8])
 @pytest.mark.parametrize("method", ["RK45", "LSODA"])
 def test_a_solver_with_adaptive_steps(rtol, method):

@@ -29,6 +29,8 @@ const COVERAGE: f64 = 3.0;
 const UNKNOWN: f64 = 1e150;
 /// Even over odd part of a change above which a step is too long.
 const BENT: f64 = 0.25;
+/// Outputs of no more decimals than this are taken for rounded ones.
+const DECIMALS: i32 = 7;
 
 /// What is known of a function beforehand.
 #[derive(Clone, Copy, Debug)]
@@ -146,8 +148,9 @@ struct Column<'a> {
     detail: Option<usize>,
     /// Whether no step was found at which noise is small.
     noisy: bool,
-    /// Whether the first step was given up because noise at short steps was too large.
-    suspected: bool,
+    /// How many pairs there were when the first step was given up because noise at short steps
+    /// was too large.
+    suspected: Option<usize>,
     /// The shortest step at which there may be detail, where noise hides it.
     reach: f64,
     /// How many pairs it may take.
@@ -216,11 +219,13 @@ pub fn jacobian<E>(
         })
         .collect();
     let given: Vec<bool> = options.noise.iter().map(|&x| x >= 0.0).collect();
+    let mut printed = Printed::new(at, &given);
     let mut evaluations = 0;
     let mut measured = given.iter().all(|&g| g);
     let mut kept: Option<(Vec<[f64; 2]>, Vec<f64>)> = None;
     let (mut points, mut values) = (Vec::new(), Vec::new());
-    // One or two states take as much as three where they must: noise has its price.
+    // One or two states take as much as three where they must: noise has its price. With 18, a
+    // time since an epoch far away is not found, nor with 36 for two that one is flat at x.
     let most = 2 * MOST_PAIRS * n.max(3);
     loop {
         let reserve = if measured { 0 } else { NOISE_POINTS };
@@ -238,7 +243,7 @@ pub fn jacobian<E>(
         }
         for column in &mut columns {
             while column.wants(measured) && column.take_again() {
-                column.decide(options.weight, &noise, at)?;
+                column.decide(options.weight, &printed.with(&noise), &noise, at)?;
             }
         }
         // One round: a pair for each group that has a state left to move.
@@ -250,7 +255,7 @@ pub fn jacobian<E>(
             if measured {
                 break;
             }
-            let spacing = noise_spacing(&columns, options.weight, &noise);
+            let spacing = noise_spacing(&columns, options.weight, &printed.with(&noise));
             if let Some((_, found)) = kept.as_ref().filter(|(at, _)| *at == spacing) {
                 // The same points as before.
                 noise.copy_from_slice(found);
@@ -268,8 +273,12 @@ pub fn jacobian<E>(
                     wide,
                     given: &given,
                 };
-                let far = measure_noise(x, at, options, &line, &mut noise, &mut evaluate)
-                    .map_err(Error::Function)?;
+                let far = measure_noise(x, at, options, &line, &mut noise, &mut |points, out| {
+                    let done = evaluate(points, out);
+                    printed.see(at, out);
+                    done
+                })
+                .map_err(Error::Function)?;
                 evaluations += NOISE_POINTS + 2 * wide;
                 if let [column] = columns.as_mut_slice() {
                     column.take_line(at, &far, spacing[0][1], options);
@@ -280,9 +289,10 @@ pub fn jacobian<E>(
             // Is there enough for noise to be measured again?
             let needed = evaluations + NOISE_POINTS + 4 * unfinished;
             let enough = needed <= most;
+            let level = printed.with(&noise);
             let again = columns
                 .iter_mut()
-                .filter_map(|c| c.after_noise(enough, options.weight, &noise).then_some(()))
+                .filter_map(|c| c.after_noise(enough, options.weight, &level).then_some(()))
                 .count();
             if again > 0 {
                 measured = given.iter().all(|&g| g);
@@ -308,16 +318,19 @@ pub fn jacobian<E>(
         values.resize(points.len() / n * m, f64::NAN);
         evaluations += points.len() / n;
         evaluate(&points, &mut values).map_err(Error::Function)?;
+        printed.see(at, &values);
+        let level = printed.with(&noise);
         for (group, pair) in active.iter().zip(values.chunks_exact(2 * m)) {
             let (above, below) = pair.split_at(m);
             for &j in *group {
                 if columns[j].wants(measured) {
                     columns[j].take(at, above, below, options.period);
-                    columns[j].decide(options.weight, &noise, at)?;
+                    columns[j].decide(options.weight, &level, &noise, at)?;
                 }
             }
         }
     }
+    let mut noise = printed.with(&noise);
     from_ladders(&columns, &mut noise, &given);
     let mut out = Jacobian {
         values: vec![0.0; m * n],
@@ -336,6 +349,75 @@ pub fn jacobian<E>(
         }
     }
     Ok(out)
+}
+
+/// Outputs that are rounded to some decimals wherever they were seen, as printed numbers are.
+struct Printed {
+    /// How many decimals each has, `None` where it has more than [`DECIMALS`].
+    decimals: Vec<Option<i32>>,
+    /// Whether it moved by one digit, or has had three values: a constant is no rounded number,
+    /// nor is one that is cut off at either end.
+    moved: Vec<bool>,
+    /// Another value than at x.
+    other: Vec<f64>,
+}
+
+impl Printed {
+    fn new(at: &[f64], given: &[bool]) -> Self {
+        let fits = |(&value, &given): (&f64, &bool)| if given { None } else { decimals(value, 0) };
+        Self {
+            decimals: at.iter().zip(given).map(fits).collect(),
+            moved: vec![false; at.len()],
+            other: vec![f64::NAN; at.len()],
+        }
+    }
+
+    /// Takes note of outputs, one point after the other.
+    fn see(&mut self, at: &[f64], values: &[f64]) {
+        for point in values.chunks_exact(at.len().max(1)) {
+            for (i, &value) in point.iter().enumerate() {
+                if let Some(least) = self.decimals[i]
+                    && value.is_finite()
+                {
+                    self.decimals[i] = decimals(value, least);
+                    // By digits, not by rounding alone.
+                    let digit = 10.0_f64.powi(-self.decimals[i].unwrap_or(DECIMALS));
+                    let far = |from: f64, digits: f64| (value - from).abs() > digits * digit;
+                    if far(at[i], 0.5) {
+                        self.moved[i] |= !far(at[i], 1.5) || far(self.other[i], 0.5);
+                        self.other[i] = value;
+                    }
+                }
+            }
+        }
+    }
+
+    /// The noise with that of rounding: of uniform errors of half a digit either way.
+    fn with(&self, noise: &[f64]) -> Vec<f64> {
+        let seen = self.decimals.iter().zip(&self.moved);
+        // One that never moved beside others that are rounded has as many as these.
+        let others = seen.clone().filter(|s| *s.1).filter_map(|s| *s.0).max();
+        let each = noise.iter().zip(seen);
+        each.map(|(&noise, (&own, &moved))| {
+            let digits = if moved {
+                own
+            } else {
+                others.filter(|_| own.is_some() && own <= others)
+            };
+            digits.map_or(noise, |d| noise.max(0.29 * 10.0_f64.powi(-d)))
+        })
+        .collect()
+    }
+}
+
+/// The number of decimals, `least` or more, with which a value is written; `None` past
+/// [`DECIMALS`], and where so many cannot be told from rounding.
+fn decimals(value: f64, least: i32) -> Option<i32> {
+    (least..=DECIMALS).find(|&d| {
+        let scaled = value.abs() * 10.0_f64.powi(d);
+        let slack = 4.0 * f64::EPSILON * scaled;
+        slack < 1e-4 && (scaled - scaled.round()).abs() <= slack
+    })
 }
 
 /// The power of two nearest below, so that x + s and x - s are exact.
@@ -396,7 +478,7 @@ impl<'a> Column<'a> {
             anchor: 0,
             detail: None,
             noisy: false,
-            suspected: false,
+            suspected: None,
             reach: 0.0,
             room: MOST_PAIRS,
         }
@@ -653,9 +735,17 @@ impl<'a> Column<'a> {
     }
 
     /// What to do after the last pair.
-    fn decide<E>(&mut self, weight: &[f64], noise: &[f64], at: &[f64]) -> Result<(), Error<E>> {
+    ///
+    /// `plain` is the noise without that of printed digits, which a longer step does not better.
+    fn decide<E>(
+        &mut self,
+        weight: &[f64],
+        noise: &[f64],
+        plain: &[f64],
+        at: &[f64],
+    ) -> Result<(), Error<E>> {
         match self.phase {
-            Phase::Search => self.search(weight, noise, at),
+            Phase::Search => self.search(weight, noise, plain, at),
             Phase::Ladder => {
                 self.climb(weight, noise);
                 Ok(())
@@ -668,7 +758,13 @@ impl<'a> Column<'a> {
         }
     }
 
-    fn search<E>(&mut self, weight: &[f64], noise: &[f64], at: &[f64]) -> Result<(), Error<E>> {
+    fn search<E>(
+        &mut self,
+        weight: &[f64],
+        noise: &[f64],
+        plain: &[f64],
+        at: &[f64],
+    ) -> Result<(), Error<E>> {
         let last = self.pairs.len() - 1;
         let pair = &self.pairs[last];
         // Far steps first cost little; then as far as the numbers reach in a few.
@@ -688,9 +784,11 @@ impl<'a> Column<'a> {
                 self.next = 0.5 * pair.step;
             } else if self.shrunk > 0 {
                 // Not below the last step that moved something: that was noise.
-                self.anchor = last - 1;
+                if self.suspected != Some(last) {
+                    self.anchor = last - 1;
+                }
                 self.phase = Phase::Ladder;
-                self.next = power((pair.step * self.pairs[last - 1].step).sqrt());
+                self.next = power((pair.step * self.pairs[self.anchor].step).sqrt());
             } else if self.grown < 4 && longer > 2.0 * pair.step {
                 self.grown += 1;
                 self.next = longer;
@@ -702,7 +800,8 @@ impl<'a> Column<'a> {
             return Ok(());
         }
         let longer = power((pair.step * 4096.0).min(self.most));
-        if self.shrunk == 0 && self.grown < 4 && odd < 1e5 * level && even < 8.0 * level {
+        let [.., digits] = self.sizes(pair, weight, plain);
+        if self.shrunk == 0 && self.grown < 4 && odd < 1e5 * digits && even < 8.0 * digits {
             // Straight, and little above rounding: a longer step has more digits.
             if longer > 2.0 * pair.step {
                 self.grown += 1;
@@ -770,11 +869,11 @@ impl<'a> Column<'a> {
         if odd == 0.0 {
             return false;
         }
-        if level > 0.02 * odd && !self.noisy && !self.suspected && enough {
+        if level > 0.02 * odd && !self.noisy && self.suspected.is_none() && enough {
             // What looks like noise may be detail that all steps so far have missed.
             let next = power((pair.step / 8192.0).max(self.least));
             if next < pair.step {
-                self.suspected = true;
+                self.suspected = Some(self.pairs.len());
                 self.phase = Phase::Search;
                 self.next = next;
                 self.shrunk = self.shrunk.max(3);
