@@ -383,6 +383,7 @@ fn ln_gamma<T: Real>(x: T) -> T {
 mod tests {
     use super::*;
 
+    #[cfg(feature = "std")]
     #[test]
     fn a_quantile_is_the_root_of_the_critical_value() {
         for p in [

@@ -256,7 +256,7 @@ fn replaced<T: Real, const N: usize>(row: &[T; N], state: usize, by: &[T; N]) ->
     out
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "alloc"))]
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
