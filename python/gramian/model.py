@@ -978,7 +978,7 @@ def _complex_step(h: Callable[[Array], ArrayLike], x: Array) -> Array:
     return finite(np.stack(columns, axis=1), "the complex-step Jacobian of h")
 
 
-class _jax_values:
+class _JaxFunction:
     """A function written for JAX as a function of arrays, with its Jacobian."""
 
     def __init__(self, function: Callable[[Any], Any]) -> None:
@@ -1006,7 +1006,7 @@ class _jax_values:
         return np.asarray(jax.jacfwd(h)(x)).reshape(-1, x.size)
 
 
-class _torch_values:
+class _TorchFunction:
     """A function written for PyTorch as a function of arrays, with its Jacobian."""
 
     def __init__(self, function: Callable[[Any], Any]) -> None:
@@ -1036,7 +1036,7 @@ class _torch_values:
         return np.asarray(found.detach().cpu().numpy()).reshape(-1, x.size)
 
 
-class _casadi_values:
+class _CasadiFunction:
     """A CasADi function as a function of arrays, with its Jacobian."""
 
     def __init__(self, function: Any) -> None:
@@ -1062,7 +1062,7 @@ class _casadi_values:
 
 #: Functions of other packages as functions of arrays.
 _FOREIGN: Mapping[str, Callable[[Any], Any]] = {
-    "jax": _jax_values,
-    "torch": _torch_values,
-    "casadi": _casadi_values,
+    "jax": _JaxFunction,
+    "torch": _TorchFunction,
+    "casadi": _CasadiFunction,
 }

@@ -168,8 +168,6 @@ class Posterior(Value):
             Probability that they are had, in [0, 1].
         """
         matrix = as_float_array(rows, "rows")
-        if matrix.ndim < 2:
-            raise InputError(f"rows has shape {matrix.shape}: must be (..., k, {self.n})")
         chance, n = _probability(detection), self.n
         if matrix.ndim < 2 or matrix.shape[-1] != n:
             raise InputError(f"rows has shape {matrix.shape}: must be (k, {n}) or (..., k, {n})")
