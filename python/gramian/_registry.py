@@ -8,6 +8,7 @@ for, so the files that ask stand below the models and import none of them.
 from __future__ import annotations
 
 import importlib
+from importlib.util import find_spec
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -60,9 +61,13 @@ def draw(result: object, picture: str, *args: Any, **options: Any) -> Figure:
     """Draw a result with a function of the ``plot`` module beside its class.
 
     A class of `gramian.models.dipole` is drawn by `gramian.models.dipole.plot`, one of
-    `gramian.monte_carlo` by `gramian.monte_carlo.plot`, and the others by `gramian.plot`.
+    `gramian.monte_carlo` by `gramian.monte_carlo.plot`, and where these have no such picture,
+    as `gramian.plot` draws the class that it is made of.
     """
-    package = type(result).__module__.rpartition(".")[0]
-    drawing = getattr(importlib.import_module(f"{package}.plot"), picture)
+    homes = [cls.__module__.rpartition(".")[0] for cls in type(result).__mro__]
+    packages = dict.fromkeys((*(home for home in homes if home.startswith("gramian")), "gramian"))
+    modules = [f"{package}.plot" for package in packages if find_spec(f"{package}.plot")]
+    plots = (importlib.import_module(module) for module in modules)
+    drawing = next(getattr(plot, picture) for plot in plots if hasattr(plot, picture))
     figure: Figure = drawing(result, *args, **options)
     return figure

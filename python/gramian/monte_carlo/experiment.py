@@ -306,7 +306,7 @@ class Measurements(Experiment):
 
 
 def _maximum_likelihood(experiment: Measurements, seed: int, first: int, trials: int) -> Estimates:
-    from gramian.estimation import informed
+    from gramian.estimation._knowledge import informed
 
     model, truth = experiment.of, experiment.truth
     n = len(truth)

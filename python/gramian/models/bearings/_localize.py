@@ -15,7 +15,8 @@ from gramian._answers import Answer, Columns, columns_of_states
 from gramian._arrays import SEED_MOST, as_float_array, finite, number, whole, wrap_angles
 from gramian._noise import as_pair
 from gramian._text import brief, plain
-from gramian.estimation import Estimate, estimate, faulty
+from gramian.estimation import Estimate, estimate
+from gramian.estimation._channels import faulty
 from gramian.exceptions import InputError
 from gramian.models.bearings._model import BearingsModel, channels
 from gramian.models.bearings._rows import check_index, state_names

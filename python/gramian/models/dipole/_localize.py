@@ -19,7 +19,7 @@ from gramian._text import brief, describe_null_space
 from gramian._units import labelled
 from gramian.analysis import analyze
 from gramian.estimation import Solution as Other
-from gramian.estimation import levels
+from gramian.estimation._knowledge import levels
 from gramian.exceptions import InputError, UnobservableError
 from gramian.models.dipole._estimate import KNOWABLE, Description, DipoleModel
 from gramian.models.dipole._model import NAMES, UNITS, Pass, problem

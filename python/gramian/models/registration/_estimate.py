@@ -17,9 +17,11 @@ from gramian._arrays import SEED_MOST, as_float_array, number, real, whole
 from gramian._text import brief, describe_direction
 from gramian._units import labelled
 from gramian._values import Value
-from gramian.estimation import Channel, Status, channel_faults, levels
+from gramian.estimation import Channel, channel_faults
 from gramian.estimation import Estimate as General
 from gramian.estimation import estimate as estimate_model
+from gramian.estimation._knowledge import levels
+from gramian.estimation._parts import Status
 from gramian.exceptions import ConvergenceError, InputError, UnobservableError
 from gramian.models.registration._model import gauges
 from gramian.models.registration._reports import Reports, report_array

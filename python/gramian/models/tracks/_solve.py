@@ -17,7 +17,8 @@ from gramian._noise import as_known, as_pair
 from gramian._options import choice, mapping, tolerance
 from gramian._registry import draw
 from gramian._text import brief
-from gramian.estimation import Estimate, Interval, Region, Solution, faulty
+from gramian.estimation import Estimate, Interval, Region, Solution
+from gramian.estimation._channels import faulty
 from gramian.exceptions import InputError
 from gramian.models.tracks._scene import Scene, as_scene
 

@@ -1,9 +1,4 @@
-"""From measurements to states, and whether the answer may be believed.
-
-`estimate` finds the most likely state of a model; its answer, an `Estimate`, says how
-well the model fits, which other states fit as well, and how large the region of likely
-states is. `other_solutions` asks the same of a state without measurements.
-"""
+"""The most likely state of a model, and whether it may be believed."""
 
 from __future__ import annotations
 
@@ -19,276 +14,41 @@ from numpy.typing import ArrayLike, NDArray
 from gramian import _core
 from gramian import _options as options
 from gramian._answers import Answer, Columns, columns_of_states
-from gramian._arrays import SEED_MOST, finite, number, real, whole
+from gramian._arrays import SEED_MOST, finite, number, whole
 from gramian._handle import EstimationModel, as_model, handle_of
-from gramian._noise import (
-    Knowledge,
-    as_box,
-    as_knowledge,
-    as_known,
-    as_pair,
-    negligible,
-)
+from gramian._noise import Knowledge, as_box, as_known
 from gramian._registry import draw
 from gramian._text import brief, describe_combination, describe_direction
 from gramian._text import number as readable
-from gramian._values import Value
+from gramian.estimation._knowledge import (
+    columns_of,
+    critical_at,
+    informed,
+    knowledge_of,
+    levels,
+    measured,
+    spread_of,
+    starts_of,
+)
+from gramian.estimation._parts import (
+    Alternative,
+    Fit,
+    Interval,
+    Region,
+    Solution,
+    Status,
+)
 from gramian.exceptions import InputError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = [
-    "STATUSES",
-    "Alternative",
-    "Channel",
-    "Estimate",
-    "EstimationModel",
-    "Fit",
-    "Interval",
-    "Region",
-    "Solution",
-    "Trials",
-    "channel_faults",
-    "estimate",
-    "estimate_trials",
-    "other_solutions",
-]
+__all__ = ["Estimate", "estimate", "other_solutions"]
 
 Array = NDArray[np.float64]
-Status = Literal["unobservable", "misfit", "not_converged", "ambiguous", "weak", "determined"]
-
-#: Every status of an `Estimate`, worst first.
-STATUSES = ("unobservable", "misfit", "not_converged", "ambiguous", "weak", "determined")
-
-#: Residuals whose p is larger are too small.
-_SMALL = 0.999
-
-#: Of a batch the faults of so many records are told in words.
-_TOLD = 20
 
 #: How residuals may count, with the constants of 95 % efficiency on normal noise.
 _LOSSES = {"squares": 0.0, "huber": 1.345, "tukey": 4.685}
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Solution(Answer):
-    """Another state that fits.
-
-    Attributes
-    ----------
-    state : ndarray, shape (n,)
-    chi2 : float
-        Sum of its squared whitened residuals.
-    distance : float
-        |h(other) - h(best)|, whitened: how many deviations apart their exact data are.
-    chance : float
-        The chance that noise prefers the wrong one of the two.
-    hits : int
-        How many of the starts reached it.
-    """
-
-    state: Array
-    chi2: float
-    distance: float
-    chance: float
-    hits: int
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Alternative(Answer):
-    """What a test says of one way in which the model may be wrong.
-
-    Attributes
-    ----------
-    name : str
-    p_value : float
-        Probability of as large a statistic where the model is true.
-    restored : float
-        p of the fit with the alternative in the model.
-    size : ndarray, shape (parameters,)
-        Its parameters that fit best.
-    detectable : float
-        The smallest size that is seen with 80 % power; `inf` where it leaves no trace,
-        or has several parameters.
-    effect : ndarray, shape (n,)
-        What that size does to each state: the external reliability.
-    alike : tuple of str
-        Alternatives that the residuals cannot tell from it (correlation above 0.9).
-    dof : int
-        Parameters that leave a trace outside the model's columns.
-    unit : str
-        Of the parameters and of `detectable`; empty where the model gives none.
-    """
-
-    name: str
-    p_value: float
-    restored: float
-    size: Array
-    detectable: float
-    effect: Array
-    alike: tuple[str, ...]
-    dof: int = 1
-    unit: str = ""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Fit(Answer):
-    """How well the model fits.
-
-    Attributes
-    ----------
-    chi2 : float
-        Sum of the squared whitened residuals, those of priors included.
-    dof : int
-        Measurements and priors less states.
-    p_value : float
-        Probability of a larger chi2 if the model is true; NaN without degrees of freedom.
-    residuals : ndarray, shape (m,)
-        Whitened residuals in the order of the measurements.
-    standardized : ndarray, shape (m,)
-        The same over their own deviations after the fit: standard normal each.
-    lag1 : tuple of float
-        Correlation of neighbouring residuals; its mean and standard deviation for a true
-        model after this fit; the probability of a larger one.
-    alternatives : tuple of Alternative
-        What would explain a misfit, the likeliest first.
-    faults : tuple of str
-        Channels that are dead, stuck or doubled, in words.
-    """
-
-    chi2: float
-    dof: int
-    p_value: float
-    residuals: Array
-    standardized: Array
-    lag1: tuple[float, float, float, float]
-    alternatives: tuple[Alternative, ...] = ()
-    faults: tuple[str, ...] = ()
-
-    @property
-    def outliers(self) -> NDArray[np.int64]:
-        """Measurements whose residual one honest record in a hundred would exceed."""
-        from scipy.special import ndtri
-
-        count = max(self.standardized.size, 1)
-        return np.flatnonzero(np.abs(self.standardized) > -ndtri(0.005 / count))
-
-    @property
-    def joint(self) -> float:
-        """The p of the likeliest alternative times their number (Bonferroni); at most 1."""
-        tested = [a.p_value for a in self.alternatives if a.dof > 0]
-        return min(1.0, len(tested) * min(tested)) if tested else 1.0
-
-    @property
-    def warning(self) -> str:
-        """What a p near 1 says; empty otherwise."""
-        if self.dof > 0 and self.p_value > _SMALL:
-            return f"p = {self.p_value:.6g}: the residuals are too small; sigma or a unit is wrong"
-        return ""
-
-    def _as_table(self) -> Columns:
-        values = {"residual": self.residuals}
-        if self.standardized.shape == self.residuals.shape:
-            values["standardized"] = self.standardized
-        return Columns("measurement", range(len(self.residuals)), values, {})
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Interval(Answer):
-    """The values of a state or function that the measurements allow.
-
-    Attributes
-    ----------
-    name, unit : str
-    level : float
-        Confidence.
-    value : float
-        At the estimate.
-    pieces : tuple of (float or None, float or None)
-        Ascending; None for an end that does not exist.
-    local : float
-        Half the length of the interval of the local Gaussian approximation.
-    certain : bool
-        Whether each end is one: not where a constrained solve beyond it did not converge,
-        so that the interval may go on.
-    """
-
-    name: str
-    unit: str
-    level: float
-    value: float
-    pieces: tuple[tuple[float | None, float | None], ...]
-    local: float
-    certain: bool = True
-
-    @property
-    def length(self) -> float:
-        """Distance from the lowest to the highest end; `inf` for an open interval."""
-        low, high = self.pieces[0][0], self.pieces[-1][1]
-        return np.inf if low is None or high is None else high - low
-
-    @property
-    def is_local(self) -> bool:
-        """Whether the local approximation differs by less than 5 %."""
-        if len(self.pieces) != 1 or not np.isfinite(self.length):
-            return False
-        low, high = self.pieces[0]
-        ends = (self.value - (low or 0.0), (high or 0.0) - self.value)
-        return all(abs(end - self.local) < 0.05 * self.local for end in ends)
-
-    def __contains__(self, value: float) -> bool:
-        # Ends are found to ten digits: the least value of a function is one of them.
-        return any(
-            (low is None or value >= low - 1e-9 * abs(low))
-            and (high is None or value <= high + 1e-9 * abs(high))
-            for low, high in self.pieces
-        )
-
-    def __str__(self) -> str:
-        words = []
-        unit = f" {self.unit}" if self.unit else ""
-        for low, high in self.pieces:
-            if low is None and high is None:
-                words.append("no limit either way")
-            elif high is None:
-                words.append(f"at least {readable(float(low or 0))}{unit}, no upper limit")
-            elif low is None:
-                words.append(f"at most {readable(high)}{unit}, no lower limit")
-            else:
-                words.append(f"{readable(low)} to {readable(high)}{unit}")
-        doubt = "" if self.certain else " (perhaps farther: a constrained solve did not converge)"
-        return f"{self.name} {' or '.join(words)}{doubt}"
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Region(Answer):
-    """The values of a pair of states or functions that the measurements allow.
-
-    Attributes
-    ----------
-    names : tuple of str, length 2
-    level : float
-    contours : tuple of (ndarray, shape (k, 2))
-        A curve for each piece.
-    closed : tuple of bool
-        Whether each closes; one that does not has an open end.
-    complete : tuple of bool
-        Whether each was followed to its end: not where a constrained solve did not
-        converge on the way.
-    """
-
-    names: tuple[str, str]
-    level: float
-    contours: tuple[Array, ...]
-    closed: tuple[bool, ...]
-    complete: tuple[bool, ...]
-
-    def _as_table(self) -> Columns:
-        points = np.vstack([*self.contours, np.zeros((0, 2))])
-        pieces = np.repeat(np.arange(len(self.contours)), [len(c) for c in self.contours])
-        values = {self.names[0]: points[:, 0], self.names[1]: points[:, 1], "piece": pieces}
-        return Columns("point", range(len(points)), values, {})
 
 
 class _Extended:
@@ -449,7 +209,7 @@ class Estimate(Answer):
     def _handle(self) -> _core.Model:
         before = self._prior
         if before is None:
-            before, _ = _knowledge(self.model, self.prior or None, {})
+            before, _ = knowledge_of(self.model, self.prior or None, {})
         return informed(self.model, self.measurements, before, self.known)
 
     @cached_property
@@ -477,7 +237,7 @@ class Estimate(Answer):
             For each the derivatives of the measurements, whitened, with respect to its
             parameters, at zero.
         """
-        columns = _columns(alternatives)
+        columns = columns_of(alternatives)
         records, alike = self._handle.scores(self.state, list(columns.values()), self.alpha, 0.8)
         for name, record in zip(columns, records, strict=True):
             figures = (record[key] for key in ("p_value", "size", "detectable", "effect"))
@@ -706,7 +466,7 @@ class Estimate(Answer):
 
     def _rise(self, level: float, dof: int) -> float:
         """Return by how much chi2 rises to the edge of a region of `dof` functions."""
-        return _critical(level, dof)
+        return critical_at(level, dof)
 
     def sample(self, count: int = 256, seed: int = 0) -> Array:
         """Return states (count, n) spread as the likelihood is, priors included.
@@ -737,7 +497,7 @@ class Estimate(Answer):
         solutions are not among them.
         """
         count, seed = whole(count, "count", 1, 2**31), whole(seed, "seed", 0, SEED_MOST)
-        rises = (_critical(0.95, 1), _critical(0.95, len(self.names)))
+        rises = (critical_at(0.95, 1), critical_at(0.95, len(self.names)))
         out = self._handle.trials(
             self.state, self.state[None], None, None, None, rises, [], None, seed, 0, count
         )
@@ -1003,10 +763,10 @@ def estimate(
     that fits better than where the starts ended, that is the answer.
     """
     model = as_model(model)
-    z = _measured(model, measurements)
+    z = measured(model, measurements)
     known = as_known(known, model.names, model.units, "known")
     box = as_box(box, model.names, model.units)
-    before, known = _knowledge(model, prior, known)
+    before, known = knowledge_of(model, prior, known)
     free = [k for k, name in enumerate(model.names) if name not in known]
     names = tuple(model.names[k] for k in free)
     if not names:
@@ -1018,8 +778,8 @@ def estimate(
     seed = whole(seed, "seed", 0, SEED_MOST)
     max_iterations = whole(max_iterations, "max_iterations", 1, 2**31)
     handle = informed(model, z, before, known)
-    spread = _spread(names, before, box, tuple(model.names))
-    first = _starts(model, z, start, free, spread, before, names)
+    spread = spread_of(names, before, box, tuple(model.names))
+    first = starts_of(model, z, start, free, spread, before, names)
     weighting = (loss, _LOSSES[loss])
     found = handle.minimize(first, weighting, max_iterations)
     if not found:
@@ -1033,7 +793,7 @@ def estimate(
         searched = handle.others(best["x"], spread, starts, seed)
         unseen = searched["unseen"]
         best = best | {"x": searched["x"], "chi2": searched["chi2"]}
-        others = tuple(_solution(other) for other in searched["others"])
+        others = tuple(solution_of(other) for other in searched["others"])
     return Estimate(
         model=model,
         measurements=z,
@@ -1053,257 +813,6 @@ def estimate(
         _loss=weighting,
         _prior=before,
     )
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Trials(Answer):
-    """What `estimate_trials` found; arrays have one entry a trial.
-
-    Attributes
-    ----------
-    names : tuple of str, length n
-    truth : ndarray, shape (n,)
-    states : ndarray, shape (trials, n)
-        NaN, as `chi2`, where nothing of a trial could be computed: it did not converge.
-    status : ndarray of str, shape (trials,)
-        As of an `Estimate`.
-    chi2, p_values, lag_p_values : ndarray, shape (trials,)
-    chances : ndarray, shape (trials,)
-        The largest chance that noise prefers another solution.
-    inside : ndarray of bool, shape (trials,)
-        Whether the truth is in the likelihood region of all states.
-    covered : ndarray of bool, shape (trials,)
-        Whether it is in the interval of `function`; all True without one.
-    intervals : ndarray, shape (trials, 2)
-        Lowest and highest end; infinite where open, NaN without a function.
-    certain : ndarray of bool, shape (trials,)
-    solves : ndarray, shape (trials,)
-        Constrained solves an interval took.
-    alternatives : mapping of str to ndarray, shape (trials,)
-        p of the score test of each.
-    """
-
-    names: tuple[str, ...]
-    truth: Array
-    states: Array
-    status: NDArray[np.str_]
-    chi2: Array
-    p_values: Array
-    lag_p_values: Array
-    chances: Array
-    inside: NDArray[np.bool_]
-    covered: NDArray[np.bool_]
-    intervals: Array
-    certain: NDArray[np.bool_]
-    solves: Array
-    alternatives: Mapping[str, Array]
-
-    @property
-    def shares(self) -> dict[str, float]:
-        """Share of the trials with each status."""
-        return {name: float((self.status == name).mean()) for name in STATUSES}
-
-    @property
-    def wrong(self) -> float:
-        """Share of all trials that say "determined" with the truth outside the region."""
-        return float(((self.status == "determined") & ~self.inside).mean())
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the shares as plain numbers, fit for JSON."""
-        return {
-            "trials": len(self.status),
-            "shares": self.shares,
-            "inside": float(self.inside.mean()),
-            "covered": float(self.covered.mean()),
-            "wrong": self.wrong,
-            "uncertain": float((~self.certain).mean()),
-        }
-
-    def __str__(self) -> str:
-        said = ", ".join(f"{100 * v:.3g} % {name}" for name, v in self.shares.items() if v > 0)
-        inside = f"truth in the region {100 * self.inside.mean():.3g} %"
-        if not np.isnan(self.intervals).all():
-            inside += f", in the interval {100 * self.covered.mean():.3g} %"
-        return f"{len(self.status)} trials: {said}; {inside}"
-
-
-def estimate_trials(
-    model: EstimationModel,
-    truth: ArrayLike,
-    *,
-    seed: int,
-    trials: int,
-    first: int = 0,
-    level: float = 0.95,
-    function: str | None = None,
-    alternatives: Mapping[str, ArrayLike] | None = None,
-    shift: ArrayLike | None = None,
-    start: ArrayLike | None = None,
-    prior: Mapping[str, tuple[float, float]] | None = None,
-    box: Mapping[str, tuple[float, float]] | None = None,
-    starts: int = 0,
-    alpha: float = 0.001,
-    chance: float = 0.01,
-    weak_ratio: float = 0.25,
-) -> Trials:
-    """Simulate a state many times, estimate it each time, and ask whether the answers hold.
-
-    Parameters
-    ----------
-    model : EstimationModel
-    truth : array_like, shape (n,)
-    seed : int
-        >= 0. Trial i depends on (seed, i) alone.
-    trials : int
-        How many, >= 1.
-    first : int
-        Number of the first trial.
-    level : float
-        Confidence of regions and intervals.
-    function : str, optional
-        A function of the model: its interval is found in each trial, and makes an answer
-        "weak" as in `estimate`. By default the first one the model judges by, if any.
-    alternatives : mapping of str to array_like, shape (m,) or (m, parameters), optional
-        Whitened columns of the score tests; by default the model's own, at the truth.
-    shift : array_like, shape (m,), optional
-        What the data have that the model has not, whitened: a bias, for one.
-    start, prior, box, alpha, chance, weak_ratio
-        As for `estimate`; a prior's mean is drawn about the truth.
-    starts : int
-        Points of prior and box that are followed in search of other solutions.
-
-    Returns
-    -------
-    Trials
-
-    Raises
-    ------
-    InputError
-        As `estimate`.
-
-    Notes
-    -----
-    Whitened noise is added to the residuals of exact data, on all threads, in the crate.
-
-    Examples
-    --------
-    >>> import numpy as np, gramian as gm
-    >>> t = np.arange(0.0, 600.0, 20.0)
-    >>> path = np.stack([np.maximum(0, 5 * (t - 300)), np.minimum(5 * t, 1500)], axis=1)
-    >>> model = gm.bearings.BearingsModel(t, path, np.array([1e-3]))
-    >>> found = estimate_trials(model, [2000.0, 6000.0, 3.0, -1.0], seed=1, trials=100)
-    >>> bool(found.inside.mean() > 0.85)
-    True
-    """
-    model = as_model(model)
-    x = finite(truth, "truth")
-    names = tuple(model.names)
-    if x.shape != (len(names),):
-        raise InputError(f"truth has shape {x.shape}: must be ({len(names)},)")
-    seed, first = whole(seed, "seed", 0, SEED_MOST), whole(first, "first")
-    trials, starts = whole(trials, "trials", 1), whole(starts, "starts", 0, 2**31)
-    alpha, chance, weak_ratio = levels(alpha, chance, weak_ratio)
-    z = finite(model.h(x), "exact data")
-    centred = {}
-    for state, pair in options.mapping(prior, "prior", "name to (mean, sigma)").items():
-        if state not in names:
-            raise InputError(f"prior of {state!r}: the states are {', '.join(names)}")
-        k = names.index(state)
-        centred[state] = (float(x[k]), as_pair(pair, f"prior of {state}", model.units[k])[1])
-    before, exact = _knowledge(model, centred or None, {})
-    if exact:
-        raise InputError(f"prior of {next(iter(exact))}: sigma = 0, must be > 0 in trials")
-    handle = informed(model, z, before, {})
-    spread = _spread(names, before, as_box(box, names, model.units), names)
-    places = _starts(model, z, start, list(range(len(names))), spread, before, names)
-    functions = getattr(model, "functions", {})
-    judged = tuple(getattr(model, "judged", functions))
-    if function is not None and not isinstance(function, str):
-        raise InputError(f"function = {options.given(function)}: must be the name of a function")
-    name = function if function is not None else (judged[0] if judged else None)
-    what = None
-    if name is not None:
-        if name not in functions:
-            there = ", ".join(functions) or "none"
-            raise InputError(f"function = {name!r}: the model has {there}")
-        what = functions[name][0]
-        if not callable(what):
-            what = (list(what[0]), [float(value) for value in what[1]])
-    if alternatives is None:
-        made = getattr(model, "alternatives", None)
-        alternatives = {} if made is None else made(x, z)
-    columns = _columns(alternatives)
-    out = handle.trials(
-        x,
-        places,
-        spread,
-        (starts, seed) if starts or spread is not None else (0, seed),
-        what,
-        (_critical(level, 1), _critical(level, len(names))),
-        list(columns.values()),
-        None if shift is None else finite(shift, "shift"),
-        seed,
-        first,
-        trials,
-    )
-    head, n = 14, len(names)
-    p = out[:, head + n :]
-    with np.errstate(invalid="ignore"):
-        tested = p.shape[1]
-        dof = z.size + len(centred) - n
-        misfit = (out[:, 2] < alpha) & (dof > 0)
-        if tested:
-            misfit |= tested * p.min(axis=1) < alpha
-        long = out[:, 8] - out[:, 7] > 2 * 1.96 * weak_ratio * np.abs(out[:, 12])
-        status = np.select(
-            [
-                misfit,
-                out[:, 0] != 1,
-                out[:, 4] > chance,
-                long & (what is not None and name in judged),
-            ],
-            ["misfit", "not_converged", "ambiguous", "weak"],
-            "determined",
-        )
-    return Trials(
-        names=names,
-        truth=x,
-        states=out[:, head : head + n],
-        status=status,
-        chi2=out[:, 1],
-        p_values=out[:, 2],
-        lag_p_values=out[:, 3],
-        chances=out[:, 4],
-        inside=out[:, 5] == 1,
-        covered=(out[:, 6] == 1) | (what is None),
-        intervals=out[:, 7:9],
-        certain=(out[:, 10] == 1) | (what is None),
-        solves=out[:, 13],
-        alternatives=dict(zip(columns, p.T, strict=True)),
-    )
-
-
-def levels(alpha: float, chance: float, weak_ratio: float) -> tuple[float, float, float]:
-    """Return the levels of a status, checked."""
-    alpha, chance = options.fraction(alpha, "alpha"), options.fraction(chance, "chance")
-    weak_ratio = real(weak_ratio, "weak_ratio")
-    if not weak_ratio > 0:
-        raise InputError(f"weak_ratio = {weak_ratio}: must be > 0")
-    return alpha, chance, weak_ratio
-
-
-def _columns(alternatives: Mapping[str, ArrayLike] | None) -> dict[str, Array]:
-    """Return the columns (m, parameters) of alternatives by name."""
-    columns = {}
-    of = "name to derivatives of the measurements"
-    for name, given in options.mapping(alternatives, "alternatives", of).items():
-        column = finite(given, f"alternatives[{name!r}]")
-        if column.ndim not in (1, 2) or column.size == 0:
-            raise InputError(
-                f"alternatives[{name!r}] has shape {column.shape}: must be (m,) or (m, parameters)"
-            )
-        columns[name] = column[:, None] if column.ndim == 1 else column
-    return columns
 
 
 def other_solutions(
@@ -1339,257 +848,15 @@ def other_solutions(
     names = tuple(model.names)
     if state.shape != (len(names),):
         raise InputError(f"x has shape {state.shape}: must be ({len(names)},)")
-    before, _ = _knowledge(model, prior, {})
-    spread = _spread(names, before, as_box(box, names, model.units), names)
+    before, _ = knowledge_of(model, prior, {})
+    spread = spread_of(names, before, as_box(box, names, model.units), names)
     handle = informed(model, model.h(state), None, {})
     starts, seed = whole(starts, "starts", 0, 2**31), whole(seed, "seed", 0, SEED_MOST)
     found = handle.others(state, spread, starts, seed)
-    return tuple(_solution(other) for other in found["others"])
+    return tuple(solution_of(other) for other in found["others"])
 
 
-def _solution(record: Mapping[str, Any]) -> Solution:
+def solution_of(record: Mapping[str, Any]) -> Solution:
     return Solution(
         record["x"], record["chi2"], record["distance"], record["chance"], record["hits"]
     )
-
-
-@dataclass(frozen=True, eq=False)
-class Channel(Value):
-    """A channel of a recording: its name, where its readings are, and when they were taken.
-
-    Attributes
-    ----------
-    name : str
-    places : ndarray of int, shape (k,)
-        Among the measurements, in the order of time.
-    times : ndarray, shape (k,)
-        When they were taken.
-    unit : str
-        Of the times, or what they number: "look".
-    """
-
-    name: str
-    places: NDArray[np.intp]
-    times: Array
-    unit: str = "s"
-
-
-def channel_faults(
-    readings: ArrayLike, sigma: ArrayLike, channels: Sequence[Channel]
-) -> tuple[str, ...]:
-    """Return which channels are dead, stuck or doubled, in words.
-
-    Parameters
-    ----------
-    readings : array_like, shape (m,)
-        NaN where one is missing.
-    sigma : array_like, shape (), (1,) or (m,)
-        Standard deviations; 0 for a reading that does not count.
-    channels : sequence of Channel
-
-    Returns
-    -------
-    tuple of str
-
-    Notes
-    -----
-    A channel is stuck where readings in the middle of a step of its converter would keep one
-    value for so long in less than one record of 10^4; where readings around the run repeat
-    each other as well, the steps are coarse, and nothing is told. Exact data, which have no
-    noise, repeat themselves: where chi2 is improbably small, what is told here is no fault.
-    """
-    return _faults(np.asarray(readings, dtype=float), sigma, channels)[0]
-
-
-def _faults(values: Array, sigma: ArrayLike, channels: Sequence[Channel]) -> list[tuple[str, ...]]:
-    """Return what `channel_faults` does of each of the records (..., m), one after another."""
-    deviations = np.atleast_1d(np.asarray(sigma, dtype=float))
-    deviations = np.broadcast_to(deviations, (*deviations.shape[:-1], values.shape[-1]))
-    kinds = _core.channels(values, deviations, [list(map(int, c.places)) for c in channels])
-    kinds = kinds.reshape(-1, len(channels), 3)
-    told: list[tuple[str, ...]] = [()] * len(kinds)
-    for index in np.flatnonzero((kinds[..., 0] > 0).any(axis=-1)).tolist():
-        found = zip(channels, kinds[index].astype(int).tolist(), strict=True)
-        told[index] = tuple(_fault(channels, one, kind) for one, kind in found if kind[0])
-    return told
-
-
-def _fault(channels: Sequence[Channel], one: Channel, kind: Sequence[int]) -> str:
-    code, first, last = kind
-    if code == 1:
-        return f"{one.name} is constant over the record: dead or stuck"
-    if code == 3:
-        return f"{one.name} is a copy of {channels[first].name}"
-    times = (brief(one.times[k], 6) for k in (first, last))
-    ends = " to ".join(f"{t} s" if one.unit == "s" else f"{one.unit} {t}" for t in times)
-    return f"{one.name} is stuck at one value from {ends}, longer than its noise lets it"
-
-
-def faulty(
-    readings: Array, sigma: ArrayLike, channels: Sequence[Channel], p_value: ArrayLike
-) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
-    """Return which records (...) have a faulty channel, and in words which and where.
-
-    Not those whose `p_value`, that of chi2, is near 1 or NaN: exact data repeat themselves.
-    """
-    with np.errstate(invalid="ignore"):
-        asked = np.asarray(p_value) <= _SMALL
-    # Times or an observer of each record make more records than there are readings.
-    shape = np.broadcast_shapes(readings.shape[:-1], asked.shape)
-    readings = np.broadcast_to(readings, (*shape, readings.shape[-1]))
-    asked = np.broadcast_to(asked, shape)
-    if not channels or not asked.any():
-        return np.zeros(shape, dtype=bool), ()
-    told = _faults(readings, sigma, channels)
-    bad = np.array([bool(words) for words in told], dtype=bool).reshape(shape) & asked
-    if not shape:
-        return bad, told[0] if bad else ()
-    places = np.argwhere(bad)
-    indices = np.flatnonzero(bad)
-    words = [
-        f"record {', '.join(map(str, place))}: {'; '.join(told[index])}"
-        for place, index in zip(places[:_TOLD].tolist(), indices.tolist(), strict=False)
-    ]
-    if len(places) > _TOLD:
-        words.append(f"and {len(places) - _TOLD} records more")
-    return bad, tuple(words)
-
-
-def _measured(model: Any, measurements: ArrayLike) -> Array:
-    """Return measurements as the model takes them: of some, NaN is one that is missing."""
-    checked = getattr(model, "measured", None)
-    if checked is not None:
-        own: Array = checked(measurements)
-        return own
-    return finite(measurements, "measurements")
-
-
-def _knowledge(
-    model: Any, prior: Any, known: Mapping[str, float]
-) -> tuple[Knowledge, dict[str, float]]:
-    """Return the priors with their means, and what is known exactly, by name.
-
-    The mean of a deviation without one is where the model is asked, its `x`.
-    """
-    names = tuple(model.names)
-    combinations = getattr(model, "combinations", {})
-    found = as_knowledge(prior, names, combinations, units=tuple(model.units))
-    mean, at = found.mean.copy(), getattr(model, "x", None)
-    if (lacking := np.isnan(mean)).any():
-        if at is None:
-            name = found.names[int(np.argmax(lacking))]
-            what = f"prior of {name}" if name is not None else "prior"
-            raise InputError(f"{what} has no mean, and the model no x: must be (mean, sigma)")
-        mean[lacking] = found.rows[lacking] @ np.asarray(at, dtype=float)
-    values = dict(known)
-    open_ones = []
-    for k, name in enumerate(found.names):
-        if found.sigma[k] == 0 and name in names:
-            values[str(name)] = float(mean[k])
-        else:
-            open_ones.append(k)
-    centre = found.state_mean
-    if at is not None:
-        centre = np.where(np.isnan(centre), np.asarray(at, dtype=float), centre)
-    left = Knowledge(
-        tuple(found.names[k] for k in open_ones),
-        found.rows[open_ones],
-        mean[open_ones],
-        found.sigma[open_ones],
-        centre,
-        found.state_sigma,
-    )
-    return left, values
-
-
-def informed(
-    model: Any, z: Array, prior: Knowledge | None, known: Mapping[str, float]
-) -> _core.Model:
-    """Return the extension's model of measurements, with what is known beside them."""
-    handle = handle_of(model, z)
-    if prior is not None and len(prior.rows):
-        sigma = prior.sigma
-        if (exact := sigma == 0).any():
-            # As exact as rows of the measurements and arithmetic let it be.
-            sigma = np.where(exact, _negligible(model, prior.rows), sigma)
-        handle = handle.with_prior(prior.rows, prior.mean, sigma)
-    if known:
-        handle = handle.with_known([known.get(name) for name in model.names])
-    return handle
-
-
-def _negligible(model: Any, rows: Array) -> Array:
-    """Return deviations of combinations (q, n) far below what the measurements tell."""
-    at = getattr(model, "x", None)
-    if at is None:
-        raise InputError("prior of sigma 0 of a combination: the model needs an x for its size")
-    return negligible(np.asarray(model.rows(at)), rows)
-
-
-def _spread(
-    names: tuple[str, ...],
-    prior: Knowledge,
-    box: Mapping[str, tuple[float, float]],
-    states: tuple[str, ...],
-) -> tuple[str, list[float], list[float]] | None:
-    """Return where the states may be; None where one of them may be anywhere."""
-    known = _prior_of_states(prior, names, states)
-    if any(name not in known and name not in box for name in names):
-        return None
-    if not any(name in box for name in names):
-        pairs = [known[name] for name in names]
-        return "normal", [float(p[0]) for p in pairs], [float(p[1]) for p in pairs]
-    ends = [
-        box[name]
-        if name in box
-        else (known[name][0] - 4 * known[name][1], known[name][0] + 4 * known[name][1])
-        for name in names
-    ]
-    return "box", [float(end[0]) for end in ends], [float(end[1]) for end in ends]
-
-
-def _prior_of_states(
-    prior: Knowledge, names: tuple[str, ...], states: tuple[str, ...]
-) -> dict[str, tuple[float, float]]:
-    """Return mean and deviation of each state of which a prior says something."""
-    pairs = zip(states, prior.state_mean.tolist(), prior.state_sigma.tolist(), strict=True)
-    return {name: (m, s) for name, m, s in pairs if name in names and 0 < s < np.inf}
-
-
-def _starts(
-    model: Any,
-    z: Array,
-    start: ArrayLike | None,
-    free: list[int],
-    spread: tuple[str, list[float], list[float]] | None,
-    prior: Knowledge,
-    names: tuple[str, ...],
-) -> Array:
-    n = len(model.names)
-    if start is not None:
-        given = np.atleast_2d(finite(start, "start"))
-        if given.ndim != 2 or given.shape[1] not in (n, len(free)):
-            raise InputError(f"start has shape {np.shape(start)}: must be ({n},) or (k, {n})")
-        return given[:, free] if given.shape[1] == n else given
-    made = getattr(model, "starts", None)
-    if made is not None:
-        return np.asarray(made(z), dtype=float)[:, free]
-    at = getattr(model, "x", None)
-    if at is not None:
-        return np.asarray(at, dtype=float)[None, free]
-    if spread is not None:
-        first, second = np.array(spread[1]), np.array(spread[2])
-        normal = spread[0] == "normal"
-        middle = first if normal else 0.5 * (first + second)
-        # And a step off it along each state: the middle itself may be a singular place.
-        steps = np.diag(second if normal else 0.25 * (second - first))
-        return np.vstack([middle, middle + steps, middle - steps])
-    known = _prior_of_states(prior, names, tuple(model.names))
-    missing = [name for name in names if name not in known]
-    raise InputError(
-        f"nowhere to start: give start, or a prior or box for {', '.join(missing) or 'the states'}"
-    )
-
-
-def _critical(level: float, dof: int) -> float:
-    return _core.chi_square_critical(1 - options.fraction(level, "level"), dof)
