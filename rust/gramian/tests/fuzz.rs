@@ -476,6 +476,7 @@ fn constrained_posterior<T: Number>(draw: &mut Draw<T>) {
             draw.finite(crlb.as_flattened());
         }
         draw.bounds(&bound.standard_deviations());
+        assert!(known.exact() <= known.rank());
     }
 }
 
@@ -1122,6 +1123,7 @@ fn levels<T: Number>(draw: &mut Draw<T>) {
 #[cfg(feature = "alloc")]
 mod sized {
     use super::{Draw, Number, all_finite, layout};
+    use gramian::chi_square::Goodness;
     use gramian::linear::analysis::Analysis;
     use gramian::linear::piecewise::Piecewise;
     use gramian::linear::window::{self, Window};
@@ -1129,7 +1131,7 @@ mod sized {
     use gramian::observability::{self, Observability};
     use gramian::registration::estimate::{Estimator, Method, Question};
     use gramian::registration::report;
-    use gramian::spine::verdict::{Findings, judge};
+    use gramian::spine::verdict::{Findings, Status, judge, of_estimate};
 
     fn rtol<T: Number>(draw: &mut Draw<T>) -> Option<T> {
         (draw.below(2) == 0).then(|| draw.positive())
@@ -1207,6 +1209,20 @@ mod sized {
         assert!(found.decided_by.iter().all(|&state| state < n));
         let words = found.reason.words(|_| "x", |_| "m");
         assert!(!words.is_empty());
+        let fit = Goodness::new(data_std[0], scale[0]);
+        let wrong = fit.misfit(other[0]);
+        assert_eq!(wrong.is_some(), fit.is_misfit(other[0]));
+        let (status, reason) = of_estimate(found.status, words.clone(), fit, other[0]);
+        let ranked = found.status == Status::Unobservable || wrong.is_none();
+        assert_eq!(
+            status,
+            if ranked {
+                found.status.name()
+            } else {
+                "misfit"
+            }
+        );
+        assert!(!reason.is_empty());
         let digits = 1 + draw.index(17);
         for &x in &data_std {
             let text = words::brief(x, digits);
