@@ -401,7 +401,10 @@ def import_(
     elif recording is not None:
         answers.add("import", import_report(recording), out)
     if scenario is not None and not json:
-        Console(emoji=False).print(f"\n{_plain(str(scenario))} written", highlight=False)
+        # A path is copied whole.
+        Console(emoji=False).print(
+            f"\n{_plain(str(scenario))} written", soft_wrap=True, highlight=False
+        )
     answers.close(one=True)
 
 

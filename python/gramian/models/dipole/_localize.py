@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import warnings
 from collections.abc import Mapping, Sequence
@@ -390,11 +391,17 @@ def _described(
             last = settled
     tried.sort(key=lambda one: one.bic)
     best = tried[0]
-    model, state = best.model, best.state
+    model, handle = best.model, best.model.handle(filled)
+    searched = handle.others(best.state, None, 0, 0)
+    # The best of all that were reached, which may be another than the fit began with.
+    state = np.asarray(searched["x"])
     found = model.expand(state)[0]
-    handle = model.handle(filled)
     others, mirror = [], None
-    for other in handle.others(state, None, 0, 0)["others"]:
+    best_bodies = _bodies(model, state, handle)
+    for other in searched["others"]:
+        if _same_bodies(best_bodies, _bodies(model, other["x"], handle)):
+            # Only which of the dipoles is called the first differs.
+            continue
         others.append(
             Other(other["x"], other["chi2"], other["distance"], other["chance"], other["hits"])
         )
@@ -432,6 +439,36 @@ def _described(
         limits,
         correlation_given=not correlated,
         candidates=tuple((one.about, one.bic) for one in tried),
+    )
+
+
+def _bodies(model: DipoleModel, x: Array, handle: _core.Model) -> tuple[Array, Array]:
+    """Return place and moment (count, 6) of each dipole of a state, and their deviations."""
+    full, by = model.expand(x)
+    count = model.description.sources
+    places, moved = np.tile(full[[0, 1, 2, 6, 7, 8]], (count, 1)), np.zeros((count, 6, x.size))
+    moved[:] = by[[0, 1, 2, 6, 7, 8]]
+    for k in range(1, count):
+        for i, part in enumerate(("dx", "dy", "dz", "mx", "my", "mz")):
+            j = model.names.index(f"{part} of dipole {k + 1}")
+            # An offset from the first dipole; a moment of its own.
+            base = 1.0 if i < 3 else 0.0
+            places[k, i] = base * places[k, i] + x[j]
+            moved[k, i] *= base
+            moved[k, i, j] += 1.0
+    covariance = _core.Analysis(handle.linearize(x)[1], None).crlb()
+    if covariance is None:
+        return places, np.zeros(places.shape)
+    spread = ((moved @ covariance) * moved).sum(axis=-1)
+    return places, np.sqrt(np.maximum(spread, 0.0))
+
+
+def _same_bodies(one: tuple[Array, Array], other: tuple[Array, Array]) -> bool:
+    """Say whether two answers have the same dipoles in another order, as far as noise tells."""
+    orders = list(itertools.permutations(range(len(one[0]))))[1:]
+    return any(
+        (np.abs(one[0] - other[0][list(p)]) < 5 * np.hypot(one[1], other[1][list(p)])).all()
+        for p in orders
     )
 
 

@@ -180,7 +180,8 @@ def lie_derivatives(
             finite(function(at, start), f"what {name} returned")
     values, gradients = _at_point(f, h, start, at, highest)
     p = values.shape[1]
-    deviation = np.broadcast_to(finite(sigma, "sigma"), (p,)) if np.ndim(sigma) < 2 else None
+    given = finite(sigma, "sigma")
+    deviation = np.broadcast_to(given, (p,)) if given.shape in ((), (1,), (p,)) else None
     if deviation is None or not (deviation > 0).all():
         raise InputError("sigma: must be > 0, one number or one for each output")
     ranks, null = _ranks(gradients / deviation[:, None], labels, moves, tolerance)

@@ -184,7 +184,12 @@ def _shown(z: complex) -> str:
 
 
 def _point(near: complex) -> complex:
-    z = complex(near)
+    if isinstance(near, (str, bytes)):
+        raise InputError(f"near = {options.given(near)}: must be a complex number")
+    try:
+        z = complex(near)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"near = {options.given(near)}: must be a complex number") from None
     # As everywhere: a number that is not finite is named.
     real(z.real, "near")
     real(z.imag, "near")
@@ -199,9 +204,10 @@ def _system(A: SystemLike, C: Any, names: Any) -> tuple[Any, Any, tuple[str, ...
     a, c = matrices(A, C)
     parts = []
     for label, value in (("A", a), ("C", c)):
-        array = compressed(
-            value if issparse(value) else csr_array(finite(value, label)), None, None
-        )
+        given = value if issparse(value) else finite(value, label)
+        if given.ndim != 2:
+            raise InputError(f"{label} has shape {given.shape}: must be a matrix")
+        array = compressed(given if issparse(given) else csr_array(given), None, None)
         if (bad := np.flatnonzero(~np.isfinite(array.data))).size:
             raise InputError(f"{label} has {array.data[bad[0]]}: must be finite")
         parts.append(array)
