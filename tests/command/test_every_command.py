@@ -182,7 +182,6 @@ def test_a_plain_install_runs_every_command(folder, tmp_path):
 LONG = {
     "plan": ["plan", EXAMPLES / "plan_fixed_target.toml"],
     "simulate": ["simulate", EXAMPLES / "towed_array.toml", "--trials", "10000000"],
-    "reproduce": ["reproduce", "all"],
 }
 
 

@@ -275,7 +275,8 @@ class Plan(Answer):
         lines = [
             f"{len(self.values)} samples, {noun} {self.value:.6g}   {state}",
             f"local optimum {self.optimum} of {self.optima} found from {len(self.starts)} starts, "
-            f"chosen among {self.guesses} guesses ({self.starts[0].name})",
+            f"chosen among {self.guesses} guesses"
+            + (f" ({self.starts[0].name})" if self.starts else ""),
             f"projected gradient {brief(self.projected_gradient, 2)} a radian",
             "bound (1 sigma)   "
             + "   ".join(

@@ -169,6 +169,10 @@ class ManeuverScenario(Scenario):
         """Plan the path, compare it with the laws, and fly both if asked to."""
         try:
             best = self._plan(progress)
+            if best.stopped == "interrupted":
+                stop = KeyboardInterrupt()
+                stop.add_note(f"stopped; the best path so far has {brief(best.value)}")
+                raise stop
             loop = self._loop()
         except InputError as error:
             raise self.error("plan", str(error)) from error
@@ -270,8 +274,9 @@ def _report(title: str, plan: Plan, loop: ClosedLoop | None) -> Report:
     facts = [
         ("which optimum", ("the one" if plan.optima == 1 else f"the best of {plan.optima}")
          + f" that {len(plan.starts)} starts led to, chosen among {plan.guesses} guesses"),
-        ("where from", plan.starts[0].name),
     ]  # fmt: skip
+    if plan.starts:
+        facts.append(("where from", plan.starts[0].name))
     if np.isfinite(plan.clearance):
         facts.append(("nearest to a limit", f"{number(max(plan.clearance, 0.0), 3)} m"))
     facts.append(("first-order optimum", f"projected gradient {brief(plan.projected_gradient, 2)}"))
