@@ -217,7 +217,7 @@ def test_several_observers_at_the_same_instants():
     assert one.std == pytest.approx(answer.std, rel=1e-6)
     # The compass of each is an alternative; a copy of another's readings is named.
     names = {alternative.name for alternative in one.fit.alternatives}
-    assert {f"bias of bearing of observer {k}" for k in range(2)} <= names
+    assert {f"bias of observer {k}" for k in range(2)} <= names
     assert "clock offset of the path" not in names
     copied = np.repeat(z[::2], 2)
     twice = localize(times, copied, observer, 1e-3, observer_index=np.tile([0, 1], 20))

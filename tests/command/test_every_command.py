@@ -204,3 +204,30 @@ def test_ctrl_c_stops_it_with_130(folder, name):
             continue
     assert process.returncode == 130, said
     assert "Traceback" not in said
+
+
+#: Ctrl-C a moment after the work began: all papers are done in two seconds.
+_AT_WORK = """
+import os, signal, sys, threading
+import gramian.reproduce as papers
+from gramian.cli import main
+run = papers.reproduce
+def started(name):
+    papers.reproduce = run
+    threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
+    return run(name)
+papers.reproduce = started
+sys.argv = ["gramian", "reproduce", "all"]
+main()
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_ctrl_c_stops_reproduce_with_130(folder):
+    done = subprocess.run(
+        [sys.executable, "-c", _AT_WORK], cwd=folder, capture_output=True, text=True, timeout=60,
+        check=False,
+    )  # fmt: skip
+    assert done.returncode == 130, done.stderr
+    assert "Traceback" not in done.stderr
+    assert "stopped" in done.stderr

@@ -234,6 +234,7 @@ def test_parquet(tmp_path):
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
+        ("graph.g2o", "VERTEX_SE2 0 0 0 0\n", "is a pose graph: read_graph"),
         ("a.gpx", GPX[:200], "is not valid GPX"),
         ("a.gpx", "<gpx version='1.1' creator='t'><wpt lat='1' lon='1'/></gpx>", "no track"),
         ("a.kml", KML.replace("</kml>", ""), "is not valid KML"),

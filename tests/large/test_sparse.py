@@ -238,3 +238,11 @@ def test_a_pickled_answer_makes_its_factor_anew():
     np.testing.assert_array_equal(
         again.differences([("x0", "x2")]), answer.differences([("x0", "x2")])
     )
+
+
+def test_a_build_without_sparse_problems_says_so(monkeypatch):
+    from gramian import _core
+
+    monkeypatch.delattr(_core, "SparseAnalysis")
+    with pytest.raises(gm.GramianError, match=r"cannot take sparse problems.*pip install"):
+        gm.Problem(csr_array(np.eye(3)), ["a", "b", "c"])

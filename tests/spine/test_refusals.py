@@ -115,6 +115,19 @@ def changed(array, index, value):
             "jacobian missing",
         ),
         (lambda: gm.bearings.localize_many(TIMES, SEEN + 0j, PATH, 1e-3), "bearings cannot be read.*co"),
+        (
+            lambda: gm.bounds.expected_transition(np.ones((3, 2, 2)), np.eye(3)),
+            r"process_noise has shape \(3, 3\).*must be \(2, 2\)",
+        ),
+        (lambda: gm.io.read("x.csv", columns={"time": 3}), "columns of time = 3: must be a string"),
+        (
+            lambda: gm.dipole.localize(TIMES, np.ones((TIMES.size, 3)), correlation=np.ones(2)),
+            r"correlation has shape \(2,\)",
+        ),
+        (
+            lambda: gm.from_function(lambda x: x, [1.0], [[1.0], [1.0, 2.0]], ["x"]),
+            "sigma.*inhomogeneous",
+        ),
         (lambda: gm.bearings.rows(TIMES, PATH + 1j, STATE, 1e-3), "observer cannot be read.*compl"),
         (lambda: gm.bearings.rows(TIMES, PATH, STATE, "big"), "sigma cannot be read"),
         (lambda: gm.bearings.residuals(TIMES, [None] * 20, PATH, STATE), "bearings.*None"),

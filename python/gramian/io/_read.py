@@ -184,6 +184,8 @@ def _one(
     text = _text(path, size_limit)
     if text is None:
         return _table.recording_of(_table.read_parquet(path), columns, units, dates)
+    if suffix == ".g2o":
+        raise InputError(f"{path} is a pose graph: read_graph and `gramian analyze` take it")
     if suffix == ".gpx" or "<gpx" in text[:2000]:
         return _gpx.read(path, text)
     if suffix == ".kml" or "<kml" in text[:2000]:

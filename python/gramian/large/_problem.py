@@ -15,7 +15,7 @@ from gramian import _core
 from gramian import _options as options
 from gramian._arrays import as_float_array, finite, whole
 from gramian._noise import as_mean_and_sigma
-from gramian.exceptions import InputError
+from gramian.exceptions import GramianError, InputError
 from gramian.problem import Problem, checked_scale
 
 __all__ = [
@@ -111,6 +111,11 @@ class SparseProblem(Problem):
         gauges: Mapping[str, ArrayLike] | None = None,
         shape: tuple[int, int] | None = None,
     ) -> None:
+        if not hasattr(_core, "SparseAnalysis"):
+            raise GramianError(
+                "this build of gramian cannot take sparse problems: make demo leaves them out, "
+                "pip install . has them"
+            )
         if names is not None and not callable(names):
             names = options.names(names, "names", "names or a function")
         count = None if names is None or callable(names) else len(names)

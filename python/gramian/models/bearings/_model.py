@@ -122,7 +122,7 @@ class BearingsModel(Value):
         for part in parts:
             column = np.zeros(t.size)
             column[part.places] = weight[part.places]
-            found["bias" if len(parts) == 1 else f"bias of {part.name}"] = column
+            found[part.name.replace("bearing", "bias")] = column
         power = self.order + 1
         found["acceleration" if power == 2 else f"motion of order {power}"] = (
             place * (t**power / factorial(power))[:, None]

@@ -171,7 +171,7 @@ class ManeuverScenario(Scenario):
             best = self._plan(progress)
             if best.stopped == "interrupted":
                 stop = KeyboardInterrupt()
-                stop.add_note(f"stopped; the best path so far has {brief(best.value)}")
+                stop.add_note(f"the best path so far: {best}")
                 raise stop
             loop = self._loop()
         except InputError as error:
