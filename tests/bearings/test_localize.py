@@ -338,3 +338,10 @@ def test_an_observer_and_times_of_each_record_and_one_set_of_readings():
     stuck[6:16] = stuck[6]
     bad = localize_many(np.stack([times, times]), stuck, paths, 1e-4)
     assert [words.split(":")[0] for words in bad.faults] == ["record 0", "record 1"]
+
+
+def test_a_channel_that_gives_zero_is_named_though_something_fits_it():
+    times, observer = circling(30)
+    dead = localize(times, np.zeros(times.size), observer, 1e-2)
+    assert dead.status != "determined"
+    assert "bearing is constant over the record: dead or stuck" in dead.summary()

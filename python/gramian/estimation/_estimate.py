@@ -634,7 +634,8 @@ class Estimate(Answer):
         p = "" if np.isnan(fit.p_value) else f", p {brief(fit.p_value)}"
         lines = [f"chi2 {brief(fit.chi2, 4)} with {fit.dof} degrees of freedom{p}"]
         if fit.warning:
-            lines.append(fit.warning)
+            # Exact data repeat themselves, and so does a dead channel: the reader must judge.
+            lines += [fit.warning, *fit.faults]
         return [*lines, *self.unseen_errors]
 
     @property
