@@ -2,7 +2,7 @@
 
     python benches/bench_trust.py [--proofs] [--only NAME]
 
-Without `--proofs` sizes that take a minute; with it those of the claims in docs/trust.md.
+Without `--proofs` sizes that take a minute; with it those of the claims in docs/howto/trust.md.
 Each line says what was asked, what was measured, and whether it is met.
 """
 
