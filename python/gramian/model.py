@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from gramian import _core
 from gramian import _options as options
 from gramian._arrays import SEED_MOST, as_float_array, finite, number, whole
+from gramian._foreign import FOREIGN
 from gramian._noise import Noise, as_noise, negligible
 from gramian._registry import load
 from gramian._units import bare
@@ -801,8 +802,8 @@ def from_function(
             raise InputError(
                 f"x has shape {state.shape}: must be ({len(known)},), one for each name"
             )
-    if method in _FOREIGN:
-        h = _FOREIGN[method](h)
+    if method in FOREIGN:
+        h = FOREIGN[method](h)
     model = Model(
         names=known,
         units=empty.units,
@@ -976,93 +977,3 @@ def _complex_step(h: Callable[[Array], ArrayLike], x: Array) -> Array:
             )
         columns.append(values.ravel().imag / step)
     return finite(np.stack(columns, axis=1), "the complex-step Jacobian of h")
-
-
-class _JaxFunction:
-    """A function written for JAX as a function of arrays, with its Jacobian."""
-
-    def __init__(self, function: Callable[[Any], Any]) -> None:
-        try:
-            import jax  # noqa: F401
-        except ImportError as error:
-            raise InputError('method = "jax" needs jax: pip install jax') from error
-        self._h = function
-
-    def _value(self, x: Any) -> Any:
-        from jax import numpy
-
-        value = self._h(x)
-        return numpy.stack(value) if isinstance(value, (list, tuple)) else value
-
-    def __call__(self, x: Array) -> NDArray[Any]:
-        from jax import numpy
-
-        return np.asarray(self._value(numpy.asarray(x)))
-
-    def jacobian_of(self, x: Array, *, vectorized: bool) -> NDArray[Any]:
-        import jax
-
-        h: Any = (lambda state: self._value(state[None])[0]) if vectorized else self._value
-        return np.asarray(jax.jacfwd(h)(x)).reshape(-1, x.size)
-
-
-class _TorchFunction:
-    """A function written for PyTorch as a function of arrays, with its Jacobian."""
-
-    def __init__(self, function: Callable[[Any], Any]) -> None:
-        try:
-            import torch  # noqa: F401
-        except ImportError as error:
-            raise InputError('method = "torch" needs PyTorch: pip install torch') from error
-        self._h = function
-
-    def _value(self, x: Any) -> Any:
-        import torch
-
-        value = self._h(x)
-        return torch.stack(tuple(value)) if isinstance(value, (list, tuple)) else value
-
-    def __call__(self, x: Array) -> NDArray[Any]:
-        import torch
-
-        value = self._value(torch.tensor(x, dtype=torch.float64))
-        return np.asarray(value.detach().cpu().numpy())
-
-    def jacobian_of(self, x: Array, *, vectorized: bool) -> NDArray[Any]:
-        import torch
-
-        h: Any = (lambda state: self._value(state[None])[0]) if vectorized else self._value
-        found = torch.autograd.functional.jacobian(h, torch.tensor(x, dtype=torch.float64))
-        return np.asarray(found.detach().cpu().numpy()).reshape(-1, x.size)
-
-
-class _CasadiFunction:
-    """A CasADi function as a function of arrays, with its Jacobian."""
-
-    def __init__(self, function: Any) -> None:
-        try:
-            import casadi
-        except ImportError as error:
-            raise InputError('method = "casadi" needs CasADi: pip install casadi') from error
-        if not isinstance(function, casadi.Function):
-            raise InputError(f"h is a {type(function).__name__}: must be a casadi.Function")
-        state = casadi.MX.sym("x", function.size1_in(0))
-        value = casadi.vec(function(state))
-        self._value = casadi.Function("h", [state], [value])
-        self._jacobian = casadi.Function("dh", [state], [casadi.jacobian(value, state)])
-
-    def __call__(self, x: Array) -> Array:
-        return np.asarray(self._value(x), dtype=float).ravel()
-
-    def jacobian_of(self, x: Array, *, vectorized: bool) -> Array:
-        if vectorized:
-            raise InputError("vectorized = True: a CasADi function takes one state; leave it out")
-        return np.asarray(self._jacobian(x), dtype=float).reshape(-1, x.size)
-
-
-#: Functions of other packages as functions of arrays.
-_FOREIGN: Mapping[str, Callable[[Any], Any]] = {
-    "jax": _JaxFunction,
-    "torch": _TorchFunction,
-    "casadi": _CasadiFunction,
-}
