@@ -182,6 +182,46 @@ def test_a_target_that_turns_is_a_misfit_and_the_turn_is_named():
     assert answer.fit.alternatives[0].name == "turn at 292.5 s"
 
 
+@pytest.mark.parametrize("places", [[12], [12, 33]])
+def test_outliers_are_named_and_it_is_said_that_without_them_it_would_fit(places):
+    seen = gm.bearings.simulate(TIMES, PATH, [1500.0, 2500.0, 3.0, -1.0], 0.0035, seed=3)
+    seen[places] += 10 * 0.0035
+    answer = gm.bearings.localize(TIMES, seen, PATH, 0.0035)
+    assert answer.status == "misfit"
+    assert answer.fit.outliers.tolist() == places
+    assert f"without residual{'s' * (len(places) > 1)} 12 (off by " in answer.reason
+    assert "it would fit" in answer.reason
+    # What a turn leaves is no matter of a few bearings.
+    turned = gm.bearings.localize(TIMES, turning(), PATH, 0.0035)
+    assert "without residual" not in turned.reason
+
+
+def test_noise_that_is_not_white_is_a_misfit_though_its_chi2_is_right():
+    # Of the stationary variance 1, and 0.9 from one bearing to the next.
+    rng = np.random.default_rng(2)
+    noise = np.zeros(40)
+    for k in range(1, 40):
+        noise[k] = 0.9 * noise[k - 1] + rng.normal() * np.sqrt(1 - 0.81)
+    model = gm.bearings.BearingsModel(TIMES, PATH, np.array([0.0035]))
+    answer = gm.estimate(model, model.h([1500.0, 2500.0, 3.0, -1.0]) + 0.0035 * noise)
+    assert answer.fit.p_value > 0.1
+    assert answer.fit.lag1[3] < 1e-4
+    assert answer.status == "misfit"
+    assert "the noise is not white" in answer.reason
+
+
+def test_an_error_far_beyond_what_is_proportional_is_told_by_how_little_it_takes():
+    seen = gm.bearings.simulate(TIMES, PATH, [1500.0, 2500.0, 3.0, -1.0], 0.0035, seed=3)
+    answer = gm.bearings.localize(TIMES, seen, PATH, 0.0035)
+    std = answer.std
+    for text in answer.unseen_errors:
+        name = next(a for a in answer.fit.alternatives if text.startswith(a.name))
+        worst = float((np.abs(name.effect) / std).max())
+        assert ("by a standard deviation" in text) == (worst > 10)
+        assert "would go unseen" in text
+    assert answer.unseen_errors
+
+
 def test_residuals_that_are_too_small_are_told():
     case = REGIONS["easy"]
     answer = gm.bearings.localize(TIMES, case["bearings_rad"], PATH, 0.2)

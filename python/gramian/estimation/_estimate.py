@@ -47,6 +47,12 @@ __all__ = ["Estimate", "estimate", "other_solutions"]
 
 Array = NDArray[np.float64]
 
+#: So many outliers are looked for together.
+_OUTLIERS = 3
+#: Of fewer degrees of freedom the correlation of neighbouring residuals is not normal.
+_CORRELATED = 10
+#: So many standard deviations are far beyond what is proportional to an error of the model.
+_FAR = 10.0
 #: How residuals may count, with the constants of 95 % efficiency on normal noise.
 _LOSSES = {"squares": 0.0, "huber": 1.345, "tukey": 4.685}
 
@@ -557,9 +563,42 @@ class Estimate(Answer):
             )
             if best is not None and best.restored > self.alpha:
                 reason += f"; {best.name} would explain it (p = {best.restored:.2g})"
+            if outlying := self._outlying:
+                reason += f"; {outlying}"
             return reason
         if best is not None and fit.joint < self.alpha:
             return f"{best.name} shows in the residuals (p = {best.p_value:.2g})"
+        # Far out, so that it adds little to the false alarms of the tests above.
+        if self._lag(0.1 * self.alpha):
+            return fit.correlated
+        return ""
+
+    def _lag(self, level: float) -> bool:
+        """Whether the correlation of neighbouring residuals has a p below a level."""
+        fit = self.fit
+        return fit.dof >= _CORRELATED and fit.lag1[3] < level and not fit.warning
+
+    @property
+    def _outlying(self) -> str:
+        """The few residuals without which the model would fit, in words."""
+        fit = self.fit
+        size = np.abs(fit.standardized)
+        if size.shape != fit.residuals.shape:
+            return ""
+        worst = fit.outliers[np.argsort(-size[fit.outliers], kind="stable")]
+        for count in range(1, min(_OUTLIERS, worst.size, fit.dof - 1) + 1):
+            columns = np.zeros((size.size, count))
+            columns[worst[:count], np.arange(count)] = 1.0
+            (without,) = self.test({"outliers": columns})
+            if without.dof == count and without.restored > self.alpha:
+                which = ", ".join(
+                    f"{index} (off by {brief(size[index], 2)} standard deviations)"
+                    for index in sorted(worst[:count].tolist())
+                )
+                return (
+                    f"without {'residual' if count == 1 else 'residuals'} {which} "
+                    f"it would fit (p = {without.restored:.2g})"
+                )
         return ""
 
     @property
@@ -636,6 +675,8 @@ class Estimate(Answer):
         if fit.warning:
             # Exact data repeat themselves, and so does a dead channel: the reader must judge.
             lines += [fit.warning, *fit.faults]
+        elif self.status != "misfit" and self._lag(self.alpha):
+            lines.append(f"{fit.correlated}; the intervals are too narrow")
         return [*lines, *self.unseen_errors]
 
     @property
@@ -655,12 +696,7 @@ class Estimate(Answer):
             if shift.size and shift[worst] > 1:
                 hidden.append((float(shift[worst]), alternative, self.names[worst]))
         hidden.sort(key=lambda item: -item[0])
-        return tuple(
-            f"{alternative.name} up to "
-            f"{f'{readable(alternative.detectable, 3)} {alternative.unit}'.rstrip()} would go "
-            f"unseen and move {name} by {brief(size)} standard deviations"
-            for size, alternative, name in hidden[:3]
-        )
+        return tuple(_hidden(*one) for one in hidden[:3])
 
     def plot(self) -> Figure:
         """Draw the estimate of its first states, each and in pairs; needs matplotlib."""
@@ -692,6 +728,24 @@ class Estimate(Answer):
     def _as_table(self) -> Columns:
         values = {"value": self.state, "std": self.std}
         return columns_of_states(self.names, self.units, values, covariance=self.covariance)
+
+
+def _hidden(shift: float, alternative: Alternative, name: str) -> str:
+    """Return an error that the fit would not show, and what it does to a state, in words."""
+
+    def size(value: float) -> str:
+        return f"{readable(value, 3)} {alternative.unit}".rstrip()
+
+    if shift > _FAR:
+        # The answer does not follow so far in proportion: what counts is how little it takes.
+        return (
+            f"{alternative.name} of {size(alternative.detectable / shift)} would move {name} by a "
+            f"standard deviation, and up to {size(alternative.detectable)} would go unseen"
+        )
+    return (
+        f"{alternative.name} up to {size(alternative.detectable)} would go unseen and move "
+        f"{name} by {brief(shift)} standard deviations"
+    )
 
 
 def estimate(

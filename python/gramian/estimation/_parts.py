@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gramian._answers import Answer, Columns
+from gramian._text import brief
 from gramian._text import number as readable
 
 __all__ = ["SMALL", "STATUSES", "Alternative", "Fit", "Interval", "Region", "Solution", "Status"]
@@ -138,6 +139,16 @@ class Fit(Answer):
         if self.dof > 0 and self.p_value > SMALL:
             return f"p = {self.p_value:.6g}: the residuals are too small; sigma or a unit is wrong"
         return ""
+
+    @property
+    def correlated(self) -> str:
+        """What the correlation of neighbouring residuals is, and should be, in words."""
+        value, mean, deviation, p_value = self.lag1
+        return (
+            f"neighbouring residuals are correlated, {brief(value, 2)} where white noise leaves "
+            f"{brief(mean, 2)} +- {brief(deviation, 1)} (p = {brief(p_value, 2)}): the noise is "
+            "not white, or the model is wrong"
+        )
 
     def _as_table(self) -> Columns:
         values = {"residual": self.residuals}

@@ -158,17 +158,11 @@ class Localization(Estimate):
         found = super()._misfit
         if found:
             return found
-        correlation, mean, deviation, p_value = self.fit.lag1
         exact = self.sigma < 1e-9 * float(np.abs(self.predicted).max(initial=0.0))
         # With a robust loss pairs of spikes that are not rejected are left in.
         level = self.alpha if self._loss[0] == "squares" else self.alpha**2
-        if p_value < level and not (exact or self.fit.warning):
-            return (
-                f"neighbouring residuals are correlated, {brief(correlation, 2)} where white "
-                f"noise leaves {brief(mean, 2)} +- {brief(deviation, 1)} "
-                f"(p = {brief(p_value, 2)}): "
-                'not this model in white noise; correlation="fit" is for noise that is not'
-            )
+        if self.fit.lag1[3] < level and not (exact or self.fit.warning):
+            return f'{self.fit.correlated}; correlation="fit" is for noise that is not white'
         return ""
 
     @cached_property
