@@ -366,3 +366,25 @@ def test_headers_and_units_where_they_stand(tmp_path, text):
     track = io.read(path).track("ship")
     np.testing.assert_allclose(track.times, [0, 60])
     np.testing.assert_allclose(track.path, [[0, 500], [1000, 1500]])
+
+
+def test_what_is_left_out_of_a_log_is_named_by_its_reason_and_nan_is_missing(tmp_path):
+    log = tmp_path / "own.nmea"
+    body = "GPGGA,120000.00,5046.500,N,00106.000,W,1,08,1.0,3.0,M,,M,,"
+    log.write_text(nmea(body) + "\n")
+    with pytest.raises(gm.InputError, match="GGA before the date of an RMC"):
+        io.read(log)
+    track = tmp_path / "own.rep"
+    line = "260501 12{:02d}00 OWN @C 50 46 30 N 1 5 {} W 90.0 NULL NaN\n"
+    track.write_text("".join(line.format(k, 2 + k) for k in range(5)))
+    assert len(io.read(track).tracks) == 1
+
+
+def test_a_bearing_beyond_a_turn_is_asked_about(tmp_path):
+    file = tmp_path / "b.csv"
+    bearings = [-999 if k == 3 else 40 + k for k in range(12)]
+    rows = "".join(f"{60 * k},{value}\n" for k, value in enumerate(bearings))
+    file.write_text("time,bearing_deg\n" + rows)
+    with pytest.raises(gm.InputError, match="-999 deg is beyond a whole turn"):
+        io.read(file)
+    assert io.read(file, trust=["bearings"]).sensors

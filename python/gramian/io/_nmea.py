@@ -143,7 +143,9 @@ class _Log:
         except (ValueError, IndexError):
             sample = None
         if sample is None:
-            self.leave_out(f"sentences {kind}" + (" without a fix" if kind in _FIXES else ""))
+            undated = kind == "GGA" and self.day is None and fields[6:7] not in ([""], ["0"])
+            without = " before the date of an RMC" if undated else " without a fix"
+            self.leave_out(f"sentences {kind}" + (without if kind in _FIXES else ""))
             return
         self.clock = sample[0]
         self.samples.setdefault(_OWN, []).append(sample)

@@ -183,12 +183,14 @@ def _geographic(parts: list[str], letters: str, limit: int, place: str) -> float
 
 
 def _value(text: str, name: str, place: str) -> float:
-    if text.upper() == "NULL":
+    if text.upper() in ("NULL", "NAN"):
         return float("nan")
     try:
         value = float(text)
     except ValueError:
-        raise InputError(f"{place}: {name} = {text[:60]!r}: must be a number or NULL") from None
+        raise InputError(
+            f"{place}: {name} = {text[:60]!r}: must be a number, NULL or NaN"
+        ) from None
     if not np.isfinite(value):
         raise InputError(f"{place}: {name} = {text[:60]}: must be finite")
     return value

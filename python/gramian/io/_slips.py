@@ -173,6 +173,15 @@ def _radians_for_degrees(seen: Detections, where: str) -> None:
     if seen.bearing is None:
         return
     bearings = np.degrees(seen.bearing[np.isfinite(seen.bearing)])
+    beyond = bearings[np.abs(bearings) > 360 + 1e-6]
+    if beyond.size and beyond.size < 0.2 * bearings.size:
+        # A whole column may be counted on over a turn; single readings are not.
+        raise _ask(
+            where,
+            f"bearings of {seen.sensor}: {brief(beyond[0])} deg is beyond a whole turn: does it "
+            "stand for a missing one? Leave its cell empty",
+            "bearings",
+        )
     if bearings.size < 5 or np.abs(bearings).max() > 2 * np.pi + 1e-6:
         return
     if np.any(bearings % 1) and np.ptp(bearings) > 0:

@@ -31,7 +31,17 @@ Array = NDArray[np.float64]
 COLUMNS: dict[str, tuple[str, ...]] = {
     "id": ("id", "ship", "vessel", "aircraft", "mmsi", "name", "track", "callsign", "icao24"),
     "date": ("date", "day"),
-    "time": ("time", "t", "timestamp", "datetime", "date_time", "basedatetime", "when", "utc"),
+    "time": (
+        "time",
+        "t",
+        "timestamp",
+        "datetime",
+        "date_time",
+        "basedatetime",
+        "when",
+        "utc",
+        "epoch",
+    ),
     "east": ("east", "x", "easting"),
     "north": ("north", "y", "northing"),
     "latitude": ("latitude", "lat"),
