@@ -172,6 +172,10 @@ def maneuver():
     )  # fmt: skip
     yield gm.maneuver.two_legs(1e5, 10.0, 600.0, 60, sigma=0.01)
     yield gm.maneuver.Sensing("cone_angle", 0.02, blind=[(2.6, 3.7)], detection=0.9)
+    yield gm.maneuver.Violation("keep_out", 1, 0, 12, 3.5)
+    yield gm.maneuver.soonest(
+        target, start, 10.0, 20.0, 8, accuracy=("range", 500.0), sigma=0.01, starts=2, restarts=2
+    )
     yield from (path, plan, plan.laws[0], plan.starts[0], loop, loop.runs[0])
 
 

@@ -391,3 +391,42 @@ def test_bad_input_is_named(change, words):
     positional = [given_.pop(name) for name in ("target", "start", "speed", "dt", "samples")]
     with pytest.raises(gm.InputError, match=words):
         gm.maneuver.plan(*positional, **given_)
+
+
+def test_a_towed_array_turns_since_one_leg_leaves_the_mirror():
+    # A cone angle is the same for a target and its mirror image about a straight path.
+    sigma, target = 0.02, [300.0, 700.0]
+    array = [gm.maneuver.Sensing("cone_angle", sigma)]
+    plan = gm.maneuver.plan(
+        target, START, SPEED, DT, 30, sensors=array, standoff=300.0, legs=2, bound=False
+    )
+    headings = np.unwrap(plan.headings)
+    assert np.ptp(headings) > np.radians(20)
+
+    def angles(place, path, heading):
+        offset = np.asarray(place) - path
+        relative = np.arctan2(*offset.T) - heading
+        return np.arccos(np.cos(relative))
+
+    def mirror(path):
+        along = path[-1] - path[0]
+        along /= np.hypot(*along)
+        offset = np.array(target) - path[0]
+        return path[0] + 2 * (offset @ along) * along - offset
+
+    # One leg sees both at the same angles, whatever its heading.
+    line = np.arange(30)[:, None] * SPEED * np.array([[np.sin(0.9), np.cos(0.9)]])
+    np.testing.assert_allclose(
+        angles(target, line, 0.9), angles(mirror(line), line, 0.9), atol=1e-9
+    )
+    # The planned path tells them apart: the best state there is near the mirror image of
+    # either leg is many standard deviations off.
+    heading = np.concatenate([plan.headings[:1], plan.headings])
+    truth = angles(target, plan.path, heading)
+    turn = int(plan.turns[0])
+    for part in (slice(0, turn + 1), slice(turn, None)):
+        image = mirror(plan.path[part])
+        grid = image + np.stack(np.meshgrid(*[np.linspace(-80, 80, 41)] * 2), -1).reshape(-1, 2)
+        far = [place for place in grid if np.hypot(*(place - target)) > 100]
+        off = [((angles(place, plan.path, heading) - truth) ** 2).sum() for place in far]
+        assert min(off) / sigma**2 > 20

@@ -9,8 +9,8 @@ use gramian::maneuver::batch::closed_loop::{
 };
 use gramian::maneuver::batch::plan::{self, Course};
 use gramian::maneuver::planner::{
-    Aim, Belief, Criterion, Effort, Found, Observer, Options, Over, Problem, Search, Sensor,
-    upper_bound,
+    Aim, Belief, Criterion, Effort, Found, Observer, Options, Over, Problem, Restriction, Search,
+    Sensor, upper_bound,
 };
 use gramian::maneuver::steer::Limits;
 use gramian::tracks::scene::Kind;
@@ -382,6 +382,24 @@ fn as_dict<'py>(py: Python<'py>, search: &Search, found: &Found) -> PyResult<Bou
     out.set_item("projected_gradient", found.projected_gradient)?;
     out.set_item("clearance", found.clearance)?;
     out.set_item("broken", found.broken)?;
+    let violations: Vec<_> = found
+        .violations
+        .iter()
+        .map(|one| {
+            let (name, index) = match one.restriction {
+                Restriction::Standoff => ("standoff", None),
+                Restriction::Disc(index) => ("keep_out", Some(index)),
+                Restriction::Polygon(index) => ("polygons", Some(index)),
+                Restriction::Turn => ("max_turn_rate", None),
+                Restriction::Speed => ("speed", None),
+                Restriction::Separation => ("separation", None),
+                Restriction::Home => ("return_to", None),
+                Restriction::Distance => ("max_distance", None),
+            };
+            (name, index, one.observer, one.sample, one.by)
+        })
+        .collect();
+    out.set_item("violations", violations)?;
     out.set_item("family", found.family)?;
     Ok(out)
 }

@@ -2,8 +2,9 @@
 
 - `heading` of a `Law`: the next heading from bearing and range, `AtStandoff` says what a
   law does once it is near enough; `trajectory` follows a law, as a `Trajectory`.
-- `plan`: the best paths over a horizon, a `Plan` with `Start` and `LawComparison`; `Sensing`
-  is what an observer measures on the way.
+- `plan`: the best paths over a horizon, a `Plan` with `Start`, `LawComparison` and
+  `Violation`; `soonest`: in how few samples an accuracy is reached, a `Soonest`;
+  `Sensing` is what an observer measures on the way.
 - `closed_loop`: laws and plans without knowing the target, a `ClosedLoop` of `LoopRun`.
 - `two_legs`: where to turn against a distant moving target, in closed form, as `TwoLegs`.
 - `fisher`, `fisher_det`, `fisher_and_det`, `problem`: what a path tells of its target.
@@ -19,8 +20,9 @@ from gramian.models.maneuver._fisher import (
     problem,
 )
 from gramian.models.maneuver._laws import AtStandoff, Law, Trajectory, heading, trajectory
-from gramian.models.maneuver._planner import LawComparison, Plan, Start, plan
+from gramian.models.maneuver._planner import LawComparison, Plan, Start, Violation, plan
 from gramian.models.maneuver._sensing import Sensing
+from gramian.models.maneuver._soonest import Soonest, soonest
 from gramian.models.maneuver._two_legs import TwoLegs, two_legs
 
 __all__ = [
@@ -31,9 +33,11 @@ __all__ = [
     "LoopRun",
     "Plan",
     "Sensing",
+    "Soonest",
     "Start",
     "Trajectory",
     "TwoLegs",
+    "Violation",
     "closed_loop",
     "fisher",
     "fisher_and_det",
@@ -41,6 +45,7 @@ __all__ = [
     "heading",
     "plan",
     "problem",
+    "soonest",
     "trajectory",
     "two_legs",
 ]

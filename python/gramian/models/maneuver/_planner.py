@@ -15,12 +15,13 @@ from gramian import _options as options
 from gramian._answers import Answer, Columns
 from gramian._arrays import SEED_MOST, number, whole, wrap_angles
 from gramian._text import brief, plain
+from gramian._values import Value
 from gramian.exceptions import InputError, UnobservableError
 from gramian.models.maneuver._laws import LAWS
 from gramian.models.maneuver._sensing import Sensing
 from gramian.models.maneuver._task import Criterion, Over, Task, moved
 
-__all__ = ["LawComparison", "Plan", "Start", "plan"]
+__all__ = ["LawComparison", "Plan", "Start", "Violation", "plan"]
 
 Array = NDArray[np.float64]
 
@@ -97,6 +98,48 @@ class LawComparison(Answer):
     covariances: Array = field(repr=False)
 
 
+@dataclass(frozen=True, eq=False)
+class Violation(Value):
+    """A limit that a path breaks, where it breaks it most.
+
+    Attributes
+    ----------
+    limit : str
+        The argument of `plan` that asks for it.
+    index : int or None
+        Which of the circles of "keep_out", or of the "polygons".
+    observer : int
+        Whose path; of two that come too close, the first.
+    sample : int
+        At this sample, or on the move that leads there; a turn: at this sample.
+    by : float
+        By how much: metres, m/s for "speed", rad (in one step) for "max_turn_rate".
+    """
+
+    limit: str
+    index: int | None
+    observer: int
+    sample: int
+    by: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything as plain numbers and strings."""
+        return {
+            "limit": self.limit,
+            "index": self.index,
+            "observer": self.observer,
+            "sample": self.sample,
+            "by": self.by,
+        }
+
+    def __str__(self) -> str:
+        """Which limit, by how much, and where."""
+        name = self.limit if self.index is None else f"{self.limit}[{self.index}]"
+        unit = {"speed": "m/s", "max_turn_rate": "rad a step"}.get(self.limit, "m")
+        who = f", observer {self.observer}" if self.observer else ""
+        return f"{name} is broken by {brief(self.by)} {unit} at sample {self.sample}{who}"
+
+
 _CRITERIA = {
     "D": "log det of the information",
     "A": "trace of the bound",
@@ -163,6 +206,9 @@ class Plan(Answer):
     bound : float
         What no path can exceed: an upper bound on the criterion for "D" and "E", a lower
         one for "A" and a combination, whatever the path; NaN where none is computed.
+    violations : tuple of Violation
+        The limits that the path breaks, each once, the worst first: empty where all are
+        kept.
     clearance : float
         The smallest distance by which the limits are kept, metres; below zero
         where one is broken, `inf` without any.
@@ -187,6 +233,7 @@ class Plan(Answer):
     stopped: str
     message: str
     bound: float
+    violations: tuple[Violation, ...]
     clearance: float
     targets: Array = field(repr=False)
     weights: Array = field(repr=False)
@@ -241,6 +288,7 @@ class Plan(Answer):
             "guesses": self.guesses,
             "bound": plain(self.bound),
             "gap": plain(self.gap),
+            "violations": [one.to_dict() for one in self.violations],
             "clearance_m": plain(self.clearance),
             "states": list(self.names),
             "crlb_std": plain(self.crlb_std),
@@ -527,7 +575,7 @@ def plan(
             raise UnobservableError(f"time_limit = {time_limit} s: no path was found in that time")
         raise UnobservableError(_why_not(task))
     most = None
-    if options.flag(bound, "bound") and stopped == "done":
+    if options.flag(bound, "bound") and stopped == "done" and best["broken"] <= 1e-9:
         rest = max(seconds - (monotonic() - began), 0.1)
         most = search.bound(BOUND_PASSES, BOUND_CELLS, rest)
     return _result(task, search, best, stopped, most)
@@ -546,14 +594,11 @@ def _result(
     clearance, projected = best["clearance"], best["projected_gradient"]
     kept = best["broken"] <= 1e-9
     optimal = projected < FIRST_ORDER
+    violations = tuple(Violation(*one) for one in best["violations"])
     message = "first-order optimum"
     if not kept:
-        message = (
-            f"no path found that keeps all limits: this one breaks one by {brief(-clearance)} m"
-            if clearance < 0
-            else "no path found that keeps all limits: this one turns faster or goes farther "
-            "than it may"
-        )
+        words = "; ".join(str(one) for one in violations)
+        message = f"no path found that keeps all limits: {words}"
     elif stopped != "done":
         message = "the time was up" if stopped == "time" else "interrupted"
     elif not optimal:
@@ -586,6 +631,7 @@ def _result(
         stopped=stopped,
         message=message,
         bound=np.nan if most is None else most,
+        violations=() if kept else violations,
         clearance=clearance,
         targets=task.targets,
         weights=task.weights,

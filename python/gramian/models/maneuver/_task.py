@@ -141,12 +141,24 @@ class Task:
         if standoff is None:
             standoff = float(min(fast * dt, 0.5 * ranges.min()))
         apart = _separation(separation, origins)
-        home = _home(return_to, origins, fast * dt, moves)
         if max_distance is not None:
             _check_distance(max_distance, slow * dt * moves)
         drift = np.zeros(2) if current is None else finite(current, "current")
         if drift.shape != (2,):
             raise InputError(f"current has shape {drift.shape}: must be (2,), east and north, m/s")
+        longest = fast * dt * moves
+        if max_distance is not None:
+            longest = min(longest, number(max_distance, "max_distance"))
+        home = _home(
+            return_to,
+            origins,
+            step=fast * dt,
+            longest=longest,
+            drift=drift * dt * moves,
+            apart=apart,
+        )
+        ends = everything[:, :2] + dt * moves * everything[:, 2:]
+        _check_home(home, discs, 0.0 if standoff is None else standoff, ends)
         origin = origins.mean(axis=0)
         kind, combinations = _combinations(criterion, full, origin, names, n)
         return cls(
@@ -327,8 +339,15 @@ def _separation(separation: float | None, origins: Array) -> float:
 
 
 def _home(
-    return_to: ArrayLike | None, origins: Array, step: float, moves: int
+    return_to: ArrayLike | None,
+    origins: Array,
+    *,
+    step: float,
+    longest: float,
+    drift: Array,
+    apart: float,
 ) -> tuple[Array, float] | None:
+    """Return the place and the radius; `longest` of a path through the water."""
     if return_to is None:
         return None
     home = finite(return_to, "return_to")
@@ -338,13 +357,39 @@ def _home(
         )
     within = float(home[2]) if home.shape == (3,) else step
     for i, origin in enumerate(origins):
-        away = float(np.hypot(*(home[:2] - origin)))
-        if away - within > step * moves:
+        away = float(np.hypot(*(home[:2] - origin - drift)))
+        if away - within > longest * (1 + 1e-12):
+            who = "start" if len(origins) == 1 else f"start[{i}]"
+            less = f" that the current leaves, {away:.6g} m" if drift.any() else ""
             raise InputError(
-                f"return_to is {away:.6g} m from start{'' if len(origins) == 1 else f'[{i}]'}: "
-                f"{moves} moves reach {step * moves:.6g} m"
+                f"return_to is {np.hypot(*(home[:2] - origin)):.6g} m from {who}{less}: "
+                f"a path of {longest:.6g} m does not reach it within {within:.6g} m"
             )
+    if len(origins) > 1 and apart > 2 * within:
+        raise InputError(
+            f"return_to within {within:.6g} m and separation = {apart:.6g} m: observers there "
+            f"are at most {2 * within:.6g} m apart"
+        )
     return home[:2], within
+
+
+def _check_home(
+    home: tuple[Array, float] | None, discs: Array, standoff: float, ends: Array
+) -> None:
+    """Refuse a place to return to that no path may enter."""
+    if home is None:
+        return
+    (east, north), within = home
+    for i, (x, y, radius) in enumerate(discs):
+        if np.hypot(x - east, y - north) + within < radius:
+            raise InputError(f"return_to is inside keep_out[{i}]: no path may end there")
+    for i, (x, y) in enumerate(ends):
+        if np.hypot(x - east, y - north) + within < standoff:
+            which = "target" if len(ends) == 1 else f"target[{i}]"
+            raise InputError(
+                f"return_to is inside standoff = {standoff:.6g} m of {which} at the end: "
+                "no path may end there"
+            )
 
 
 def _check_distance(max_distance: float, least: float) -> None:

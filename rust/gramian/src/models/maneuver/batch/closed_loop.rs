@@ -10,6 +10,8 @@ use crate::bearings::{moved, sight};
 use crate::maneuver::steer::{Limits, aside, way_out, within_turn};
 use crate::maneuver::{Law, Side};
 use crate::scalar::{hypot, wrapped};
+use crate::solve::{Loss, Model, Options, minimize};
+use crate::square_root::SquareRootInformation;
 
 /// What is the same in all trials.
 #[derive(Clone, Copy, Debug)]
@@ -168,10 +170,10 @@ impl<const N: usize> Flight<'_, N> {
                     estimate[1] = at[1] + range * cos;
                 }
             }
-            let found = self.locate(&mut estimate);
-            covariance = inverse(&found.information);
+            let chi2 = self.locate(&mut estimate);
+            covariance = self.known().covariance(&estimate);
             let state: [f64; 4] = core::array::from_fn(|i| estimate.get(i).copied().unwrap_or(0.0));
-            let surprise = (self.linearize(&truth).cost - found.cost).max(0.0);
+            let surprise = (self.known().chi2(&truth) - chi2).max(0.0);
             let deviation = covariance
                 .as_ref()
                 .map_or(f64::INFINITY, |bound| spread(bound, time));
@@ -262,75 +264,136 @@ impl<const N: usize> Flight<'_, N> {
         })
     }
 
-    /// Moves `estimate` to the most probable state given all bearings so far and what was
-    /// known beforehand.
-    ///
-    /// # Algorithm
-    /// Gauss-Newton with the damping of Levenberg and Marquardt, from the estimate
-    /// before, so that two or three iterations do.
-    fn locate(&self, estimate: &mut [f64; N]) -> Linear<N> {
-        let mut now = self.linearize(estimate);
-        let mut damping = 1e-6;
-        for _ in 0..30 {
-            let mut damped = now.information;
-            for (i, line) in damped.iter_mut().enumerate() {
-                line[i] *= 1.0 + damping;
-            }
-            let Some(step) = solved(&damped, &now.gradient) else {
-                break;
-            };
-            let there: [f64; N] = core::array::from_fn(|i| estimate[i] + step[i]);
-            let next = self.linearize(&there);
-            if next.cost <= now.cost {
-                *estimate = there;
-                now = next;
-                damping = (damping * 0.1).max(1e-12);
-                if hypot(step[0], step[1]) < 1e-7 * self.setting.range.0 {
-                    break;
-                }
-            } else {
-                damping = (damping * 10.0).max(1e-4);
-                if damping > 1e8 {
-                    break;
-                }
-            }
+    fn known(&self) -> Known<'_, N> {
+        Known {
+            setting: self.setting,
+            seen: self.seen,
         }
-        now
     }
 
-    fn linearize(&self, state: &[f64; N]) -> Linear<N> {
+    /// Moves `estimate` to the most probable state given all bearings so far and what was
+    /// known beforehand; returns chi2 there. From the estimate before two or three steps do.
+    fn locate(&self, estimate: &mut [f64; N]) -> f64 {
+        let found = minimize(&self.known(), estimate, &[], OPTIONS);
+        if found.chi2.is_finite() {
+            estimate.copy_from_slice(&found.x);
+        }
+        found.chi2
+    }
+}
+
+/// Of the estimator: a step of a thousandth of a standard deviation is none.
+const OPTIONS: Options = Options {
+    max_iterations: 40,
+    tolerance: 1e-3,
+    loss: Loss::Squares,
+    patience: 0,
+    stall: 1e-6,
+    damping: 0.0,
+};
+
+/// All bearings of a flight so far, and what was known beforehand.
+struct Known<'a, const N: usize> {
+    setting: &'a Setting<'a>,
+    seen: &'a [Sighting],
+}
+
+impl<const N: usize> Known<'_, N> {
+    /// Calls `each` with every whitened row and residual, those of the prior last.
+    fn lines(&self, state: &[f64], mut each: impl FnMut([f64; N], f64)) {
         let setting = self.setting;
-        let mut sum = Linear {
-            cost: 0.0,
-            gradient: [0.0; N],
-            information: [[0.0; N]; N],
-        };
+        for sighting in self.seen {
+            let offset = offset_at(state, sighting.time, sighting.at);
+            let expected = offset[0].atan2(offset[1]);
+            let residual = wrapped(sighting.bearing - expected) / setting.sigma;
+            each(row(offset, sighting.time, setting.sigma), residual);
+        }
         let (x, y) = (state[0] - setting.start[0], state[1] - setting.start[1]);
         let range = hypot(x, y).max(f64::MIN_POSITIVE);
         let (mean, deviation) = setting.range;
         let mut line = [0.0; N];
         line[0] = x / range / deviation;
         line[1] = y / range / deviation;
-        sum.add(&line, (mean - range) / deviation);
+        each(line, (mean - range) / deviation);
         if let Some(speed) = setting.speed {
             for i in 2..N {
                 let mut line = [0.0; N];
                 line[i] = 1.0 / speed;
-                sum.add(&line, -state[i] / speed);
+                each(line, -state[i] / speed);
             }
         }
-        for sighting in &*self.seen {
-            let offset = offset_at(state, sighting.time, sighting.at);
-            let expected = offset[0].atan2(offset[1]);
-            let residual = wrapped(sighting.bearing - expected) / setting.sigma;
-            sum.add(&row(offset, sighting.time, setting.sigma), residual);
-        }
+    }
+
+    fn chi2(&self, state: &[f64; N]) -> f64 {
+        let mut sum = 0.0;
+        self.lines(state, |_, residual| sum += residual * residual);
         sum
+    }
+
+    /// The bound at a state; `None` while the state is not determined.
+    fn covariance(&self, state: &[f64; N]) -> Option<[[f64; N]; N]> {
+        let mut rows = Vec::with_capacity(self.measurements());
+        self.lines(state, |row, _| rows.push(row));
+        let mut root = SquareRootInformation::<f64, N>::new();
+        for block in rows.chunks_mut(16) {
+            root.absorb_all(block);
+        }
+        root.crlb()
+    }
+}
+
+impl<const N: usize> Model for Known<'_, N> {
+    type Error = Infallible;
+
+    fn states(&self) -> usize {
+        N
+    }
+
+    fn measurements(&self) -> usize {
+        self.seen.len() + self.priors()
+    }
+
+    fn priors(&self) -> usize {
+        if self.setting.speed.is_some() { 3 } else { 1 }
+    }
+
+    fn linearize(
+        &self,
+        x: &[f64],
+        residuals: &mut [f64],
+        rows: Option<&mut [f64]>,
+    ) -> Result<(), Infallible> {
+        let mut out = residuals.iter_mut();
+        let mut lines = rows.map(|rows| rows.chunks_exact_mut(N));
+        self.lines(x, |row, residual| {
+            if let Some(out) = out.next() {
+                *out = residual;
+            }
+            if let Some(line) = lines.as_mut().and_then(Iterator::next) {
+                line.copy_from_slice(&row);
+            }
+        });
+        Ok(())
+    }
+
+    fn difference(&self, a: &[f64], b: &[f64], out: &mut [f64]) -> Result<(), Infallible> {
+        let mut there = alloc::vec![0.0; out.len()];
+        self.linearize(a, out, None)?;
+        self.linearize(b, &mut there, None)?;
+        for (i, (out, there)) in out.iter_mut().zip(there).enumerate() {
+            let change = *out - there;
+            *out = if i < self.seen.len() {
+                wrapped(change * self.setting.sigma) / self.setting.sigma
+            } else {
+                change
+            };
+        }
+        Ok(())
     }
 }
 
 /// From an observer to the target of this state at a time.
-fn offset_at<const N: usize>(state: &[f64; N], time: f64, at: [f64; 2]) -> [f64; 2] {
+fn offset_at(state: &[f64], time: f64, at: [f64; 2]) -> [f64; 2] {
     let along = |i: usize| state.get(i).map_or(0.0, |speed| time * speed);
     [state[0] + along(2) - at[0], state[1] + along(3) - at[1]]
 }
@@ -344,75 +407,6 @@ fn row<const N: usize>(offset: [f64; 2], time: f64, sigma: f64) -> [f64; N] {
     };
     let whole = [a, b, time * a, time * b];
     core::array::from_fn(|i| whole.get(i).copied().unwrap_or(0.0))
-}
-
-/// The sum of squares at a state, half its gradient (downhill) and its curvature.
-struct Linear<const N: usize> {
-    cost: f64,
-    gradient: [f64; N],
-    information: [[f64; N]; N],
-}
-
-impl<const N: usize> Linear<N> {
-    #[inline]
-    fn add(&mut self, row: &[f64; N], residual: f64) {
-        self.cost += residual * residual;
-        for i in 0..N {
-            self.gradient[i] += row[i] * residual;
-            for j in 0..N {
-                self.information[i][j] += row[i] * row[j];
-            }
-        }
-    }
-}
-
-/// The lower triangle L with L L^T = matrix; `None` where it is not positive definite.
-fn cholesky<const N: usize>(matrix: &[[f64; N]; N]) -> Option<[[f64; N]; N]> {
-    let mut lower = [[0.0; N]; N];
-    for i in 0..N {
-        for j in 0..=i {
-            let mut sum = matrix[i][j];
-            for k in 0..j {
-                sum -= lower[i][k] * lower[j][k];
-            }
-            if i > j {
-                lower[i][j] = sum / lower[j][j];
-            } else if sum > 0.0 {
-                lower[i][i] = sum.sqrt();
-            } else {
-                return None;
-            }
-        }
-    }
-    Some(lower)
-}
-
-fn solved<const N: usize>(matrix: &[[f64; N]; N], right: &[f64; N]) -> Option<[f64; N]> {
-    let lower = cholesky(matrix)?;
-    let mut x = *right;
-    for i in 0..N {
-        for k in 0..i {
-            x[i] -= lower[i][k] * x[k];
-        }
-        x[i] /= lower[i][i];
-    }
-    for i in (0..N).rev() {
-        for k in i + 1..N {
-            x[i] -= lower[k][i] * x[k];
-        }
-        x[i] /= lower[i][i];
-    }
-    Some(x)
-}
-
-fn inverse<const N: usize>(matrix: &[[f64; N]; N]) -> Option<[[f64; N]; N]> {
-    let mut out = [[0.0; N]; N];
-    for (i, line) in out.iter_mut().enumerate() {
-        let mut unit = [0.0; N];
-        unit[i] = 1.0;
-        *line = solved(matrix, &unit)?;
-    }
-    Some(out)
 }
 
 /// The root of the trace of the covariance of the position at a time.

@@ -21,6 +21,8 @@ const MEMORY: usize = 14;
 const MARGIN: f64 = 1e-9;
 /// A limit this near is active.
 const ACTIVE: f64 = 1e-6;
+/// A limit this near will soon be.
+const NEARLY: f64 = 1e-3;
 
 /// Cost and limits of the paths of one layout.
 pub(super) struct Program<'a> {
@@ -56,6 +58,9 @@ pub(super) struct Effort {
     pub sharpness: f64,
     /// The gradient to stop at.
     pub tolerance: f64,
+    /// Whether to begin with the multipliers that hold the path best where it is, as is
+    /// right near an optimum.
+    pub warm: bool,
 }
 
 impl<'a> Program<'a> {
@@ -185,6 +190,10 @@ impl<'a> Program<'a> {
         let mut x = x.to_vec();
         let mut multipliers = vec![0.0; self.limits.len()];
         let mut penalty = 10.0;
+        if effort.warm {
+            self.hold(&x, effort.sharpness, NEARLY, &mut multipliers);
+            penalty = 100.0;
+        }
         let mut before = f64::INFINITY;
         for round in 0..effort.rounds {
             let loose = if round == 0 { 30.0 } else { 1.0 };
@@ -386,22 +395,30 @@ impl<'a> Program<'a> {
     /// The largest part of the gradient of the cost that the active limits, with the best
     /// multipliers at least zero, do not hold.
     pub fn projected_gradient(&mut self, x: &[f64], sharpness: f64) -> f64 {
+        let mut multipliers = vec![0.0; self.limits.len()];
+        self.hold(x, sharpness, ACTIVE, &mut multipliers)
+    }
+
+    /// The multipliers of limits no farther than `near` that hold the path best, and the
+    /// largest part of the gradient that they leave.
+    fn hold(&mut self, x: &[f64], sharpness: f64, near: f64, multipliers: &mut [f64]) -> f64 {
         let mut gradient = vec![0.0; x.len()];
         if !self.cost(x, sharpness, &mut gradient).is_finite() {
             return f64::INFINITY;
         }
         self.broken_here(x);
         let near: Vec<usize> = (0..self.values.len())
-            .filter(|&i| self.values[i] < ACTIVE)
+            .filter(|&i| self.values[i] < near)
             .collect();
         let rows = self.rows(x, &near);
         let gram = products(&rows);
         let aim: Vec<f64> = rows.iter().map(|row| dot(row, &gradient)).collect();
-        let mut multipliers = vec![0.0; near.len()];
-        non_negative(&gram, &aim, &mut multipliers, 3000);
-        for (row, multiplier) in rows.iter().zip(&multipliers) {
+        let mut forces = vec![0.0; near.len()];
+        non_negative(&gram, &aim, &mut forces, 3000);
+        for ((row, force), &index) in rows.iter().zip(&forces).zip(&near) {
+            multipliers[index] = *force;
             for (g, row) in gradient.iter_mut().zip(row) {
-                *g -= multiplier * row;
+                *g -= force * row;
             }
         }
         largest(&gradient)

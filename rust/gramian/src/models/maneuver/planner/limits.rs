@@ -2,8 +2,8 @@
 
 use alloc::vec::Vec;
 
-use super::Problem;
 use super::paths::{Layout, Pull, Track};
+use super::{Problem, Restriction, Violation};
 use crate::scalar::{hypot, wrapped};
 
 /// One limit of one path; each is scaled to change by about 1 over its own size.
@@ -16,6 +16,8 @@ enum Limit {
         center: [f64; 2],
         radius: f64,
         whole: bool,
+        /// Which disc it is, where all of a step is outside of it.
+        disc: usize,
     },
     /// Outside a polygon: signed distance over its size.
     Polygon {
@@ -92,11 +94,12 @@ impl Limits {
                                 center,
                                 radius,
                                 whole: false,
+                                disc: 0,
                             });
                         }
                     }
                 }
-                for &[x, y, radius] in &problem.discs {
+                for (disc, &[x, y, radius]) in problem.discs.iter().enumerate() {
                     if near([x, y], radius, step) {
                         limits.push(Limit::Disc {
                             observer,
@@ -104,6 +107,7 @@ impl Limits {
                             center: [x, y],
                             radius,
                             whole: true,
+                            disc,
                         });
                     }
                 }
@@ -201,6 +205,7 @@ impl Limits {
                 center,
                 radius,
                 whole,
+                ..
             } => {
                 let (_, [a, b]) = nearest(&tracks[observer], step, center, whole);
                 (a * a + b * b) / (radius * radius) - 1.0
@@ -276,6 +281,7 @@ impl Limits {
                 center,
                 radius,
                 whole,
+                ..
             } => {
                 let (part, away) = nearest(&tracks[observer], step, center, whole);
                 let factor = factor * 2.0 / (radius * radius);
@@ -371,6 +377,7 @@ impl Limits {
                     center,
                     radius,
                     whole,
+                    ..
                 } => {
                     let (_, [a, b]) = nearest(&tracks[observer], step, center, whole);
                     hypot(a, b) - radius
@@ -411,6 +418,117 @@ impl Limits {
             least = least.min(distance);
         }
         least
+    }
+
+    /// The limits that are broken, each kind once: where it is broken most.
+    pub fn violations(
+        &self,
+        problem: &Problem,
+        layout: &Layout,
+        x: &[f64],
+        tracks: &[Track],
+    ) -> Vec<Violation> {
+        let mut broken: Vec<(f64, Violation)> = Vec::new();
+        for limit in &self.limits {
+            let value = self.value(limit, problem, layout, x, tracks);
+            if value > -1e-9 {
+                continue;
+            }
+            let new = violation(limit, problem, layout, x, tracks);
+            match broken
+                .iter_mut()
+                .find(|(_, old)| old.restriction == new.restriction)
+            {
+                Some(old) if value < old.0 => *old = (value, new),
+                Some(_) => {}
+                None => broken.push((value, new)),
+            }
+        }
+        broken.sort_by(|a, b| a.0.total_cmp(&b.0));
+        broken.into_iter().map(|(_, violation)| violation).collect()
+    }
+}
+
+/// By how much a limit is broken, in its own unit.
+fn violation(
+    limit: &Limit,
+    problem: &Problem,
+    layout: &Layout,
+    x: &[f64],
+    tracks: &[Track],
+) -> Violation {
+    let last = problem.moves;
+    let leg_begins = |leg: usize| layout.counts[..leg].iter().sum::<usize>();
+    let (restriction, observer, sample, by) = match *limit {
+        Limit::Disc {
+            observer,
+            step,
+            center,
+            radius,
+            whole,
+            disc,
+        } => {
+            let (_, [a, b]) = nearest(&tracks[observer], step, center, whole);
+            let kind = if whole {
+                Restriction::Disc(disc)
+            } else {
+                Restriction::Standoff
+            };
+            (kind, observer, step + 1, radius - hypot(a, b))
+        }
+        Limit::Polygon {
+            observer,
+            step,
+            polygon,
+        } => {
+            let at = &tracks[observer].at;
+            let (depth, ..) = clear_of(&problem.polygons[polygon], at[step], at[step + 1]);
+            (Restriction::Polygon(polygon), observer, step + 1, -depth)
+        }
+        Limit::Turn {
+            observer,
+            leg,
+            most,
+        } => {
+            let by = turn(problem, layout, x, observer, leg).abs() - most;
+            (Restriction::Turn, observer, leg_begins(leg), by)
+        }
+        Limit::Slow { observer, leg, .. } | Limit::Fast { observer, leg } => {
+            let [slow, fast] = problem.observers[observer].speed;
+            let speed = fast * share(layout, x, observer, leg);
+            let by = (slow - speed).max(speed - fast);
+            (Restriction::Speed, observer, leg_begins(leg) + 1, by)
+        }
+        Limit::Apart {
+            one,
+            two,
+            sample,
+            distance,
+        } => {
+            let (a, b) = (tracks[one].at[sample], tracks[two].at[sample]);
+            let by = distance - hypot(a[0] - b[0], a[1] - b[1]);
+            (Restriction::Separation, one, sample, by)
+        }
+        Limit::Home {
+            observer,
+            place,
+            within,
+            ..
+        } => {
+            let end = tracks[observer].at[last];
+            let by = hypot(end[0] - place[0], end[1] - place[1]) - within;
+            (Restriction::Home, observer, last, by)
+        }
+        Limit::Distance { observer, most } => {
+            let by = length(problem, layout, x, observer) - most;
+            (Restriction::Distance, observer, last, by)
+        }
+    };
+    Violation {
+        restriction,
+        observer,
+        sample,
+        by,
     }
 }
 
@@ -465,7 +583,7 @@ fn size(corners: &[[f64; 2]]) -> f64 {
 }
 
 /// Signed distance of a point from a polygon, negative inside, and its gradient.
-fn signed(corners: &[[f64; 2]], at: [f64; 2]) -> (f64, [f64; 2]) {
+pub(super) fn signed(corners: &[[f64; 2]], at: [f64; 2]) -> (f64, [f64; 2]) {
     let mut inside = false;
     let mut least = (f64::INFINITY, [0.0; 2], [0.0; 2]);
     for (i, &a) in corners.iter().enumerate() {

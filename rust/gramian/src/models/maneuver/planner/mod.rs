@@ -175,6 +175,40 @@ pub struct Problem {
     pub legs: Option<usize>,
 }
 
+/// What paths keep to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Restriction {
+    /// The stand-off range.
+    Standoff,
+    /// A disc, by its place in [`Problem::discs`].
+    Disc(usize),
+    /// A polygon, by its place in [`Problem::polygons`].
+    Polygon(usize),
+    /// The largest turn.
+    Turn,
+    /// The range of speeds.
+    Speed,
+    /// The distance between observers.
+    Separation,
+    /// The place to be at in the end.
+    Home,
+    /// The longest path.
+    Distance,
+}
+
+/// A limit that a path breaks, where it breaks it most.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Violation {
+    /// What is broken.
+    pub restriction: Restriction,
+    /// By whom; of two that are too close the first.
+    pub observer: usize,
+    /// At the step that ends at this sample; a turn: at this sample.
+    pub sample: usize,
+    /// By how much: m, m/s for a speed, rad for a turn.
+    pub by: f64,
+}
+
 /// What can be wrong with a [`Problem`].
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Error {

@@ -9,7 +9,7 @@ use core::f64::consts::{PI, TAU};
 use super::descend::{Effort, Program};
 use super::objective::{Objective, objective};
 use super::paths::{Layout, Track};
-use super::{Criterion, Error, Over, Problem};
+use super::{Criterion, Error, Over, Problem, Violation};
 use crate::batch::Stream;
 use crate::maneuver::batch::plan::by_law;
 use crate::maneuver::steer::{Arc, Limits, Place, follow};
@@ -79,6 +79,8 @@ pub struct Found {
     pub clearance: f64,
     /// By how much the worst limit is broken, relative; 0 for none.
     pub broken: f64,
+    /// The limits that are broken, each kind once, the worst first.
+    pub violations: Vec<Violation>,
     /// Where it came from.
     pub family: &'static str,
 }
@@ -271,6 +273,8 @@ impl Search {
         let tracks = program.tracks(&path.x).to_vec();
         let clearance = program.limits.clearance(&self.problem, &tracks);
         let layout = &program.layout;
+        let limits = &program.limits;
+        let violations = limits.violations(&self.problem, layout, &path.x, &tracks);
         let observers = 0..self.problem.observers.len();
         Found {
             counts: path.counts.clone(),
@@ -292,6 +296,7 @@ impl Search {
             projected_gradient: path.projected,
             clearance,
             broken: path.broken,
+            violations,
             family: path.family,
         }
     }
@@ -812,6 +817,7 @@ impl Search {
                         steps: 40,
                         sharpness,
                         tolerance: 1e-3,
+                        warm: false,
                     },
                 )
                 .x;
@@ -978,6 +984,7 @@ impl Search {
             },
             sharpness: 512.0,
             tolerance: if whole { 1e-6 } else { 1e-4 },
+            warm: false,
         }
     }
 
@@ -1048,8 +1055,25 @@ impl Search {
             steps: 4 * self.options.iterations,
             sharpness: 512.0,
             tolerance: 1e-7,
+            warm: false,
         };
-        let found = self.descended(candidate, effort, true, look);
+        let mut found = self.descended(candidate, effort, true, look);
+        // Many limits at once: on from where it came to, with what holds it there.
+        // A search without restarts is to be quick.
+        for _ in 0..self.options.restarts.min(4) {
+            if found.projected < 1e-3 || !look() {
+                break;
+            }
+            let again = Effort {
+                warm: true,
+                ..effort
+            };
+            let before = found.projected;
+            found = self.descended(&found, again, true, look);
+            if found.projected > 0.5 * before {
+                break;
+            }
+        }
         if self.problem.legs.is_some_and(|legs| legs > 1) {
             return self.exchange(found, look);
         }

@@ -24,8 +24,10 @@
 //! direction from which they see the target at chosen times, each class has its own J0,
 //! and the bound is the largest of the classes.
 //!
-//! Turn rates, legs, places to return to, separations and polygons are not looked at: the
-//! bound holds for paths without them, and so for those with them.
+//! Cells that no path can pass on the way to where it must end, or within its longest length,
+//! and cells inside of discs and polygons do not count. Turn rates, legs, separations and
+//! least speeds are not looked at: the bound holds for paths without them, and so for those
+//! with them.
 //!
 //! # Source
 //! The dual of D-optimal design (Pukelsheim 1993, chapter 7); Frank & Wolfe 1956. The
@@ -35,6 +37,7 @@ use alloc::vec;
 use alloc::vec::Vec;
 use core::f64::consts::{PI, TAU};
 
+use super::limits::signed;
 use super::objective::{Objective, objective};
 use super::{Criterion, Error, Over, Problem};
 use crate::scalar::{hypot, wrapped};
@@ -648,6 +651,29 @@ impl Solver<'_> {
         Some((best, path))
     }
 
+    /// Whether no point of a cell at a step can be passed on the way to the place to be at
+    /// in the end, or on a path of the longest length.
+    fn out_of_reach(&self, observer: usize, step: usize, center: [f64; 2], radius: f64) -> bool {
+        let problem = self.problem;
+        let who = &problem.observers[observer];
+        // Distances through the water.
+        let away = |place: [f64; 2], steps: f64| {
+            let drift = problem.dt * steps;
+            hypot(
+                center[0] - place[0] - drift * problem.current[0],
+                center[1] - place[1] - drift * problem.current[1],
+            )
+        };
+        let left = (problem.moves - step) as f64;
+        let out = away(who.start, step as f64);
+        let home = who
+            .home
+            .map_or(0.0, |(place, within)| away(place, -left) - within);
+        let slack = 1e-9 * (out + home.abs());
+        home > left * who.speed[1] * problem.dt + radius + slack
+            || out + home.max(0.0) > who.distance + 2.0 * radius + slack
+    }
+
     /// The largest reward of a sample in cells of this radius about some centres; minus
     /// infinity where no path may be.
     fn rewards(
@@ -712,7 +738,15 @@ impl Solver<'_> {
                         return f64::NEG_INFINITY;
                     }
                 }
+                if self.out_of_reach(observer, step, center, radius) {
+                    return f64::NEG_INFINITY;
+                }
                 if step > 0 {
+                    for polygon in &problem.polygons {
+                        if signed(polygon, center).0 < -radius {
+                            return f64::NEG_INFINITY;
+                        }
+                    }
                     for &[x, y, disc] in &problem.discs {
                         if hypot(x - center[0], y - center[1]) + radius < disc {
                             return f64::NEG_INFINITY;
