@@ -72,6 +72,10 @@ where
         self.0.retract(x);
     }
 
+    fn rounding(&self, x: &[f64], noise: &mut [f64]) -> bool {
+        self.0.rounding(x, noise)
+    }
+
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
         self.0.symmetries(x, found);
     }

@@ -289,6 +289,18 @@ impl TrackScene {
         Ok(out)
     }
 
+    /// How much of each column of the rows (n,) at a state (n,) is rounding of coordinates.
+    fn rounding<'py>(
+        &self,
+        py: Python<'py>,
+        state: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let state = Input::new(state, "state", 1)?;
+        state.expect(&[Some(self.scene.states())], "one number for each state")?;
+        state.expect_single("one state")?;
+        Ok(PyArray1::from_vec(py, self.scene.rounding(state.slice()?)))
+    }
+
     /// Exact values (..., m) at states (..., n).
     fn values<'py>(
         &self,

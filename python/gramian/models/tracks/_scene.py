@@ -11,7 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
-from gramian._arrays import SEED_MOST, as_float_array, finite, number, whole
+from gramian._arrays import (
+    SEED_MOST,
+    above_rounding,
+    as_float_array,
+    finite,
+    number,
+    whole,
+)
 from gramian._options import given as shown
 from gramian._options import instance, sequence
 from gramian._units import labelled
@@ -344,8 +351,8 @@ def problem(scene: Scene, state: ArrayLike | Mapping[str, float]) -> Problem:
     x = as_scene(scene).state(state)
     if x.ndim != 1:
         raise InputError(f"state has shape {x.shape}: must be ({scene.n},), one state")
-    values = rows(scene, x)
-    made = Problem(values, scene.names, units=scene.units, scale=_scales(scene, x))
+    values, rtol = above_rounding(rows(scene, x), scene._inner.rounding(x))
+    made = Problem(values, scene.names, units=scene.units, scale=_scales(scene, x), rtol=rtol)
     return made._of("tracks", scene, x)
 
 

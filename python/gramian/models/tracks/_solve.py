@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian._answers import Answer, Columns, columns_of_states
-from gramian._arrays import number, whole
+from gramian._arrays import above_rounding, number, whole
 from gramian._noise import as_known, as_pair
 from gramian._options import choice, mapping, tolerance
 from gramian._registry import draw
@@ -41,13 +41,20 @@ Loss = Literal["squares", "huber", "tukey"]
 class _Likely:
     """A scene as `gramian.estimate` takes a model."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, known: Mapping[str, float]) -> None:
         self.names, self.units = scene.names, scene.units
-        self._scene = scene
+        self._scene, self._known = scene, known
 
     def handle(self, z: Array) -> _core.Model:
         """Return the extension's model of these measurements."""
         return self._scene._inner.model(z)
+
+    def rounded(self, x: Array, rows: Array) -> tuple[Array, float | None]:
+        """Return rows without what rounding of the coordinates leaves, and a tolerance."""
+        free = np.array([name not in self._known for name in self.names])
+        state = np.array([self._known.get(name, 0.0) for name in self.names])
+        state[free] = x
+        return above_rounding(rows, self._scene._inner.rounding(state)[free])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -195,7 +202,7 @@ class TrackEstimate(Answer):
         if np.isfinite(self.other_cost):
             others = (Solution(self.other[free], float(self.other_cost), np.nan, np.nan, 1),)
         return Estimate(
-            model=_Likely(self.scene),
+            model=_Likely(self.scene, self.known),
             measurements=self.measurements,
             names=tuple(self.names[i] for i in free),
             units=tuple(self.units[i] for i in free),

@@ -109,6 +109,10 @@ impl<M: Model> Model for WithPrior<M> {
         self.model.retract(x);
     }
 
+    fn rounding(&self, x: &[f64], noise: &mut [f64]) -> bool {
+        self.model.rounding(x, noise)
+    }
+
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
         self.model.symmetries(x, found);
     }
@@ -207,6 +211,15 @@ impl<M: Model> Model for Held<M> {
         }
     }
 
+    fn rounding(&self, x: &[f64], noise: &mut [f64]) -> bool {
+        let mut all = vec![0.0; self.template.len()];
+        let any = self.model.rounding(&self.whole(x), &mut all);
+        for (out, &k) in noise.iter_mut().zip(&self.free) {
+            *out = all[k];
+        }
+        any
+    }
+
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
         self.model.symmetries(&self.whole(x), &mut |other| {
             // An image that changes what is known is none.
@@ -263,6 +276,10 @@ macro_rules! pointer {
 
             fn retract(&self, x: &mut [f64]) {
                 (**self).retract(x);
+            }
+
+            fn rounding(&self, x: &[f64], noise: &mut [f64]) -> bool {
+                (**self).rounding(x, noise)
             }
 
             fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {

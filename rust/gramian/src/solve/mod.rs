@@ -105,6 +105,15 @@ pub trait Model: Sync {
         let _ = x;
     }
 
+    /// Writes how much of the length of each column of the rows is rounding of what they are
+    /// computed from, coordinates and times: for
+    /// [`rounding::remove`](crate::spine::rounding::remove). Whether there is any that ranks
+    /// must be decided above.
+    fn rounding(&self, x: &[f64], noise: &mut [f64]) -> bool {
+        let _ = (x, noise);
+        false
+    }
+
     /// Calls `found` with each other state that gives exactly the same data as `x`: a
     /// mirror image, for one.
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {

@@ -8,6 +8,9 @@ use super::Model;
 use super::gauss_newton::{Options, Solution, minimize};
 use super::knowledge::WithPrior;
 use crate::observability::Observability;
+use crate::rounding;
+use crate::spectrum;
+use crate::square_root::triangularize;
 
 /// Standard deviation of the knowledge that keeps a state within reach, in deviations of
 /// each state if it alone were unknown. A target is kept within some hundred times the
@@ -66,7 +69,15 @@ fn reach<M: Model + ?Sized>(model: &M, start: &[f64]) -> Option<Vec<f64>> {
     model
         .linearize(start, &mut residuals, Some(&mut rows))
         .ok()?;
-    if Observability::new(&rows, n, None).ok()?.rank() < n {
+    let mut noise = vec![0.0; n];
+    let rank = if model.rounding(start, &mut noise) {
+        // Heavy rows, of a sensor close by, carry the rounding of more than light ones say.
+        let rtol = rounding::remove(&mut rows, n, &noise);
+        plain_rank(&rows, n, rtol)
+    } else {
+        Observability::new(&rows, n, None).ok()?.rank()
+    };
+    if rank < n {
         return None;
     }
     let column = |j: usize| rows[j..].iter().step_by(n);
@@ -74,6 +85,19 @@ fn reach<M: Model + ?Sized>(model: &M, start: &[f64]) -> Option<Vec<f64>> {
         .map(|j| REACH / column(j).fold(0.0_f64, |s, x| s.hypot(*x)))
         .collect();
     sigma.iter().all(|s| s.is_finite()).then_some(sigma)
+}
+
+/// The rank of rows with unit columns.
+fn plain_rank(rows: &[f64], n: usize, rtol: Option<f64>) -> usize {
+    let rtol = rtol.unwrap_or_else(|| spectrum::default_rtol(rows.len() / n.max(1), n));
+    let mut factor = rows.to_vec();
+    factor.resize(rows.len().max(n * n), 0.0);
+    triangularize(&mut factor, n, &mut vec![0.0; n]);
+    let (mut scale, mut s) = (vec![1.0; n], vec![0.0; n]);
+    let (mut v, mut work) = (vec![0.0; n * n], vec![0.0; n * n]);
+    spectrum::unit_columns(&factor[..n * n], n, &mut scale);
+    spectrum::decompose(&factor[..n * n], n, &scale, &mut s, &mut v, &mut work);
+    spectrum::rank(&s, rtol)
 }
 
 /// The most likely state with that knowledge, by steps from the start, and from a place on

@@ -15,6 +15,9 @@ pub struct Carried {
     pub velocity: Vec<f64>,
     /// Unit vectors; zero where there is no heading.
     pub axis: Vec<f64>,
+    /// Time over which each velocity was taken from the path, one number a sample, s; infinite
+    /// where it was not.
+    pub span: Vec<f64>,
 }
 
 /// A path with times, or a fixed place.
@@ -108,6 +111,7 @@ impl Carrier {
             if knots == 0 {
                 out.place.extend_from_slice(&self.path);
                 out.velocity.extend(core::iter::repeat_n(0.0, d));
+                out.span.push(f64::INFINITY);
                 push_axis(&mut out.axis, d, self.heading.as_ref().map(|h| h[0]), &[]);
                 continue;
             }
@@ -143,6 +147,14 @@ impl Carrier {
                     None => self.slope(time, left, k),
                 };
             }
+            out.span.push(match &self.velocity {
+                Some(_) => f64::INFINITY,
+                None => self
+                    .pieces(time, left)
+                    .fold(f64::INFINITY, |least, (a, b)| {
+                        least.min(self.times[b] - self.times[a])
+                    }),
+            });
             out.velocity.extend_from_slice(&velocity[..d]);
             let heading = self.heading.as_ref().map(|h| {
                 let turn = crate::scalar::wrapped(h[right] - h[left]);
@@ -153,22 +165,33 @@ impl Carrier {
         Ok(out)
     }
 
-    /// The slope of component `k` at `time`, in the piece from knot `left` on.
-    fn slope(&self, time: f64, left: usize, k: usize) -> f64 {
-        let (d, knots) = (self.dimension, self.times.len());
-        if knots < 2 {
-            return 0.0;
-        }
-        let over = |a: usize, b: usize| {
-            (self.path[b * d + k] - self.path[a * d + k]) / (self.times[b] - self.times[a])
-        };
-        let span = self.times[left + 1] - self.times[left];
-        for knot in [left, left + 1] {
-            if (time - self.times[knot]).abs() <= 1e-9 * span && knot > 0 && knot + 1 < knots {
-                return 0.5 * (over(knot - 1, knot) + over(knot, knot + 1));
+    /// The pieces of the path, by their ends, that a sample in the one from knot `left` on
+    /// takes its velocity from: that one, or at a knot both.
+    fn pieces(&self, time: f64, left: usize) -> impl Iterator<Item = (usize, usize)> {
+        let knots = self.times.len();
+        let mut first = left;
+        let mut count = usize::from(knots > 1);
+        if knots > 1 {
+            let span = self.times[left + 1] - self.times[left];
+            for knot in [left, left + 1] {
+                if (time - self.times[knot]).abs() <= 1e-9 * span && knot > 0 && knot + 1 < knots {
+                    (first, count) = (knot - 1, 2);
+                    break;
+                }
             }
         }
-        over(left, left + 1)
+        (first..first + count).map(|a| (a, a + 1))
+    }
+
+    /// The slope of component `k` at `time`, in the piece from knot `left` on.
+    fn slope(&self, time: f64, left: usize, k: usize) -> f64 {
+        let d = self.dimension;
+        let (mut sum, mut count) = (0.0, 0.0);
+        for (a, b) in self.pieces(time, left) {
+            sum += (self.path[b * d + k] - self.path[a * d + k]) / (self.times[b] - self.times[a]);
+            count += 1.0;
+        }
+        if count > 0.0 { sum / count } else { 0.0 }
     }
 }
 

@@ -6,6 +6,7 @@
 //! inverse of the information, from the triangular factor at the solution; with a robust
 //! loss it is that of the sandwich formula (Huber 1981, section 7.6).
 
+use alloc::borrow::Cow;
 use alloc::format;
 use alloc::string::String;
 use alloc::vec;
@@ -16,6 +17,7 @@ use super::{InSensor, Measured, Scene};
 use crate::batch::{Items, Threads};
 use crate::numbers::chi_square::Goodness;
 use crate::numbers::words::{brief, moves};
+use crate::rounding;
 pub use crate::solve::Loss;
 use crate::solve::side_by_side::{Arrived, losses, minimize_all};
 use crate::solve::unbounded::within_reach;
@@ -67,16 +69,28 @@ fn spread(at: &Arrived, measured: &Measured<'_>, sigma: &[f64], options: Options
         null: vec![0.0; n],
         covariance: vec![f64::INFINITY; n * n],
     };
-    let rtol = options
+    let mut rtol = options
         .rtol
         .unwrap_or_else(|| spectrum::default_rtol(measured.measurements(), n));
+    let mut factor = Cow::Borrowed(&at.factor[..]);
     let mut scale = vec![1.0; n];
-    spectrum::unit_columns(&at.factor, n, &mut scale);
+    spectrum::unit_columns(&factor, n, &mut scale);
     let mut b = vec![0.0; n * n];
-    if !clearly_full(&at.factor, n, &scale, rtol, &mut b) {
+    let mut least = least_ratio(&factor, n, &scale, &mut b);
+    // Rounding of coordinates counts where the target is next to a carrier, and where the
+    // rank is in doubt.
+    let doubtful = || least < DOUBT || measured.scene.coarseness(&measured.full(&at.x)) > COARSE;
+    if options.rtol.is_none() && doubtful() {
+        let noise = measured.rounding_at(&at.x);
+        let cleaned = rounding::remove(factor.to_mut(), n, &noise);
+        rtol = cleaned.map_or(rtol, |left| left.max(rtol));
+        spectrum::unit_columns(&factor, n, &mut scale);
+        least = least_ratio(&factor, n, &scale, &mut b);
+    }
+    if !(least > 4.0 * rtol) {
         let mut s = vec![0.0; n];
         let (mut v, mut work) = (vec![0.0; n * n], vec![0.0; n * n]);
-        spectrum::decompose(&at.factor, n, &scale, &mut s, &mut v, &mut work);
+        spectrum::decompose(&factor, n, &scale, &mut s, &mut v, &mut work);
         out.rank = spectrum::rank(&s, rtol);
         if out.rank < n {
             for (null, (v, scale)) in out
@@ -109,10 +123,16 @@ fn spread(at: &Arrived, measured: &Measured<'_>, sigma: &[f64], options: Options
     out
 }
 
-/// Whether the scaled factor has full rank beyond doubt, without its singular values: the
-/// least one is at least 1 / |inverse|, the largest at most sqrt(n). Writes the inverse
-/// of the factor.
-fn clearly_full(factor: &[f64], n: usize, scale: &[f64], rtol: f64, b: &mut [f64]) -> bool {
+/// Above this share of the largest singular value the least one is no rounding.
+const DOUBT: f64 = 1e-6;
+
+/// Rounding of an offset, relative to its length, above which it counts beside any rank.
+const COARSE: f64 = 1e-8;
+
+/// The least singular value of the scaled factor is at least this share of the largest:
+/// without singular values, by 1 / |inverse| and sqrt(n); 0 where there is no inverse.
+/// Writes the inverse of the factor.
+fn least_ratio(factor: &[f64], n: usize, scale: &[f64], b: &mut [f64]) -> f64 {
     let mut square = 0.0;
     for j in 0..n {
         for i in (0..=j).rev() {
@@ -125,13 +145,17 @@ fn clearly_full(factor: &[f64], n: usize, scale: &[f64], rtol: f64, b: &mut [f64
             square += entry * entry;
         }
     }
-    let full = square.is_finite() && square.sqrt().recip() > 4.0 * rtol * (n as f64).sqrt();
+    let least = if square.is_finite() {
+        1.0 / (square * n as f64).sqrt()
+    } else {
+        0.0
+    };
     for (row, scale) in b.chunks_exact_mut(n).zip(scale) {
         for entry in row {
             *entry *= scale;
         }
     }
-    full
+    least
 }
 
 /// H^-1 (sum psi^2 a a^T + priors) H^-1 with H = sum psi' a a^T + priors, in the

@@ -3,6 +3,7 @@
 pub mod estimate;
 mod kernels;
 mod noise;
+mod rounding;
 
 use alloc::borrow::Cow;
 use alloc::vec;
@@ -1057,6 +1058,11 @@ impl Model for Measured<'_> {
         scene.whiten(&mut to, None, self.present.as_deref());
         self.compact(&to, out, |_| true, 1);
         Ok(())
+    }
+
+    fn rounding(&self, x: &[f64], noise: &mut [f64]) -> bool {
+        noise.copy_from_slice(&self.rounding_at(x));
+        true
     }
 
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {

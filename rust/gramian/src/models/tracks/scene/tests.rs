@@ -621,3 +621,73 @@ fn bad_input_is_named() {
     let error = scene.rows(&[0.0, 500.0, 0.0, 1.0]).unwrap_err().error;
     assert!(matches!(error, Error::NoReading { index: 0, .. }));
 }
+
+/// Bearings, or range rates, of a carrier on a straight path of the same times.
+fn straight(kind: Kind, offset: f64, since: f64) -> Scene {
+    let times: Vec<f64> = (0..30).map(|i| since + 13.7 * f64::from(i)).collect();
+    let path: Vec<f64> = times
+        .iter()
+        .flat_map(|t| [offset + 3.1 * (t - since), 4.3 * (t - since) - 2.0 * offset])
+        .collect();
+    let carrier = Carrier::along(2, &times, &path, None, None).unwrap();
+    let channel = Channel::new(kind, times.clone(), Some(carrier.at(&times).unwrap()), 0.01);
+    let cv = Moving::Polynomial { order: 1 };
+    Scene::new(2, cv, since, 0, vec![channel]).unwrap()
+}
+
+#[test]
+fn rounding_explains_what_straight_paths_leave() {
+    use crate::spine::observability::Observability;
+    for kind in [Kind::Bearing, Kind::RangeRate] {
+        for offset in [0.0, 1e5, 1e7] {
+            for since in [0.0, 1.7e9] {
+                let scene = straight(kind, offset, since);
+                // Far away, and so near that coordinates have few digits left.
+                for (range, speed) in [(4000.0, 2.0), (1e-3, 1e-6), (1e-6, 1e-9)] {
+                    let x = [
+                        offset + range,
+                        -2.0 * offset + 0.3 * range,
+                        3.1 + speed,
+                        4.3 - 2.0 * speed,
+                    ];
+                    let Ok(mut rows) = scene.rows(&x) else {
+                        continue;
+                    };
+                    let noise = scene.rounding(&x);
+                    let rtol = crate::spine::rounding::remove(&mut rows, 4, &noise);
+                    let rank = Observability::new(&rows, 4, rtol).unwrap().rank();
+                    assert!(rank < 4, "{kind:?} {offset} {since} {range}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn rounding_is_small_beside_what_a_turn_shows() {
+    let scene = everything(2, Moving::Polynomial { order: 1 }, true, None);
+    let x = state(2, scene.motion());
+    let rows = scene.rows(&x).unwrap();
+    let noise = scene.rounding(&x);
+    for (j, noise) in noise.iter().enumerate() {
+        let size = rows[j..]
+            .iter()
+            .step_by(x.len())
+            .fold(0.0_f64, |s, x| s.hypot(*x));
+        // Places of some kilometres have their rounding at 1e-12 of the distance.
+        assert!(*noise < 1e-12 * size, "{j}: {noise} of {size}");
+    }
+    // Ten thousand times as far from the origin, and as much more of it.
+    let moved = |by: f64| {
+        let carried = Carrier::fixed(&[by, 0.0], None)
+            .unwrap()
+            .at(&[0.0, 10.0])
+            .unwrap();
+        let channel = Channel::new(Kind::Bearing, vec![0.0, 10.0], Some(carried), 0.01);
+        let at_rest = Moving::Polynomial { order: 0 };
+        let scene = Scene::new(2, at_rest, 0.0, 0, vec![channel]).unwrap();
+        scene.rounding(&[by + 1000.0, 1000.0])
+    };
+    let (near, far) = (moved(1e4), moved(1e8));
+    assert!((5e3..2e4).contains(&(far[0] / near[0])), "{near:?} {far:?}");
+}
