@@ -164,3 +164,68 @@ def test_a_straight_pass_does_not_tell_them_apart():
         )
     with pytest.raises(gm.InputError, match="earth_field"):
         gm.dipole.localize(t, seen, {"z": 5.0, "vz": 0.0}, earth_field=[0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("motion", ["straight", "along", "accelerated", "turning"])
+def test_the_range_of_several_dipoles_is_that_of_their_centre(motion):
+    description = Description(motion, 2)
+    model = DipoleModel(
+        TIMES,
+        np.array(SENSORS),
+        np.ones((TIMES.size, 3, 3)),
+        np.concatenate([R0, V, M]),
+        {},
+        {},
+        description=description,
+    )
+    more = {"straight": [], "along": [0.02], "accelerated": [0.02, -0.01, 0.03], "turning": [0.04]}
+    x = np.concatenate([R0, V, M, more[motion], OFFSET, SECOND])
+    # The share of the moment along the sum: of two alike the middle.
+    total = M + SECOND
+    centre, by = model.centre(x)
+    np.testing.assert_allclose(centre, OFFSET * (SECOND @ total) / (total @ total))
+    time, by_time, place, _ = model.nearest(x)
+    dense = np.linspace(0.0, TIMES[-1], 4001)
+    if motion == "straight":
+        track = R0 + centre + dense[:, None] * V
+        distance = np.linalg.norm(track, axis=1)
+        assert time == pytest.approx(dense[distance.argmin()], abs=0.005)
+        assert np.linalg.norm(place) == pytest.approx(distance.min(), rel=1e-6)
+    functions = model.functions
+    for j in range(x.size):
+        step = np.zeros(x.size)
+        step[j] = 1e-5
+        np.testing.assert_allclose(
+            (model.centre(x + step)[0] - model.centre(x - step)[0]) / 2e-5, by[:, j], atol=1e-7
+        )
+        # The time of a least value has half of its digits.
+        moved = (model.nearest(x + 100 * step)[0] - model.nearest(x - 100 * step)[0]) / 2e-3
+        assert moved == pytest.approx(by_time[j], rel=1e-3, abs=1e-3)
+        for name in ("range", "moment"):
+            value = functions[name][0]
+            slope = (value(x + step)[0] - value(x - step)[0]) / 2e-5
+            assert slope == pytest.approx(value(x)[1][j], rel=1e-5, abs=1e-6), (name, j)
+
+
+def test_the_closest_point_of_an_accelerated_pass_is_on_its_track():
+    truth = np.array([0.03, -0.02, 0.0])
+    description = Description("accelerated")
+    y, _ = record(5, truth, description=description)
+    found = gm.dipole.localize(TIMES, y, KNOWN, sensors=SENSORS, sigma=SIGMA, motion="accelerated")
+    dense = np.linspace(0.0, TIMES[-1], 20001)[:, None]
+    distance = np.linalg.norm(R0 + dense * V + 0.5 * dense**2 * truth, axis=1)
+    near = found.closest
+    assert abs(near.range - distance.min()) < 4 * near.range_std + 1e-6
+    assert abs(near.time - dense[distance.argmin(), 0]) < 4 * near.time_std + 1e-3
+    assert near.range == pytest.approx(found["range"])
+    assert near.range_std < 0.1
+
+
+def test_the_moment_of_several_dipoles_is_their_sum():
+    y, _ = record(0, OFFSET, SECOND, description=Description(sources=2))
+    found = gm.dipole.localize(TIMES, y, KNOWN, sensors=SENSORS, sigma=SIGMA, sources=2)
+    size, std = found.moment
+    assert abs(size - np.linalg.norm(M + SECOND)) < 4 * std
+    assert std < 1.0
+    assert found["moment"] == size
+    assert f"moment {size:.4g}"[:9] in found.summary()

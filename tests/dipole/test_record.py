@@ -77,11 +77,60 @@ def test_axes_that_are_swapped():
     assert found.usable == (True, True, True, False, False, True)
 
 
+def test_hum_in_all_channels_makes_none_a_copy():
+    y = record()
+    y += 2e-8 * np.sin(2 * np.pi * 16.7 * T)[:, None, None]
+    found = gm.dipole.check_record(T, y)
+    assert {f.kind for f in found.findings} == {"hum"}
+    assert all(found.usable)
+
+
+def test_copies_in_a_part_of_the_record_or_late():
+    y = record()
+    y[600:, 1, 1] = y[600:, 0, 0]
+    found = gm.dipole.check_record(T, y)
+    (copy,) = (f for f in found.findings if f.kind == "copy")
+    assert copy.text == "2y repeats 1x, noise included, from 6 s to 11.99 s"
+    assert found.usable == (True, True, True, True, False, True)
+    y = record()
+    y[2:, 1, 1] = y[:-2, 0, 0]
+    (copy,) = (f for f in gm.dipole.check_record(T, y).findings if f.kind == "copy")
+    assert copy.text == "2y repeats 1x 2 samples later, noise included"
+
+
+def test_a_channel_without_samples_is_not_usable():
+    y = record()
+    y[:, 0, 2] = np.nan
+    found = gm.dipole.check_record(T, y)
+    assert [f.text for f in found.findings] == ["1z has no samples"]
+    assert found.usable == (True, True, False, True, True, True)
+
+
+def test_a_channel_unlike_the_others_and_a_level_that_steps():
+    y, noise = record(), 1e-7 * np.random.default_rng(5).normal(size=T.size)
+    y[:, 0, 2] += noise
+    texts = [f.text for f in gm.dipole.check_record(T, y).findings]
+    assert len(texts) == 1
+    assert texts[0].startswith("1z has noise of 1")
+    y = record()
+    y[:, 1, 0] = 3e-8 * np.round(y[:, 1, 0] / 3e-8)
+    texts = [f.text for f in gm.dipole.check_record(T, y).findings]
+    assert [t for t in texts if t.startswith("2x is rounded to 3e-08 T")], texts
+    y = record()
+    y[250:, 1, 0] += 1e-7
+    texts = [f.text for f in gm.dipole.check_record(T, y).findings]
+    assert [t for t in texts if t.startswith("2x steps by") and t.endswith("at 2.5 s and stays")]
+
+
 def test_a_clock_that_jumps():
     t = T.copy()
     t[600:] += 0.5
     found = gm.dipole.check_record(t, record())
     assert str(found.findings[0]) == "the clock steps by 0.51 s to 6.5 s, usually by 0.01 s"
+    t = T.copy()
+    t[900:] = t[900] + 2 * (t[900:] - t[900])
+    (found,) = gm.dipole.check_record(t, record()).findings
+    assert str(found) == "the clock steps by 0.02 s to 9.01 s, usually by 0.01 s, 299 times"
 
 
 def test_bad_input():

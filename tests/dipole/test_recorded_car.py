@@ -33,7 +33,9 @@ def test_one_dipole_explains_the_field_at_each_sensor_and_their_directions_agree
             assert found.speed == (pytest.approx(speed), 0.0)
             # One sensor cannot tell the mirror image.
             np.testing.assert_allclose(found.mirror.cost, found.cost, rtol=1e-6)
-        assert example["angle"](*each) < 15
+        assert example["angle"](*each) < 5
+        first, second = (found.moment[0] for found in each)
+        assert abs(first - second) < 0.15 * max(first, second)
 
 
 def test_both_sensors_tell_the_speed_and_the_side(example, passes):

@@ -75,12 +75,48 @@ fn named(py: Python<'_>, finding: Finding) -> PyResult<(&'static str, Bound<'_, 
             of,
             factor,
             offset,
+            late,
+            from,
+            samples,
         } => {
             out.set_item("channel", channel)?;
             out.set_item("of", of)?;
             out.set_item("factor", factor)?;
             out.set_item("offset", offset)?;
+            out.set_item("late", late)?;
+            out.set_item("first", from)?;
+            out.set_item("samples", samples)?;
             "copy"
+        }
+        Finding::Coarse {
+            channel,
+            step,
+            usual,
+        } => {
+            out.set_item("channel", channel)?;
+            out.set_item("step", step)?;
+            out.set_item("usual", usual)?;
+            "coarse"
+        }
+        Finding::Noisy {
+            channel,
+            sigma,
+            usual,
+        } => {
+            out.set_item("channel", channel)?;
+            out.set_item("sigma", sigma)?;
+            out.set_item("usual", usual)?;
+            "noisy"
+        }
+        Finding::Step {
+            channel,
+            sample,
+            change,
+        } => {
+            out.set_item("channel", channel)?;
+            out.set_item("sample", sample)?;
+            out.set_item("change", change)?;
+            "step"
         }
         Finding::Axes {
             channel,
@@ -118,8 +154,10 @@ fn named(py: Python<'_>, finding: Finding) -> PyResult<(&'static str, Bound<'_, 
             sample,
             step,
             usual,
+            count,
         } => {
             out.set_item("sample", sample)?;
+            out.set_item("count", count)?;
             out.set_item("step", step)?;
             out.set_item("usual", usual)?;
             "clock"

@@ -853,6 +853,52 @@ fn accumulator<T: Number>(draw: &mut Draw<T>) {
     draw.finite(both.matrix().as_flattened());
 }
 
+fn tracker<T: Number>(draw: &mut Draw<T>) {
+    use dipole::tracker::{Bound, Sample, Tracker, Wander};
+    let (time, state, sigma) = (draw.x(), draw.array(), draw.positives());
+    let Some(mut tracker) = draw.taken(Tracker::new(time, &state, &sigma)) else {
+        return;
+    };
+    let Some(mut bound) = draw.taken(Bound::new(time, &sigma)) else {
+        return;
+    };
+    for _ in 0..draw.index(4) {
+        draw.again();
+        let wander = Wander {
+            acceleration: draw.positive(),
+            moment: draw.positive(),
+        };
+        let sample = Sample {
+            time: draw.positive(),
+            sensor: draw.array(),
+            field: draw.array(),
+            sigma: draw.positive(),
+        };
+        let before = tracker;
+        let result = tracker.push(&sample, &wander).map(drop);
+        draw.unchanged(&result, &tracker, &before);
+        draw.taken(result);
+        let before = tracker;
+        let result = tracker.predict(sample.time, &wander);
+        draw.unchanged(&result, &tracker, &before);
+        let (truth, before) = (draw.array(), bound);
+        let result = bound.push(&sample, &truth, &wander);
+        draw.unchanged(&result, &bound, &before);
+        draw.taken(result);
+        let answer = tracker.answer();
+        draw.finite(tracker.state());
+        draw.finite(&answer.state);
+        draw.finite(&[answer.chi2, answer.p_value]);
+        draw.bounds(&answer.std);
+        draw.bounds(&bound.std());
+        draw.finite(tracker.known().root().factor().as_flattened());
+        draw.finite(bound.known().root().factor().as_flattened());
+    }
+    let known = *tracker.known();
+    assert!(Tracker::resumed(time, tracker.state(), known).is_ok());
+    assert_eq!(Bound::resumed(time, known).known(), &known);
+}
+
 fn law<T: Number>(draw: &mut Draw<T>) -> (Law, Side) {
     let laws = [
         Law::MaxDet,
@@ -1416,6 +1462,7 @@ cases![
     #[cfg(feature = "std")]
     bodies,
     accumulator,
+    tracker,
     laws,
     best_heading,
     steering,
@@ -1516,7 +1563,6 @@ const STILL_WITHOUT: &[&str] = &[
     "numbers/derivative.rs",
     "spine/rounding.rs",
     "dipole/measured.rs",
-    "dipole/tracker.rs",
     "registration/measured.rs",
 ];
 /// The same, of single functions.

@@ -161,18 +161,24 @@ class DipoleModel(Value):
 
     @property
     def functions(self) -> dict[str, tuple[Callable[[Array], tuple[float, Array]], str]]:
-        """The range at the closest point, seen from the first sensor, sizes, components."""
+        """The range at the closest point, seen from the first sensor, sizes, components.
+
+        Of several dipoles: the size of the sum of their moments, and the range of their
+        centre, about which this sum has no moment along itself.
+        """
         found: dict[str, tuple[Callable[[Array], tuple[float, Array]], str]]
         near: Callable[[Array], tuple[float, Array]]
-        if self.description.motion == "straight":
+        if self.description.motion == "straight" and self.description.sources == 1:
             near = _Of(self._blank, _Closest(self.sensors[0]))
         else:
-            near = _Nearest(self._blank, self.sensors[0], self.times)
+            near = _Nearest(self)
         found = {"range": (near, "m")}
-        for name, part in PARTS.items():
-            if name not in self.known:
-                unit = "m/s" if name == "speed" else "A m^2"
-                found[name] = (_Of(self._blank, _Size(part)), unit)
+        if "speed" not in self.known:
+            found["speed"] = (_Of(self._blank, _Size(PARTS["speed"])), "m/s")
+        if self.description.sources > 1:
+            found["moment"] = (_Total(self), "A m^2")
+        elif "moment" not in self.known:
+            found["moment"] = (_Of(self._blank, _Size(PARTS["moment"])), "A m^2")
         own = self.names
         for index, name in enumerate(NAMES):
             if name not in own and name not in self.known:
@@ -183,6 +189,49 @@ class DipoleModel(Value):
     def expand(self, x: ArrayLike) -> tuple[Array, Array]:
         """Return the pass (9,) of states (n,), and its derivatives (9, n)."""
         return self._blank.expand(x)
+
+    def bodies(self, x: ArrayLike) -> tuple[Array, Array]:
+        """Return place from the first dipole (m) and moment (A m^2) of each.
+
+        Shape (sources, 6), with the derivatives (sources, 6, n) by the states; the moment that
+        is induced is not in it.
+        """
+        state = finite(x, "x")
+        full, by = self._blank.expand(state)
+        count, names = self.description.sources, self.names
+        values, columns = np.zeros((count, 6)), np.zeros((count, 6, state.size))
+        values[0, 3:], columns[0, 3:] = full[6:], by[6:]
+        for k in range(1, count):
+            for i, part in enumerate(("dx", "dy", "dz", "mx", "my", "mz")):
+                j = names.index(f"{part} of dipole {k + 1}")
+                values[k, i], columns[k, i, j] = state[j], 1.0
+        return values, columns
+
+    def centre(self, x: ArrayLike) -> tuple[Array, Array]:
+        """Return the centre of the dipoles, from the first (m), and its derivatives (3, n).
+
+        Each counts by the share that its moment has along the sum of all.
+        """
+        values, by = self.bodies(x)
+        total, by_total = values[:, 3:].sum(axis=0), by[:, 3:].sum(axis=0)
+        squared = float(total @ total) or 1.0
+        share = values[:, 3:] @ total / squared
+        by_share = (
+            np.einsum("kin,i->kn", by[:, 3:], total)
+            + values[:, 3:] @ by_total
+            - 2 * np.outer(share, total @ by_total)
+        ) / squared
+        offsets, by_offsets = values[:, :3], by[:, :3]
+        columns: Array = offsets.T @ by_share + np.einsum("k,kin->in", share, by_offsets)
+        return share @ offsets, columns
+
+    def nearest(self, x: ArrayLike) -> tuple[float, Array, Array, Array]:
+        """Return when the centre is nearest to the first sensor, and where it is then.
+
+        The time since the instant of the state (s) and its derivatives (n,), the place from
+        the sensor (m) and its derivatives (3, n).
+        """
+        return _Nearest(self).place(finite(x, "x"))
 
     def coordinates(self, state: ArrayLike) -> Array:
         """Return the states (n,) of a pass (9,)."""
@@ -284,18 +333,34 @@ class _Closest:
 
 
 class _Nearest:
-    """The least distance from a sensor of a body that does not pass straight."""
+    """The least distance from the first sensor of a body, as it moves."""
 
     range = (0.0, np.inf)
 
-    def __init__(self, record: _core.DipoleRecord, sensor: Array, times: Array) -> None:
-        self._record, self._sensor = record, sensor
-        self._times = np.linspace(times.min(), times.max(), 65)
+    def __init__(self, model: DipoleModel) -> None:
+        self._model, self._record = model, model._blank
+        self._times = np.linspace(model.times.min(), model.times.max(), 65)
+
+    def at(self, x: Array, time: float) -> tuple[Array, Array]:
+        """Return where the centre is, from the sensor, and its derivatives (3, n)."""
+        place, by = self._record.place(x, time)
+        offset, by_offset = self._model.centre(x)
+        if self._model.description.motion == "turning":
+            index = self._model.names.index("turn rate")
+            # Clockwise from above.
+            sin, cos = np.sin(x[index] * time), np.cos(x[index] * time)
+            turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+            turned = np.array([[-sin, cos, 0.0], [-cos, -sin, 0.0], [0.0, 0.0, 0.0]])
+            by_offset = turn @ by_offset
+            by_offset[:, index] += time * (turned @ offset)
+            offset = turn @ offset
+        return place + offset - self._model.sensors[0], by + by_offset
 
     def _distance(self, x: Array, time: float) -> float:
-        return float(np.linalg.norm(self._record.place(x, time)[0] - self._sensor))
+        return float(np.linalg.norm(self.at(x, time)[0]))
 
-    def __call__(self, x: Array) -> tuple[float, Array]:
+    def time(self, x: Array) -> float:
+        """Return when it is nearest, within the record."""
         far = [self._distance(x, float(t)) for t in self._times]
         near = int(np.argmin(far))
         low, high = self._times[max(near - 1, 0)], self._times[min(near + 1, 64)]
@@ -306,11 +371,42 @@ class _Nearest:
                 high = second
             else:
                 low = first
-        place, by = self._record.place(x, 0.5 * (low + high))
-        offset = place - self._sensor
+        return float(0.5 * (low + high))
+
+    def place(self, x: Array) -> tuple[float, Array, Array, Array]:
+        """Return time, its derivatives (n,), place (3,) and its derivatives at this time."""
+        time = self.time(x)
+        step = 1e-4 * float(np.ptp(self._times) or 1.0)
+        (before, by_before), (after, by_after) = self.at(x, time - step), self.at(x, time + step)
+        here, by = self.at(x, time)
+        velocity, by_velocity = (after - before) / (2 * step), (by_after - by_before) / (2 * step)
+        bend = (after - 2 * here + before) / step**2
+        # There here @ velocity = 0, whatever the states.
+        slope = float(velocity @ velocity + here @ bend)
+        by_time = -(velocity @ by + here @ by_velocity) / (slope or np.inf)
+        return time, by_time, here, by
+
+    def __call__(self, x: Array) -> tuple[float, Array]:
+        offset, by = self.at(x, self.time(x))
         distance = float(np.linalg.norm(offset))
         along: Array = (offset / (distance or 1.0)) @ by
         return distance, along
+
+
+class _Total:
+    """The size of the sum of the moments of several dipoles."""
+
+    range = (0.0, np.inf)
+
+    def __init__(self, model: DipoleModel) -> None:
+        self._model = model
+
+    def __call__(self, x: Array) -> tuple[float, Array]:
+        values, by = self._model.bodies(x)
+        total = values[:, 3:].sum(axis=0)
+        size = float(np.linalg.norm(total))
+        along: Array = total / (size or 1.0) @ by[:, 3:].sum(axis=0)
+        return size, along
 
 
 class _Size:

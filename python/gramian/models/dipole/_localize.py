@@ -110,7 +110,9 @@ def localize(
         with "median" the median of the whole record is taken off first; with "drift" a
         line in time is fitted beside the constant. Nothing by default.
     sources : int or sequence of int
-        How many dipoles the body carries, 1 to 4; of several the one of the least BIC.
+        How many dipoles the body carries, 1 to 4; of several the one of the least BIC. With
+        more than one r0 and m, known or with a prior too, are those of the first; `moment` and
+        `closest` are of all: of the sum of the moments, and of their centre.
     motion : {"straight", "along", "accelerated", "turning"}, or a sequence of these
         How the body moves, see `Description`; of several the one of the least BIC.
     attitude, scale : float, optional
@@ -372,6 +374,7 @@ def _described(
     """Return the answer of the description that explains the record best."""
     filled = np.nan_to_num(y)
     tried: list[_Settled] = []
+    failed: list[str] = []
     for motion in dict.fromkeys(about.motion for about in wanted):
         counts = [about.sources for about in wanted if about.motion == motion]
         last: _Settled | None = None
@@ -382,13 +385,21 @@ def _described(
                 starts = _states(model, raw)[None]
             else:
                 starts = last.model.record(filled).seeds(last.state, 8)
-            settled = _settle(about, starts, raw, t, y, inner, setup, correlated)
+            try:
+                settled = _settle(about, starts, raw, t, y, inner, setup, correlated)
+                # A dipole without a moment, or far away, tells of nothing.
+                _core.Analysis(settled.model.handle(filled).linearize(settled.state)[1], None)
+            except InputError as error:
+                failed.append(f"{about}: {error}")
+                break
             if count in counts:
                 tried.append(settled)
                 earlier = last is not None and last.about.sources in counts
                 if last is not None and earlier and settled.bic > last.bic:
                     break
             last = settled
+    if not tried:
+        raise InputError(f"no description fits: {'; '.join(failed)}")
     tried.sort(key=lambda one: one.bic)
     best = tried[0]
     model, handle = best.model, best.model.handle(filled)
@@ -445,17 +456,9 @@ def _described(
 def _bodies(model: DipoleModel, x: Array, handle: _core.Model) -> tuple[Array, Array]:
     """Return place and moment (count, 6) of each dipole of a state, and their deviations."""
     full, by = model.expand(x)
-    count = model.description.sources
-    places, moved = np.tile(full[[0, 1, 2, 6, 7, 8]], (count, 1)), np.zeros((count, 6, x.size))
-    moved[:] = by[[0, 1, 2, 6, 7, 8]]
-    for k in range(1, count):
-        for i, part in enumerate(("dx", "dy", "dz", "mx", "my", "mz")):
-            j = model.names.index(f"{part} of dipole {k + 1}")
-            # An offset from the first dipole; a moment of its own.
-            base = 1.0 if i < 3 else 0.0
-            places[k, i] = base * places[k, i] + x[j]
-            moved[k, i] *= base
-            moved[k, i, j] += 1.0
+    places, moved = model.bodies(x)
+    places[:, :3] += full[:3]
+    moved[:, :3] += by[:3]
     covariance = _core.Analysis(handle.linearize(x)[1], None).crlb()
     if covariance is None:
         return places, np.zeros(places.shape)
@@ -892,7 +895,9 @@ def _localization(
         explained=float(1 - (residuals[good] ** 2).sum() / (signal[good] ** 2).sum()),
         spikes=int((~good & ~absent).any(axis=-1).sum()),
         dropped=dropped,
-        closest=_closest(found, covariance, origin, setup.sensors[0]),
+        closest=_closest(found, covariance, origin, setup.sensors[0])
+        if model.description.motion == "straight" and model.description.sources == 1
+        else _nearest(model, state, model.handle(y), origin),
         sensors=setup.sensors,
         correlation=inner.correlation,
         correlation_given=correlation_given,
@@ -985,6 +990,24 @@ def _closest(state: Array, covariance: Array, origin: float, sensor: Array) -> C
         time=origin + time,
         time_std=root(by_time @ covariance @ by_time),
         position=(float(position[0]), float(position[1]), float(position[2])),
+        range=distance,
+        range_std=root(by_range @ covariance @ by_range),
+    )
+
+
+def _nearest(model: DipoleModel, state: Array, handle: _core.Model, origin: float) -> ClosestPoint:
+    """Return the closest approach of a body that does not pass straight, or of its centre."""
+    time, by_time, place, by = model.nearest(state)
+    covariance = _core.Analysis(handle.linearize(state)[1], None).crlb()
+    distance = float(np.linalg.norm(place))
+    by_range = place / (distance or 1.0) @ by
+    if covariance is None:
+        covariance = np.full((state.size, state.size), np.inf)
+    x, y, z = place.tolist()
+    return ClosestPoint(
+        time=origin + time,
+        time_std=root(by_time @ covariance @ by_time),
+        position=(x, y, z),
         range=distance,
         range_std=root(by_range @ covariance @ by_range),
     )

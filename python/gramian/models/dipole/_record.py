@@ -20,6 +20,9 @@ __all__ = ["Finding", "RecordCheck", "check_record"]
 
 Array = NDArray[np.float64]
 
+#: Kinds of findings that leave nothing of a channel.
+_UNUSABLE = ("constant", "copy", "axes")
+
 
 @dataclass(frozen=True, repr=False)
 class Finding(Answer):
@@ -28,8 +31,8 @@ class Finding(Answer):
     Attributes
     ----------
     kind : str
-        "constant", "stuck", "saturated", "copy", "axes", "spikes", "hum", "drift",
-        "clock" or "missing".
+        "constant", "stuck", "saturated", "copy", "axes", "coarse", "noisy", "missing",
+        "spikes", "hum", "step", "drift" or "clock".
     channel : str or None
         The channel; None for the clock.
     text : str
@@ -77,8 +80,9 @@ class RecordCheck(Answer):
 
     @property
     def usable(self) -> tuple[bool, ...]:
-        """Which channels measure the field: not constant, not a copy, axes as they should be."""
-        bad = {f.channel for f in self.findings if f.kind in ("constant", "copy", "axes")}
+        """Which channels measure the field: neither dead nor a copy, axes as they should be."""
+        bad = {f.channel for f in self.findings if f.kind in _UNUSABLE}
+        bad |= {f.channel for f in self.findings if f.kind == "missing" and f.figures["all"]}
         return tuple(name not in bad for name in self.channels)
 
     def summary(self) -> str:
@@ -125,12 +129,15 @@ def check_record(
     Notes
     -----
     Found are: channels that are constant, stuck for a run that noise does not allow, cut
-    off at a limit, or copies of another channel (scaled, shifted or inverted) noise
-    included; axes of a second sensor that follow another axis of the first, or its own
-    with the opposite sign; single spikes beyond 8 standard deviations; mains hum (50, 60,
-    16 2/3 Hz, or its alias); a mean that moves from the first to the last tenth; steps of
-    the clock; missing samples. The noise is that of neighbouring samples in the quiet parts
-    of the record.
+    off at a limit, or copies of another channel (scaled, shifted, inverted or up to 5 samples
+    late) noise included, throughout or for a quarter of the record; axes of a second sensor
+    that follow another axis of the first, or its own with the opposite sign; channels that
+    are rounded to more than 10 times, or have more than 8 times, the noise of the others;
+    spikes of up to four samples beyond 8 standard deviations; mains hum (50, 60, 16 2/3 Hz,
+    or its alias); a level that steps, or moves from the first to the last tenth; steps and
+    rates of the clock; missing samples. Copies need noise that tells them from a channel that
+    sees the same pass: rounded to steps far above it, they may go unseen. The noise is that
+    of neighbouring samples in the quiet parts of the record.
 
     Examples
     --------
@@ -177,6 +184,8 @@ def _finding(kind: str, figures: dict[str, Any], names: tuple[str, ...], times: 
     for key in ("of", "follows"):
         if key in figures:
             figures[key] = names[figures[key]]
+    if kind == "missing":
+        figures["all"] = figures["samples"] == times.size
     return Finding(kind, channel, _text(kind, channel, figures, times), figures)
 
 
@@ -190,7 +199,20 @@ def _text(kind: str, channel: str | None, figures: Mapping[str, Any], times: Arr
         "saturated": lambda: (
             f"is cut off at {brief(figures['value'], 4)} T, in {figures['samples']} samples"
         ),
-        "copy": lambda: f"repeats {figures['of']}{_scaled(figures)}, noise included",
+        "copy": lambda: (
+            f"repeats {figures['of']}{_scaled(figures)}{_late(figures['late'])}, noise included"
+            + _during(figures, times)
+        ),
+        "coarse": lambda: (
+            f"is rounded to {brief(figures['step'])} T, where the others have noise of "
+            f"{brief(figures['usual'])} T"
+        ),
+        "noisy": lambda: (
+            f"has noise of {brief(figures['sigma'])} T, the others of {brief(figures['usual'])} T"
+        ),
+        "step": lambda: (
+            f"steps by {brief(figures['change'])} T at {times[figures['sample']]:.6g} s and stays"
+        ),
         "axes": lambda: (
             f"follows {figures['follows']}{' with the opposite sign' * figures['inverted']} "
             f"(correlation {figures['correlation']:.3f}): are its axes as the first sensor's?"
@@ -207,8 +229,12 @@ def _text(kind: str, channel: str | None, figures: Mapping[str, Any], times: Arr
         "clock": lambda: (
             f"steps by {brief(figures['step'], 4)} s to {times[figures['sample']]:.6g} s, "
             f"usually by {brief(figures['usual'], 4)} s"
+            + f", {figures['count']} times"
+            * (figures["count"] > 1)
         ),
-        "missing": lambda: f"has {figures['samples']} missing samples",
+        "missing": lambda: (
+            "has no samples" if figures["all"] else f"has {figures['samples']} missing samples"
+        ),
     }
     return f"{channel or 'the clock'} {said[kind]()}"
 
@@ -220,3 +246,16 @@ def _scaled(figures: Mapping[str, Any]) -> str:
     if abs(factor + 1) < 1e-9:
         return " with the opposite sign"
     return f" times {brief(factor, 4)}"
+
+
+def _late(late: int) -> str:
+    if late == 0:
+        return ""
+    return f" {abs(late)} sample{'s' * (abs(late) > 1)} {'later' if late > 0 else 'earlier'}"
+
+
+def _during(figures: Mapping[str, Any], times: Array) -> str:
+    if figures["samples"] == times.size:
+        return ""
+    last = figures["first"] + figures["samples"] - 1
+    return f", from {times[figures['first']]:.6g} s to {times[last]:.6g} s"

@@ -86,7 +86,8 @@ class Localization(Estimate):
     candidates : tuple of (Description, float)
         What was tried, with Schwarz's criterion (BIC), the chosen first.
     closest : ClosestPoint
-        Closest approach to the first sensor.
+        Closest approach to the first sensor; of several dipoles that of their centre, see
+        `DipoleModel.centre`.
     """
 
     r0: Array
@@ -175,7 +176,7 @@ class Localization(Estimate):
         if name in self.names:
             return float(self.state[self.names.index(name)])
         if name in PARTS:
-            return float(np.linalg.norm(self._pass[PARTS[name]]))
+            return self.moment[0] if name == "moment" else self.speed[0]
         if name == "range":
             return self.closest.range
         if name not in NAMES:
@@ -194,7 +195,10 @@ class Localization(Estimate):
 
     @property
     def moment(self) -> tuple[float, float]:
-        """The size of the moment and its standard deviation, A m^2."""
+        """The size of the moment and its standard deviation, A m^2; of several dipoles the sum."""
+        if self.model.description.sources > 1:
+            size, along = self.model.functions["moment"][0](self.state)
+            return size, root(along @ self.covariance @ along)
         return self._size(self.m, "moment")
 
     @property

@@ -8,6 +8,7 @@ use alloc::vec;
 use alloc::vec::Vec;
 
 use crate::scalar::{NumberError, check_length};
+use crate::square_root::SquareRootInformation;
 
 /// Runs, repeats and tones are reported where chance makes fewer than this many of them
 /// in a record.
@@ -59,6 +60,30 @@ pub enum Finding {
         factor: f64,
         /// What is added.
         offset: f64,
+        /// By how many samples it comes later than the other.
+        late: isize,
+        /// The first sample of the part in which it does.
+        from: usize,
+        /// How many samples this part has.
+        samples: usize,
+    },
+    /// A channel whose steps are far coarser than the noise of the others.
+    Coarse {
+        /// The column.
+        channel: usize,
+        /// The step.
+        step: f64,
+        /// The median of the others' standard deviations.
+        usual: f64,
+    },
+    /// A channel whose noise is far above that of the others.
+    Noisy {
+        /// The column.
+        channel: usize,
+        /// Its standard deviation.
+        sigma: f64,
+        /// The median of the others'.
+        usual: f64,
     },
     /// A channel of a second sensor that follows another axis of the first, or its own
     /// with the opposite sign.
@@ -88,6 +113,15 @@ pub enum Finding {
         /// Half the swing, in the unit of the record.
         amplitude: f64,
     },
+    /// The level changes from one sample to the next, and stays.
+    Step {
+        /// The column.
+        channel: usize,
+        /// The first sample at the new level.
+        sample: usize,
+        /// The change.
+        change: f64,
+    },
     /// The mean moves from the start to the end by more than the noise allows.
     Drift {
         /// The column.
@@ -103,6 +137,8 @@ pub enum Finding {
         step: f64,
         /// The median of the steps, s.
         usual: f64,
+        /// How many such steps follow each other.
+        count: usize,
     },
     /// Samples that are missing.
     Missing {
@@ -165,42 +201,49 @@ pub fn check(times: &[f64], field: &[f64], channels: usize) -> Result<Check, Num
     let mut findings = Vec::new();
     let mut noise = Vec::with_capacity(channels);
     let mut constant = vec![false; channels];
+    let mut spiked = Vec::with_capacity(channels);
     for (channel, column) in columns.iter().enumerate() {
         let known: Vec<f64> = column.iter().copied().filter(|x| x.is_finite()).collect();
         let first = known.first().copied().unwrap_or(f64::NAN);
-        constant[channel] = known.iter().all(|x| *x == first);
+        let own = noise_of(&known);
+        let off = spikes(column, &smooth[channel], &own);
+        // Spikes apart: a dead channel may have some.
+        let mut rest = column.iter().enumerate();
+        let value = smooth[channel].iter().copied().find(|x| x.is_finite());
+        let value = value.unwrap_or(first);
+        constant[channel] = known.iter().all(|x| *x == first)
+            || rest.all(|(i, x)| !x.is_finite() || *x == value || off.binary_search(&i).is_ok());
         if constant[channel] && !known.is_empty() {
-            findings.push(Finding::Constant {
-                channel,
-                value: first,
-            });
+            findings.push(Finding::Constant { channel, value });
         }
-        noise.push(noise_of(&known));
+        spiked.push(off);
+        noise.push(own);
     }
-    for channel in 0..channels {
-        if !constant[channel] {
-            runs(channel, &columns, &smooth, &noise, &mut findings);
-        }
+    // What is looked at for all but single spikes.
+    let clean: Vec<Vec<f64>> = columns
+        .iter()
+        .zip(&spiked)
+        .map(|(column, off)| {
+            let mut column = column.clone();
+            for &i in off {
+                column[i] = f64::NAN;
+            }
+            column
+        })
+        .collect();
+    for channel in (0..channels).filter(|&c| !constant[c]) {
+        runs(channel, &clean, &smooth, &noise, &constant, &mut findings);
     }
-    for channel in 1..channels {
-        if !constant[channel] {
-            let copy = (0..channel).filter(|of| !constant[*of]).find_map(|of| {
-                copied(
-                    &columns[of],
-                    &columns[channel],
-                    &noise[channel],
-                    of,
-                    channel,
-                )
-            });
-            findings.extend(copy);
-        }
+    let floors: Vec<f64> = clean.iter().map(|column| innovation(column)).collect();
+    for channel in (1..channels).filter(|&c| !constant[c]) {
+        let mut others = (0..channel).filter(|of| !constant[*of]);
+        findings.extend(
+            others.find_map(|of| copied(&clean, of, channel, floors[channel], &noise[channel])),
+        );
     }
-    axes(&columns, &constant, &noise, &mut findings);
+    axes(&clean, &constant, &noise, &mut findings);
+    unlike(&constant, &noise, &floors, &mut findings);
     for (channel, column) in columns.iter().enumerate() {
-        if constant[channel] {
-            continue;
-        }
         let missing = column.iter().filter(|x| !x.is_finite()).count();
         if missing > 0 {
             findings.push(Finding::Missing {
@@ -208,12 +251,15 @@ pub fn check(times: &[f64], field: &[f64], channels: usize) -> Result<Check, Num
                 samples: missing,
             });
         }
-        let samples = spikes(column, &smooth[channel], &noise[channel]);
+        let samples = core::mem::take(&mut spiked[channel]);
         if !samples.is_empty() {
             findings.push(Finding::Spikes { channel, samples });
         }
-        findings.extend(hum(channel, times, column));
-        findings.extend(drift(channel, column, &noise[channel]));
+        if !constant[channel] {
+            findings.extend(hum(channel, times, &clean[channel]));
+            findings.extend(jump(channel, times, &clean[channel], &noise[channel]));
+            findings.extend(drift(channel, column, &noise[channel]));
+        }
     }
     clock(times, &mut findings);
     Ok(Check { findings, noise })
@@ -322,114 +368,244 @@ fn runs(
     columns: &[Vec<f64>],
     smooth: &[Vec<f64>],
     noise: &[Noise],
+    constant: &[bool],
     findings: &mut Vec<Finding>,
 ) {
-    let column = &columns[channel];
-    let low = column.iter().copied().fold(f64::INFINITY, f64::min);
-    let high = column.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let mut longest = (0, 0);
-    let mut at_limit = [(0, 0); 2];
+    let (column, own) = (&columns[channel], &noise[channel]);
+    let (low, high) = range(column);
+    let mut known: Vec<f64> = column.iter().copied().filter(|x| x.is_finite()).collect();
+    let middle = median(&mut known);
+    // First sample, length.
+    let mut every: Vec<(usize, usize)> = Vec::new();
     let mut start = 0;
     for i in 1..=column.len() {
-        if i < column.len() && column[i] == column[start] {
-            continue;
+        if i == column.len() || column[i] != column[start] {
+            if column[start].is_finite() {
+                every.push((start, i - start));
+            }
+            start = i;
         }
-        let (length, value) = (i - start, column[start]);
-        if value == low || value == high {
-            let entry = &mut at_limit[usize::from(value == high)];
-            entry.0 += length;
-            entry.1 = entry.1.max(length);
-        } else if length > longest.1 {
-            longest = (start, length);
-        }
-        start = i;
     }
+    let longest = every.iter().map(|r| r.1).max().unwrap_or(0);
     // The share of equal neighbours, without the longest run.
     let equal = column.windows(2).filter(|w| w[0] == w[1]).count();
-    let outside = column.len().saturating_sub(longest.1).max(1) as f64;
-    let share = equal.saturating_sub(longest.1.saturating_sub(1)) as f64 / outside;
+    let outside = column.len().saturating_sub(longest).max(1) as f64;
+    let share = equal.saturating_sub(longest.saturating_sub(1)) as f64 / outside;
     let by_chance = |length: usize| {
         let length = i32::try_from(length).unwrap_or(i32::MAX);
         share.max(1.0 / column.len() as f64).powi(length - 1) * column.len() as f64 > CHANCE
     };
-    // A recorder whose steps hide the noise repeats itself for long: there a channel is
-    // stuck only while others see something pass, which a spike is not.
-    let passing = || {
-        let run = longest.0..longest.0 + longest.1;
-        smooth
-            .iter()
-            .zip(noise)
-            .enumerate()
-            .any(|(other, (values, noise))| {
-                let (low, high) = values[run.clone()]
-                    .iter()
-                    .fold((f64::INFINITY, f64::NEG_INFINITY), |r, x| {
-                        (r.0.min(*x), r.1.max(*x))
-                    });
-                other != channel && high - low > 50.0 * noise.sigma.max(noise.step)
-            })
+    let grain = own.sigma.max(own.step);
+    // A limit is far from where the channel usually is, and the channel leaves it on both sides
+    // as a peak does not: that is at three times its half width no further down than eight times
+    // what it is within the run.
+    let limited = |&(from, length): &(usize, usize)| {
+        let value = column[from];
+        let far = (value - middle).abs() > 10.0 * grain && high - low > 50.0 * own.sigma;
+        let half = length.div_ceil(2).max(4);
+        let falls = |at: Option<usize>| {
+            at.and_then(|i| smooth[channel].get(i))
+                .is_none_or(|x| !((x - value).abs() <= 6.0 * own.step + 6.0 * own.sigma))
+        };
+        let rounded = own.step > 0.0;
+        let leaves = falls(from.checked_sub(half)) && falls(Some(from + length - 1 + half));
+        (value == low || value == high) && far && length >= 4 && {
+            !by_chance(length) || (rounded && length >= 6 && leaves)
+        }
     };
-    if longest.1 >= 8 && !by_chance(longest.1) && (share < 0.5 || passing()) {
-        findings.push(Finding::Stuck {
-            channel,
-            from: longest.0,
-            samples: longest.1,
-            value: column[longest.0],
-        });
-    }
-    for ((samples, run), value) in at_limit.into_iter().zip([low, high]) {
-        // The rest must reach far beyond its noise, or the limit is that of a quiet record.
-        if run >= 4 && !by_chance(run) && high - low > 50.0 * noise[channel].sigma {
+    for limit in [low, high] {
+        let at: Vec<_> = every
+            .iter()
+            .filter(|r| column[r.0] == limit && limited(r))
+            .collect();
+        if !at.is_empty() {
             findings.push(Finding::Saturated {
                 channel,
-                value,
-                samples,
+                value: limit,
+                samples: at.iter().map(|r| r.1).sum(),
             });
         }
     }
+    // A recorder whose steps hide the noise repeats itself for long: there a channel is
+    // stuck only while others see a pass, and it does not where it otherwise moves.
+    let others: Vec<usize> = (0..columns.len())
+        .filter(|&c| c != channel && !constant[c])
+        .collect();
+    let passing = |&(from, length): &(usize, usize)| {
+        let run = from..from + length;
+        let mut rest = smooth[channel].clone();
+        rest[run.clone()].fill(f64::NAN);
+        let (low, high) = range(&rest);
+        high - low > 10.0 * grain
+            && others.iter().any(|&c| {
+                let (low, high) = range(&smooth[c]);
+                let (least, most) = range(&smooth[c][run.clone()]);
+                most - least > 0.75 * (high - low)
+                    && most - least > 10.0 * noise[c].sigma.max(noise[c].step)
+            })
+    };
+    // What repeats least, of all the other channels, tells how long a sound one may.
+    let usual = others
+        .iter()
+        .map(|&c| {
+            let equal = columns[c].windows(2).filter(|w| w[0] == w[1]).count();
+            equal as f64 / columns[c].len() as f64
+        })
+        .fold(share, f64::max);
+    let never = |length: usize| {
+        let length = i32::try_from(length).unwrap_or(i32::MAX);
+        let trials = column.len() as f64;
+        usual.max(1.0 / trials).powi(length - 1) * trials < CHANCE
+    };
+    let stuck = every
+        .iter()
+        .filter(|r| r.1 >= 8 && !by_chance(r.1) && !limited(r))
+        .filter(|r| share < 0.5 || passing(r) || (usual < 0.7 && never(r.1)))
+        .max_by_key(|r| r.1);
+    if let Some(&(from, samples)) = stuck {
+        findings.push(Finding::Stuck {
+            channel,
+            from,
+            samples,
+            value: column[from],
+        });
+    }
 }
 
-/// Whether a column repeats another up to scale and offset: what is left is far below the
-/// noise that two sensors would have apart.
+/// The smallest and the largest of the numbers that are there.
+fn range(values: &[f64]) -> (f64, f64) {
+    values
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |r, x| {
+            (r.0.min(*x), r.1.max(*x))
+        })
+}
+
+/// The standard deviation of what the six samples before do not tell of one: of a channel with
+/// a pass, a drift and hum what is its own.
+fn innovation(column: &[f64]) -> f64 {
+    const PAST: usize = 6;
+    let (low, high) = range(column);
+    let scale = (high - low).max(f64::MIN_POSITIVE);
+    let mut rows = SquareRootInformation::<f64, { PAST + 2 }>::new();
+    for w in column.windows(PAST + 1) {
+        if w.iter().all(|x| x.is_finite()) {
+            let mut row = [1.0; PAST + 2];
+            for (out, x) in row[1..].iter_mut().zip(w) {
+                *out = (x - low) / scale;
+            }
+            rows.absorb(&row);
+        }
+    }
+    let count = f64::from(rows.count()) - (PAST + 1) as f64;
+    let left = rows.factor()[PAST + 1][PAST + 1].abs();
+    if count > 0.0 {
+        scale * left / count.sqrt()
+    } else {
+        0.0
+    }
+}
+
+/// Whether a column repeats another up to scale and offset, a few samples earlier or later and
+/// at least for a quarter of the record: what is left is far below the noise that two sensors
+/// would have apart (`floor`), or nowhere more than a rounding.
 fn copied(
-    other: &[f64],
-    column: &[f64],
-    noise: &Noise,
+    columns: &[Vec<f64>],
     of: usize,
     channel: usize,
+    floor: f64,
+    noise: &Noise,
 ) -> Option<Finding> {
-    let pairs: Vec<(f64, f64)> = other
-        .iter()
-        .zip(column)
-        .filter(|(x, y)| x.is_finite() && y.is_finite())
-        .map(|(x, y)| (*x, *y))
-        .collect();
-    let count = pairs.len() as f64;
-    if count < 16.0 || noise.sigma == 0.0 {
-        return None;
-    }
-    let (mean_x, mean_y) = pairs
-        .iter()
-        .fold((0.0, 0.0), |s, (x, y)| (s.0 + x / count, s.1 + y / count));
-    let (mut xx, mut xy) = (0.0, 0.0);
-    for (x, y) in &pairs {
-        xx += (x - mean_x) * (x - mean_x);
-        xy += (x - mean_x) * (y - mean_y);
-    }
-    let factor = xy / xx;
-    let offset = mean_y - factor * mean_x;
-    let left = pairs
-        .iter()
-        .map(|(x, y)| (y - factor * x - offset) * (y - factor * x - offset))
-        .sum::<f64>();
-    let left = (left / count).sqrt();
-    // A copy that was rounded again differs by a step.
-    (left < 0.2 * noise.sigma).then_some(Finding::Copy {
-        channel,
-        of,
-        factor,
-        offset,
+    const LATEST: isize = 5;
+    let n = columns[channel].len();
+    // A level that steps before the part that is a copy is not its noise.
+    let quarter = |q: usize| (q * n / 4, (q + 1) * n / 4);
+    let own = [0, 1, 2, 3].map(|q| {
+        let (from, to) = quarter(q);
+        innovation(&columns[channel][from..to])
+    });
+    let part = |from: usize, to: usize, floor: f64, late: isize| {
+        let floor = floor.max(noise.step / 12.0_f64.sqrt());
+        let pairs = || {
+            (from..to).filter_map(move |i| {
+                let x = *columns[of].get(i.checked_add_signed(-late)?)?;
+                let y = columns[channel][i];
+                (x.is_finite() && y.is_finite()).then_some((x, y))
+            })
+        };
+        let count = pairs().count() as f64;
+        let (mean_x, mean_y) =
+            pairs().fold((0.0, 0.0), |s, (x, y)| (s.0 + x / count, s.1 + y / count));
+        let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+        for (x, y) in pairs() {
+            xx += (x - mean_x) * (x - mean_x);
+            xy += (x - mean_x) * (y - mean_y);
+            yy += (y - mean_y) * (y - mean_y);
+        }
+        let factor = xy / xx;
+        let offset = mean_y - factor * mean_x;
+        let left = |(x, y): (f64, f64)| (y - factor * x - offset).abs();
+        let spread = (pairs().map(left).map(|l| l * l).sum::<f64>() / count).sqrt();
+        let own = (yy / count).sqrt();
+        // A copy that was rounded again differs by half a step.
+        let rounded = own > 5.0 * noise.step && pairs().all(|p| left(p) < 0.51 * noise.step);
+        let same = spread < 0.2 * floor && own > 0.5 * floor;
+        (count >= 16.0 && (same || rounded)).then_some((factor, offset))
+    };
+    (0..=2 * LATEST).find_map(|k| {
+        // 0, 1, -1, 2, ..
+        let late = if k % 2 == 0 { -k / 2 } else { k / 2 + 1 };
+        let found = |from: usize, to: usize, floor: f64| {
+            part(from, to, floor, late).map(|(factor, offset)| Finding::Copy {
+                channel,
+                of,
+                factor,
+                offset,
+                late,
+                from,
+                samples: to - from,
+            })
+        };
+        found(0, n, floor).or_else(|| {
+            let same = |q: &usize| part(quarter(*q).0, quarter(*q).1, own[*q], late).is_some();
+            let quarters: Vec<usize> = (0..4).filter(same).collect();
+            let (first, last) = (*quarters.first()?, *quarters.last()?);
+            let (from, to) = quarter(first);
+            found(from, quarter(last).1, own[first]).or_else(|| found(from, to, own[first]))
+        })
     })
+}
+
+/// Channels that are far noisier, or rounded far more coarsely, than the others.
+/// `floors` is what each has that its past does not tell, hum apart.
+fn unlike(constant: &[bool], noise: &[Noise], floors: &[f64], findings: &mut Vec<Finding>) {
+    for (channel, own) in noise.iter().enumerate().filter(|(c, _)| !constant[*c]) {
+        let of = |values: &dyn Fn(usize) -> f64| {
+            let mut others: Vec<f64> = (0..noise.len())
+                .filter(|&c| c != channel && !constant[c] && noise[c].sigma > 0.0)
+                .map(values)
+                .collect();
+            (others.len() > 1).then(|| median(&mut others))
+        };
+        let (Some(usual), Some(floor)) = (of(&|c| noise[c].sigma), of(&|c| floors[c])) else {
+            continue;
+        };
+        if own.step > 10.0 * usual {
+            let step = own.step;
+            findings.push(Finding::Coarse {
+                channel,
+                step,
+                usual,
+            });
+        } else if own.sigma > 8.0 * usual && floors[channel] > 8.0 * floor {
+            let sigma = own.sigma;
+            findings.push(Finding::Noisy {
+                channel,
+                sigma,
+                usual,
+            });
+        }
+    }
 }
 
 /// Axes of the second and further sensors that follow another axis of the first.
@@ -450,7 +626,7 @@ fn axes(columns: &[Vec<f64>], constant: &[bool], noise: &[Noise], findings: &mut
         {
             continue;
         }
-        // Only signals far above the noise say which axis is which.
+        // Only signals far above the noise say which axis is which: others count as 0.
         let strong = |c: usize| {
             let mut known: Vec<f64> = columns[c]
                 .iter()
@@ -460,12 +636,15 @@ fn axes(columns: &[Vec<f64>], constant: &[bool], noise: &[Noise], findings: &mut
             let middle = median(&mut known);
             known
                 .iter()
-                .any(|x| (x - middle).abs() > 30.0 * noise[c].sigma)
+                .any(|x| (x - middle).abs() > 15.0 * noise[c].sigma)
         };
-        if !own.clone().chain(0..3).all(strong) {
-            continue;
-        }
-        let (order, with, gain) = matched(&columns[..3], &columns[own.clone()]);
+        let none: Vec<f64> = Vec::new();
+        let told = |c: usize| if strong(c) { &columns[c] } else { &none };
+        let (order, with, gain) = matched(
+            [0, 1, 2].map(told),
+            [own.start, own.start + 1, own.start + 2].map(told),
+            columns[0].len(),
+        );
         for (axis, channel) in own.enumerate() {
             let (follows, correlation) = (order[axis], with[axis]);
             let moved = follows != axis && gain > 0.5;
@@ -485,7 +664,7 @@ fn axes(columns: &[Vec<f64>], constant: &[bool], noise: &[Noise], findings: &mut
 /// it, and by how much this order explains more than that of the first: at the shift of up
 /// to a twentieth of the record where the two sensors agree best, since they see a pass one
 /// after the other.
-fn matched(first: &[Vec<f64>], second: &[Vec<f64>]) -> ([usize; 3], [f64; 3], f64) {
+fn matched(first: [&Vec<f64>; 3], second: [&Vec<f64>; 3], n: usize) -> ([usize; 3], [f64; 3], f64) {
     const ORDERS: [[usize; 3]; 6] = [
         [0, 1, 2],
         [0, 2, 1],
@@ -494,20 +673,21 @@ fn matched(first: &[Vec<f64>], second: &[Vec<f64>]) -> ([usize; 3], [f64; 3], f6
         [2, 0, 1],
         [2, 1, 0],
     ];
-    let n = first[0].len();
     let reach = n / 20;
     let stride = (reach / 50).max(1);
     let (mut order, mut with, mut best, mut plain) = (ORDERS[0], [0.0; 3], 0.0, 0.0_f64);
     for shift in (0..=reach).step_by(stride) {
         for late in [false, true] {
             let of = |a: &[f64], b: &[f64]| {
-                if late {
+                if a.is_empty() || b.is_empty() {
+                    0.0
+                } else if late {
                     correlation(&a[..n - shift], &b[shift..])
                 } else {
                     correlation(&a[shift..], &b[..n - shift])
                 }
             };
-            let table = [0, 1, 2].map(|i| [0, 1, 2].map(|j| of(&first[j], &second[i])));
+            let table = [0, 1, 2].map(|i| [0, 1, 2].map(|j| of(first[j], second[i])));
             for candidate in ORDERS {
                 let picked = [0, 1, 2].map(|i| table[i][candidate[i]]);
                 let score = picked.iter().map(|x| x.abs()).sum();
@@ -544,11 +724,11 @@ fn correlation(a: &[f64], b: &[f64]) -> f64 {
     }
 }
 
-/// The median of the five samples about each, NaN where all are missing.
+/// The median of the nine samples about each, NaN where all are missing.
 fn medians(column: &[f64]) -> Vec<f64> {
     (0..column.len())
         .map(|i| {
-            let mut near: Vec<f64> = column[i.saturating_sub(2)..(i + 3).min(column.len())]
+            let mut near: Vec<f64> = column[i.saturating_sub(4)..(i + 5).min(column.len())]
                 .iter()
                 .copied()
                 .filter(|x| x.is_finite())
@@ -558,12 +738,57 @@ fn medians(column: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// Samples far off the median of the five about them.
+/// Samples far off the median of the nine about them, and off what their neighbours lead to:
+/// the top of a fast pass is the first alone.
 fn spikes(column: &[f64], smooth: &[f64], noise: &Noise) -> Vec<usize> {
     let limit = SPIKE * noise.sigma + 2.0 * noise.step;
+    let off = |i: usize| {
+        let alone = i.checked_sub(2).and_then(|first| column.get(first..i + 3));
+        let led = alone.map_or(f64::NAN, |w| (4.0 * (w[1] + w[3]) - w[0] - w[4]) / 6.0);
+        (column[i] - smooth[i]).abs() > limit && !((column[i] - led).abs() <= limit)
+    };
     (0..column.len())
-        .filter(|&i| column[i].is_finite() && limit > 0.0 && (column[i] - smooth[i]).abs() > limit)
+        .filter(|&i| column[i].is_finite() && limit > 0.0 && off(i))
         .collect()
+}
+
+/// A change of level between two samples, both sides of it nearly at rest.
+fn jump(channel: usize, times: &[f64], column: &[f64], noise: &Noise) -> Option<Finding> {
+    const SIDE: usize = 4;
+    let limit = SPIKE * noise.sigma + 2.0 * noise.step;
+    let level = |w: &[f64]| {
+        let mut known: Vec<f64> = w.iter().copied().filter(|x| x.is_finite()).collect();
+        median(&mut known)
+    };
+    let mut steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).collect();
+    // In a gap a level may well change.
+    let longest = 1.5 * median(&mut steps);
+    let mut best: Option<(usize, f64)> = None;
+    for (k, w) in column.windows(2 * SIDE).enumerate() {
+        if times[k + SIDE] - times[k + SIDE - 1] > longest {
+            continue;
+        }
+        let change = w[SIDE] - w[SIDE - 1];
+        let (before, after) = w.split_at(SIDE);
+        let rest = |side: &[f64]| {
+            let (low, high) = range(side);
+            high - low < 0.25 * change.abs()
+        };
+        if limit > 0.0
+            && change.abs() > limit
+            && rest(before)
+            && rest(after)
+            && ((level(after) - level(before)) / change - 1.0).abs() < 0.3
+            && best.is_none_or(|b| change.abs() > b.1.abs())
+        {
+            best = Some((k + SIDE, change));
+        }
+    }
+    best.map(|(sample, change)| Finding::Step {
+        channel,
+        sample,
+        change,
+    })
 }
 
 /// A tone of the mains that stands above the spectrum around it.
@@ -572,8 +797,22 @@ fn hum(channel: usize, times: &[f64], column: &[f64]) -> Option<Finding> {
     if n < 256 {
         return None;
     }
-    let span = times[n - 1] - times[0];
-    let rate = (n - 1) as f64 / span;
+    // Without gaps and jumps of the clock.
+    let mut steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).collect();
+    let usual = median(&mut steps);
+    if !(usual > 0.0) {
+        return None;
+    }
+    let mut at = 0.0;
+    let times: Vec<f64> = core::iter::once(0.0)
+        .chain(times.windows(2).map(|w| {
+            let step = w[1] - w[0];
+            let sound = step > 0.5 * usual && step < 1.5 * usual;
+            at += if sound { step } else { usual };
+            at
+        }))
+        .collect();
+    let (span, rate) = (times[n - 1], 1.0 / usual);
     // Second differences take off the pass, whose spectrum falls steeply; each tone is
     // magnified by a known factor.
     let second: Vec<(f64, f64)> = (1..n - 1)
@@ -653,19 +892,56 @@ fn drift(channel: usize, column: &[f64], noise: &Noise) -> Option<Finding> {
         .then_some(Finding::Drift { channel, change })
 }
 
-/// Steps of the clock that differ from the usual one by half and more.
+/// Steps of the clock that differ from the usual one: single ones by a fifth and more than
+/// its jitter, and rates that differ by a tenth for a while.
 fn clock(times: &[f64], findings: &mut Vec<Finding>) {
-    let mut steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).collect();
-    let usual = median(&mut steps);
-    for (i, w) in times.windows(2).enumerate() {
-        let step = w[1] - w[0];
-        if step <= 0.0 || step > 1.5 * usual {
+    const WHILE: usize = 16;
+    let steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).collect();
+    let usual = median(&mut steps.clone());
+    if steps.is_empty() || !usual.is_finite() {
+        return;
+    }
+    let mut off: Vec<f64> = steps.iter().map(|s| (s - usual).abs()).collect();
+    off.sort_by(f64::total_cmp);
+    let jitter = off[off.len() * 9 / 10] / 1.645;
+    // Above, below or at the usual step, and whether by more than jitter does.
+    let side = |step: f64| {
+        if (step - usual).abs() > 0.1 * usual.abs() {
+            (step - usual).signum()
+        } else {
+            0.0
+        }
+    };
+    let single =
+        |step: f64| step <= 0.0 || (step - usual).abs() > (4.0 * jitter).max(0.2 * usual.abs());
+    let mut from = 0;
+    while from < steps.len() {
+        let kind = side(steps[from]);
+        let mut to = from + 1;
+        while to < steps.len() && side(steps[to]) == kind {
+            to += 1;
+        }
+        let told =
+            kind != 0.0 && (to - from >= WHILE || steps[from..to].iter().any(|s| single(*s)));
+        if told {
+            let worst = steps[from..to]
+                .iter()
+                .copied()
+                .max_by(|a, b| (a - usual).abs().total_cmp(&(b - usual).abs()))
+                .unwrap_or(usual);
+            let step = if to - from >= WHILE {
+                median(&mut steps[from..to].to_vec())
+            } else {
+                worst
+            };
             findings.push(Finding::Clock {
-                sample: i + 1,
+                sample: from + 1,
                 step,
                 usual,
+                count: to - from,
             });
         }
+        from = to;
     }
 }
 
@@ -815,6 +1091,184 @@ mod tests {
                 samples: 1
             }]
         ));
+    }
+
+    /// What is found of a record that was changed row by row.
+    fn changed(times: &[f64], field: &[f64], change: &dyn Fn(usize, &mut [f64])) -> Vec<Finding> {
+        let mut field = field.to_vec();
+        for (i, row) in field.chunks_mut(6).enumerate() {
+            change(i, row);
+        }
+        check(times, &field, 6).unwrap().findings
+    }
+
+    #[test]
+    fn copies_are_told_from_channels_with_the_same_hum() {
+        let (times, good) = record(7);
+        let copies = |found: &[Finding]| -> Vec<(usize, usize, isize, usize)> {
+            let copy = |f: &Finding| match *f {
+                Finding::Copy {
+                    channel,
+                    of,
+                    late,
+                    samples,
+                    ..
+                } => Some((channel, of, late, samples)),
+                _ => None,
+            };
+            found.iter().filter_map(copy).collect()
+        };
+        // 50 Hz at 200 a second in all channels, fifty times the noise: none is a copy.
+        let hum = changed(&times, &good, &|i, row| {
+            let wave = 50.0 * (core::f64::consts::TAU * 50.02 * i as f64 / RATE + 1.0).sin();
+            row.iter_mut().for_each(|x| *x += wave);
+        });
+        assert_eq!(copies(&hum), []);
+        let hums = hum.iter().filter(|f| matches!(f, Finding::Hum { .. }));
+        assert_eq!(hums.count(), 6);
+        // Spikes of its own do not hide one, nor that it lasts a part of the record.
+        let spiked = changed(&times, &good, &|i, row| {
+            row[4] = row[0] + if i % 700 == 90 { 1e4 } else { 0.0 };
+        });
+        assert_eq!(copies(&spiked), [(4, 0, 0, 2000)]);
+        let later = changed(&times, &good, &|i, row| {
+            if i >= 500 {
+                row[4] = row[0];
+            }
+        });
+        assert_eq!(copies(&later), [(4, 0, 0, 1500)]);
+        let late = changed(&times, &good, &|i, row| {
+            if i >= 2 {
+                row[4] = good[6 * (i - 2)];
+            }
+        });
+        assert!(copies(&late).contains(&(4, 0, 2, 2000)), "{late:?}");
+    }
+
+    #[test]
+    fn a_coarse_channel_is_stuck_or_cut_off() {
+        // Steps of four deviations: sound channels repeat themselves for long.
+        let (times, mut field) = record(3);
+        let round = |x: f64| (x / 4.0).round() * 4.0;
+        field.iter_mut().for_each(|x| *x = round(*x));
+        assert_eq!(check(&times, &field, 6).unwrap().findings, []);
+        let top = field.iter().step_by(6).copied().fold(0.0, f64::max);
+        let limit = round(0.5 * top);
+        let found = changed(&times, &field, &|_, row| row[0] = row[0].min(limit));
+        assert!(
+            matches!(found[..], [Finding::Saturated { channel: 0, value, .. }] if value == limit),
+            "{found:?}"
+        );
+        let value = field[6 * 900 + 1];
+        let found = changed(&times, &field, &|i, row| {
+            if (900..1300).contains(&i) {
+                row[1] = value;
+            }
+        });
+        assert!(
+            matches!(
+                found[..],
+                [Finding::Stuck {
+                    channel: 1,
+                    from: 890..=900,
+                    ..
+                }]
+            ),
+            "{found:?}"
+        );
+    }
+
+    #[test]
+    fn levels_that_step_and_unlike_channels_are_named() {
+        let (times, good) = record(5);
+        let step = changed(&times, &good, &|i, row| {
+            row[1] += if i < 300 { 0.0 } else { 60.0 };
+        });
+        assert!(
+            step.iter().any(|f| matches!(
+                f,
+                Finding::Step { channel: 1, sample: 300, change } if (change - 60.0).abs() < 8.0
+            )),
+            "{step:?}"
+        );
+        let coarse = changed(&times, &good, &|_, row| {
+            row[2] = (row[2] / 30.0).round() * 30.0
+        });
+        assert!(
+            matches!(
+                coarse[..],
+                [Finding::Coarse { channel: 2, step, .. }] if (step - 30.0).abs() < 1e-9
+            ),
+            "{coarse:?}"
+        );
+        let mut stream = Stream::new(11, 0);
+        let mut noise = vec![0.0; 2000];
+        noise.fill_with(|| 40.0 * stream.normal());
+        let noisy = changed(&times, &good, &|i, row| row[3] += noise[i]);
+        assert!(
+            matches!(noisy[..], [Finding::Noisy { channel: 3, .. }]),
+            "{noisy:?}"
+        );
+        let lost = changed(&times, &good, &|_, row| row[5] = f64::NAN);
+        let all = Finding::Missing {
+            channel: 5,
+            samples: 2000,
+        };
+        assert_eq!(lost, [all]);
+    }
+
+    #[test]
+    fn a_fast_pass_is_no_spike() {
+        // A thousand times the noise within a tenth of a second.
+        let times: Vec<f64> = (0..800).map(|i| f64::from(i) / RATE).collect();
+        let mut field = vec![0.0; 2400];
+        let mut stream = Stream::new(2, 0);
+        field.fill_with(|| stream.normal());
+        for (row, t) in field.chunks_mut(3).zip(&times) {
+            let u = (t - 2.0) / 0.08;
+            let fall = 1e3 * (1.0 + u * u).powf(-2.5);
+            row[0] += (2.0 - u * u) * fall;
+            row[1] += 3.0 * u * fall;
+            row[2] += (1.0 - 2.0 * u * u) * fall;
+        }
+        assert_eq!(check(&times, &field, 3).unwrap().findings, []);
+        for x in field.iter_mut().skip(3 * 100).step_by(3).take(3) {
+            *x += 5e3;
+        }
+        let spikes = Finding::Spikes {
+            channel: 0,
+            samples: vec![100, 101, 102],
+        };
+        assert_eq!(check(&times, &field, 3).unwrap().findings, [spikes]);
+    }
+
+    #[test]
+    fn clocks_of_another_rate_are_named_once_and_jitter_is_not() {
+        let (sound, field) = record(7);
+        let mut times = sound.clone();
+        for i in 900..2000 {
+            times[i] = times[i - 1] + 1.3 / RATE;
+        }
+        let found = check(&times, &field, 6).unwrap().findings;
+        // The usual step is that of most samples.
+        assert!(
+            matches!(
+                found[..],
+                [Finding::Clock {
+                    sample: 1,
+                    count: 899,
+                    ..
+                }]
+            ),
+            "{found:?}"
+        );
+        // Rounded to a millisecond and jittered.
+        let mut stream = Stream::new(4, 0);
+        let jittered: Vec<f64> = sound
+            .iter()
+            .map(|t| ((t + 3e-4 * stream.normal()) * 1e3).round() / 1e3)
+            .collect();
+        assert_eq!(check(&jittered, &field, 6).unwrap().findings, []);
     }
 
     #[test]

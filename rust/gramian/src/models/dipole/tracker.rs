@@ -128,6 +128,9 @@ impl<T: Real> Tracker<T> {
         for k in 0..3 {
             next.state[k] += step * self.state[k + 3];
         }
+        if !next.state.iter().all(|x| x.is_finite()) {
+            return Err(overflow("state"));
+        }
         next.known = advanced(&self.known, step, wander)?;
         Ok(next)
     }
@@ -136,8 +139,8 @@ impl<T: Real> Tracker<T> {
     ///
     /// # Errors
     /// As [`predict`](Self::predict); [`Error::Number`] for a field that is not finite or a
-    /// deviation that is not positive; [`Error::OnSensor`] where the dipole would be on the
-    /// sensor. Nothing is taken in then.
+    /// deviation that is not positive, or where the result overflows; [`Error::OnSensor`] where
+    /// the dipole would be on the sensor. Nothing is taken in then.
     pub fn push(&mut self, sample: &Sample<T>, wander: &Wander<T>) -> Result<T, Error> {
         check_finite("sensor", &sample.sensor)?;
         check_finite("field", &sample.field)?;
@@ -194,6 +197,9 @@ impl<T: Real> Tracker<T> {
         next.state = state;
         next.count = next.count.saturating_add(1);
         next.chi2 += cost;
+        if !(next.chi2.is_finite() && state.iter().all(|x| x.is_finite())) {
+            return Err(overflow("chi2"));
+        }
         *self = next;
         Ok(cost)
     }
@@ -298,6 +304,9 @@ fn later<T: Real>(from: T, to: T) -> Result<T, Error> {
     if to < from {
         return Err(out_of_range("time", to, "at least that of the last sample"));
     }
+    if !(to - from).is_finite() {
+        return Err(overflow("time since the last sample"));
+    }
     Ok(to - from)
 }
 
@@ -366,6 +375,10 @@ impl<T: Real> Sample<T> {
 
 fn sum<T: Real>(left: &[T; 3]) -> T {
     left.iter().fold(T::zero(), |sum, &x| sum + x * x)
+}
+
+fn overflow(result: &'static str) -> Error {
+    Error::Number(NumberError::Overflow { result })
 }
 
 fn out_of_range<T: Real>(name: &'static str, given: T, allowed: &'static str) -> Error {
