@@ -1167,12 +1167,16 @@ mod tests {
         });
         assert!(
             matches!(
+                // And a step where it ends.
                 found[..],
-                [Finding::Stuck {
-                    channel: 1,
-                    from: 890..=900,
-                    ..
-                }]
+                [
+                    Finding::Stuck {
+                        channel: 1,
+                        from: 890..=900,
+                        ..
+                    },
+                    Finding::Step { sample: 1300, .. }
+                ]
             ),
             "{found:?}"
         );
