@@ -884,7 +884,10 @@ fn tracker<T: Number>(draw: &mut Draw<T>) {
         let (truth, before) = (draw.array(), bound);
         let result = bound.push(&sample, &truth, &wander);
         draw.unchanged(&result, &bound, &before);
-        draw.taken(result);
+        // What a sample reads does not matter to the bound.
+        if all_finite(&sample.field) {
+            draw.taken(result);
+        }
         let answer = tracker.answer();
         draw.finite(tracker.state());
         draw.finite(&answer.state);
