@@ -128,7 +128,7 @@ impl<T: Real> Tracker<T> {
         for k in 0..3 {
             next.state[k] += step * self.state[k + 3];
         }
-        if !next.state.iter().all(|x| x.is_finite()) {
+        if !next.state.iter().all(nalgebra::ComplexField::is_finite) {
             return Err(overflow("state"));
         }
         next.known = advanced(&self.known, step, wander)?;
@@ -197,7 +197,7 @@ impl<T: Real> Tracker<T> {
         next.state = state;
         next.count = next.count.saturating_add(1);
         next.chi2 += cost;
-        if !(next.chi2.is_finite() && state.iter().all(|x| x.is_finite())) {
+        if !(next.chi2.is_finite() && state.iter().all(nalgebra::ComplexField::is_finite)) {
             return Err(overflow("chi2"));
         }
         *self = next;
