@@ -40,6 +40,8 @@ fn dipole_check<'py>(
     Ok((findings, noise))
 }
 
+// One arm for each kind.
+#[allow(clippy::too_many_lines)]
 fn named(py: Python<'_>, finding: Finding) -> PyResult<(&'static str, Bound<'_, PyDict>)> {
     let out = PyDict::new(py);
     let kind = match finding {
