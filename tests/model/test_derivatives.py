@@ -447,3 +447,45 @@ def test_a_zero_and_its_rounding_is_moved_as_a_zero(value):
 def test_what_nothing_sees_is_still_not_seen():
     model = gm.from_function(lambda s: [s[0], 2 * s[0]], [1.0, 1.2e-16], 0.05, ["a", "b"])
     assert gm.analyze(model).null_combinations == ("b +1",)
+
+
+ODD = {
+    "sin(x)": (np.sin, 1.0),
+    "sin(1000 x)": (lambda x: np.sin(1e3 * x), 1e3),
+    "tanh(20 x)": (lambda x: np.tanh(20 * x), 20.0),
+    "atan(x)": (np.arctan, 1.0),
+    "x / (1 + x^2)": (lambda x: x / (1 + x * x), 1.0),
+    "2 x + 1e6 x^3": (lambda x: 2 * x + 1e6 * x**3, 2.0),
+    "3 x": (lambda x: 3 * x, 3.0),
+}
+
+
+@pytest.mark.parametrize("scale", [None, 1e-3, 1.0])
+@pytest.mark.parametrize("name", ODD)
+def test_an_odd_function_at_zero(name, scale):
+    """Its even part is zero at any step, and tells nothing of how bent it is."""
+    h, wanted = ODD[name]
+    model = gm.from_function(
+        lambda x: [h(x[0])], [0.0], 1.0, ["x"], scale=None if scale is None else [scale]
+    )
+    error = model.accuracy.error[0, 0]
+    assert abs(model.rows()[0, 0] - wanted) <= 3 * error + 1e-15 * wanted
+    assert error < 1e-7 * wanted
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 100.0])
+@pytest.mark.parametrize("slope", [0.0, 1.0])
+@pytest.mark.parametrize("power", [1.5, 2.0, 2.5])
+def test_a_law_whose_error_falls_slowly_with_the_step(power, slope, scale):
+    """Drag at a standstill: v |v| has a slope of 0, which no difference shows."""
+    model = gm.from_function(
+        lambda x: [slope * x[0] + np.sign(x[0]) * np.abs(x[0]) ** power, x[1]],
+        [0.0, 1.0],
+        0.05,
+        ["v", "b"],
+        scale=[scale, scale],
+    )
+    error = model.accuracy.error[0, 0]
+    assert abs(0.05 * model.rows()[0, 0] - slope) <= 3 * error
+    if slope == 0.0:
+        assert gm.analyze(model).status != "observable"

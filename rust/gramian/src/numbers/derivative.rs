@@ -1035,14 +1035,9 @@ impl<'a> Column<'a> {
     /// Whether differences of one output stay where they should fall with the step.
     fn irregular(&self, k: usize, noise: f64) -> bool {
         let pairs: Vec<&Pair> = self.used().collect();
-        pairs.windows(3).any(|w| {
-            let d = |p: &Pair| p.odd[k] / p.step;
-            let rounding = noise / w[2].step;
-            let (first, second) = ((d(w[0]) - d(w[1])).abs(), (d(w[1]) - d(w[2])).abs());
-            let [a, b, c] = [0, 1, 2].map(|k| w[k].step * w[k].step);
-            // As steps are halved it should fall to a quarter.
-            second > 2.4 * (b - c) / (a - b) * first && second > 20.0 * rounding
-        })
+        pairs
+            .windows(3)
+            .any(|w| irregular(w[0], w[1], w[2], k, noise))
     }
 
     /// What noise leaves of the best estimate.
@@ -1063,18 +1058,30 @@ impl<'a> Column<'a> {
         }
         let level =
             |p: &Pair| noise.max(f64::EPSILON * (at.abs() + p.odd[k].abs() + p.even[k].abs()));
-        // One step alone tells nothing of truncation but how bent the function is.
+        // The shortest step alone: how bent the function is, and what another step gives, as
+        // that of an odd function bends where the even part is zero.
         let mut best = {
             let p = pairs[pairs.len() - 1];
-            let bend = if pairs.len() > 1 { p.odd[k].abs() } else { 0.0 };
-            let even = p.even[k].abs().min(bend.max(p.odd[k].abs()));
-            (p.odd[k] / p.step, (even + COVERAGE * level(p)) / p.step)
+            let value = p.odd[k] / p.step;
+            let even = p.even[k].abs().min(p.odd[k].abs());
+            let apart = match pairs.as_slice() {
+                [.., q, _] => (q.odd[k] / q.step - value).abs(),
+                _ => value.abs(),
+            };
+            let error = apart + (even + COVERAGE * level(p)) / p.step;
+            (value, error.max(slow(&pairs, k, noise, value)))
         };
         for width in 2..=3.min(pairs.len()) {
-            for window in pairs.windows(width) {
+            for (start, window) in pairs.windows(width).enumerate() {
                 let (value, weights) = extrapolate(window, k);
                 let shorter = extrapolate(&window[1..], k).0;
                 let mut gap = (value - shorter).abs();
+                if let [long, short] = pairs.as_slice() {
+                    // No third step tells whether the error falls as the square of the step:
+                    // as its root, then.
+                    let apart = (long.odd[k] / long.step - short.odd[k] / short.step).abs();
+                    gap = gap.max(apart / ((long.step / short.step).sqrt() - 1.0));
+                }
                 if width == 3 {
                     // The gap is the error of two steps; that of three is smaller as
                     // the gap is smaller than the one before it.
@@ -1092,7 +1099,8 @@ impl<'a> Column<'a> {
                         .zip(&weights)
                         .map(|(p, w)| w * level(p) / p.step),
                 ) * core::f64::consts::FRAC_1_SQRT_2;
-                let error = gap + COVERAGE * random;
+                let seen = (start + width).max(3).min(pairs.len());
+                let error = (gap + COVERAGE * random).max(slow(&pairs[..seen], k, noise, value));
                 if error < best.1 {
                     best = (value, error);
                 }
@@ -1114,6 +1122,54 @@ impl<'a> Column<'a> {
         }
         best
     }
+}
+
+/// How far `value` may be off where the differences do not fall with the square of
+/// the step, as those of x |x| at 0. The shortest step is off by c^q / (b^q - c^q) of the last
+/// difference, with the power q that the last two show. 0 where they fall as they should, or
+/// to rounding.
+fn slow(pairs: &[&Pair], k: usize, noise: f64, value: f64) -> f64 {
+    let [.., a, b, c] = pairs else {
+        return 0.0;
+    };
+    let [first, second] = differences(a, b, c, k);
+    // Halved steps leave a quarter where the function is smooth, half where it is as x |x|.
+    if !falls_slowly([first, second], [a, b, c], 1.5) || second <= 20.0 * noise / c.step {
+        return 0.0;
+    }
+    let power = |step: f64, q: f64| (step / a.step).powf(q);
+    let fall = |q: f64| (1.0 - power(b.step, q)) / (power(b.step, q) - power(c.step, q));
+    // Differences that do not fall at all have no limit to speak of.
+    let (mut low, mut high) = (1.0 / 16.0, 2.0);
+    for _ in 0..30 {
+        let middle = 0.5 * (low + high);
+        if fall(middle) * second < first {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    let rest = second * power(c.step, low) / (power(b.step, low) - power(c.step, low));
+    rest + (value - c.odd[k] / c.step).abs()
+}
+
+/// How much odd / step changes from the first to the second step and on to the third.
+fn differences(a: &Pair, b: &Pair, c: &Pair, k: usize) -> [f64; 2] {
+    let d = |p: &Pair| p.odd[k] / p.step;
+    [(d(a) - d(b)).abs(), (d(b) - d(c)).abs()]
+}
+
+/// Whether the second difference is more than so many times what the first becomes where it
+/// falls with the square of the step.
+fn falls_slowly([first, second]: [f64; 2], pairs: [&Pair; 3], times: f64) -> bool {
+    let [x, y, z] = pairs.map(|p| p.step * p.step);
+    second > times * (y - z) / (x - y) * first
+}
+
+/// Whether a difference stays where it should fall.
+fn irregular(a: &Pair, b: &Pair, c: &Pair, k: usize, noise: f64) -> bool {
+    let both = differences(a, b, c, k);
+    falls_slowly(both, [a, b, c], 2.4) && both[1] > 20.0 * noise / c.step
 }
 
 /// Whether the even part of an output is proportional to the step, from the longest to the

@@ -6,9 +6,10 @@ use alloc::vec::Vec;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatMut, Par};
 
-use super::factor::{Factor, Symbolic};
+use super::factor::Factor;
 use super::null_space::{self, Component, Scaled};
 use super::structure::{NONE, Structure};
+use super::symbolic::Symbolic;
 use super::{Index, Rows, SparseError, Stop, selected_inverse};
 
 /// How far below the norm of the unit-column rows the added identity is.
@@ -90,7 +91,7 @@ impl Sparse {
     ) -> Result<Self, SparseError> {
         let n = rows.columns();
         let structure = Structure::new(rows);
-        let symbolic = Symbolic::new(rows)?;
+        let symbolic = Symbolic::new(rows, available, stop)?;
         let place = symbolic.place.clone();
         let matrix = Scaled::new(rows, &scale, &place);
         let norm = matrix.norm().max(1.0);
@@ -553,7 +554,7 @@ pub fn marginal_rows<I: Index>(
         .into_iter()
         .map(|norm| if norm > 0.0 { 1.0 / norm } else { 1.0 })
         .collect();
-    let symbolic = Symbolic::eliminating(rows, eliminated)?;
+    let symbolic = Symbolic::eliminating(rows, eliminated, available, stop)?;
     let place = symbolic.place.clone();
     let norm = Scaled::new(rows, &scale, &place).norm().max(1.0);
     let mu = MU_ELIMINATION * norm;

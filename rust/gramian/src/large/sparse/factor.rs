@@ -13,349 +13,17 @@ use faer::linalg::qr::no_pivoting::factor::{qr_in_place, qr_in_place_scratch};
 use faer::linalg::triangular_solve::{
     solve_lower_triangular_in_place, solve_upper_triangular_in_place,
 };
-use faer::sparse::SymbolicSparseColMatRef;
-use faer::sparse::linalg::SupernodalThreshold;
-use faer::sparse::linalg::cholesky::{
-    CholeskySymbolicParams, SymbolicCholeskyRaw, SymmetricOrdering, factorize_symbolic_cholesky,
-};
-use faer::{Accum, Conj, MatMut, MatRef, Par, Side, Spec};
+use faer::{Accum, Conj, MatMut, MatRef, Par, Spec};
 
-use super::ordering::{self, Graph};
 use super::structure::NONE;
+use super::symbolic::Symbolic;
 use super::{Index, Rows, SparseError, Stop};
-
-/// From so many columns on, nested dissection is tried beside minimum degree.
-const LARGE: usize = 20_000;
 
 /// Columns of a front that are reduced together.
 const PANEL: usize = 16;
 
-/// Where the entries of the factor stand: the elimination order, and the groups of
-/// columns (fronts) that have one pattern.
-#[derive(Clone, Debug)]
-pub struct Symbolic {
-    /// Column at each place of the order.
-    pub(super) order: Vec<usize>,
-    /// Place of each column.
-    pub(super) place: Vec<usize>,
-    /// First place of each front, and the number of columns at the end.
-    pub(super) begin: Vec<usize>,
-    /// Where each front's later places start in `later`.
-    later_start: Vec<usize>,
-    /// Places beyond a front that its rows touch, increasing.
-    later: Vec<usize>,
-    /// The front that takes what is left of a front; [`NONE`] for the last.
-    pub(super) parent: Vec<usize>,
-    /// Where each front's entries start.
-    value_start: Vec<usize>,
-    /// The front of each place.
-    pub(super) front: Vec<usize>,
-    /// Bytes at the peak of the factorisation, the factor included.
-    peak: usize,
-}
-
-impl Symbolic {
-    /// Orders the columns and finds where the factor fills in.
-    ///
-    /// # Errors
-    /// [`SparseError::Memory`] where even this does not fit.
-    pub fn new<I: Index>(rows: &Rows<'_, I>) -> Result<Self, SparseError> {
-        let n = rows.columns();
-        let graph = Graph::of_columns(rows);
-        let memory = || SparseError::Memory {
-            columns: n,
-            entries: graph.neighbour.len(),
-            needed: 48 * graph.neighbour.len(),
-            available: 0,
-        };
-        let order = ordering::minimum_degree(&graph).ok_or_else(memory)?;
-        let found = Self::ordered(rows, order)?;
-        if n < LARGE {
-            return Ok(found);
-        }
-        let order = ordering::nested_dissection(&graph).ok_or_else(memory)?;
-        let other = Self::ordered(rows, order)?;
-        Ok(if other.work() < found.work() {
-            other
-        } else {
-            found
-        })
-    }
-
-    /// The order with some columns before all others, for their elimination.
-    pub(super) fn eliminating<I: Index>(
-        rows: &Rows<'_, I>,
-        first: &[bool],
-    ) -> Result<Self, SparseError> {
-        let found = Self::new(rows)?;
-        let (mut order, rest): (Vec<usize>, Vec<usize>) =
-            found.order.iter().partition(|&&j| first[j]);
-        order.extend(rest);
-        Self::ordered(rows, order)
-    }
-
-    /// Multiplications of the factorisation, up to a factor.
-    pub fn work(&self) -> f64 {
-        (0..self.fronts())
-            .map(|s| {
-                let (own, wide) = self.size(s);
-                own as f64 * (wide as f64) * wide as f64
-            })
-            .sum()
-    }
-
-    fn ordered<I: Index>(rows: &Rows<'_, I>, mut order: Vec<usize>) -> Result<Self, SparseError> {
-        let n = rows.columns();
-        let mut place = inverse(&order);
-        let (start, index) = stars(rows, &place);
-        let parent = elimination_tree(n, &start, &index);
-        let post = postorder(&parent);
-        order = post.iter().map(|&p| order[p]).collect();
-        place = inverse(&order);
-        let (start, index) = stars(rows, &place);
-        let pattern = SymbolicSparseColMatRef::new_unsorted_checked(n, n, &start, None, &index);
-        let out_of_memory = |_| SparseError::Memory {
-            columns: n,
-            entries: index.len(),
-            needed: 8 * index.len(),
-            available: 0,
-        };
-        let symbolic = factorize_symbolic_cholesky(
-            pattern,
-            Side::Upper,
-            SymmetricOrdering::Identity,
-            CholeskySymbolicParams {
-                supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
-                ..CholeskySymbolicParams::default()
-            },
-        )
-        .map_err(out_of_memory)?;
-        let SymbolicCholeskyRaw::Supernodal(fronts) = symbolic.raw() else {
-            // Forced above.
-            return Err(SparseError::NoConvergence);
-        };
-        let count = fronts.n_supernodes();
-        let mut begin = fronts.supernode_begin().to_vec();
-        begin.push(n);
-        let mut later_start = vec![0];
-        let mut later: Vec<usize> = Vec::new();
-        let mut value_start = vec![0];
-        let mut front = vec![0; n];
-        for s in 0..count {
-            let from = later.len();
-            later.extend_from_slice(fronts.supernode(s).pattern());
-            later[from..].sort_unstable();
-            later_start.push(later.len());
-            let own = begin[s + 1] - begin[s];
-            value_start.push(value_start[s] + own * (own + later.len() - from));
-            front[begin[s]..begin[s + 1]].fill(s);
-        }
-        let parent = (0..count)
-            .map(|s| {
-                later[later_start[s]..later_start[s + 1]]
-                    .first()
-                    .map_or(NONE, |&p| front[p])
-            })
-            .collect();
-        let mut found = Self {
-            order,
-            place,
-            begin,
-            later_start,
-            later,
-            parent,
-            value_start,
-            front,
-            peak: 0,
-        };
-        found.peak = found.peak_bytes(rows);
-        Ok(found)
-    }
-
-    /// Number of columns.
-    pub fn columns(&self) -> usize {
-        self.order.len()
-    }
-
-    /// Number of fronts.
-    pub fn fronts(&self) -> usize {
-        self.begin.len() - 1
-    }
-
-    /// Entries of the factor, zeros inside fronts included.
-    pub fn entries(&self) -> usize {
-        self.value_start[self.fronts()]
-    }
-
-    /// Bytes that the factorisation takes at its peak.
-    pub fn peak(&self) -> usize {
-        self.peak
-    }
-
-    /// The later places of a front.
-    pub(super) fn later(&self, front: usize) -> &[usize] {
-        &self.later[self.later_start[front]..self.later_start[front + 1]]
-    }
-
-    /// How many columns a front eliminates, and how many it touches.
-    pub(super) fn size(&self, front: usize) -> (usize, usize) {
-        let own = self.begin[front + 1] - self.begin[front];
-        (
-            own,
-            own + self.later_start[front + 1] - self.later_start[front],
-        )
-    }
-
-    pub(super) fn values(&self, front: usize) -> core::ops::Range<usize> {
-        self.value_start[front]..self.value_start[front + 1]
-    }
-
-    /// Walks through the factorisation and counts what is held at a time.
-    fn peak_bytes<I: Index>(&self, rows: &Rows<'_, I>) -> usize {
-        let mut lines = self.leading(rows).0;
-        // From starts to counts of rows that begin in each front.
-        for s in 0..self.fronts() {
-            lines[s] = lines[s + 1] - lines[s];
-        }
-        let mut held = 0;
-        let mut most = 0;
-        let mut waiting = vec![0; self.fronts()];
-        let mut arriving = vec![0; self.fronts()];
-        for s in 0..self.fronts() {
-            let (own, wide) = self.size(s);
-            let high = lines[s] + own + arriving[s];
-            most = most.max(held + high * wide);
-            held -= waiting[s];
-            let left = high.saturating_sub(own).min(wide - own);
-            if self.parent[s] != NONE {
-                let size = left * (wide - own);
-                held += size;
-                waiting[self.parent[s]] += size;
-                arriving[self.parent[s]] += left;
-            }
-        }
-        8 * (most + self.entries())
-    }
-
-    /// The rows by the front of their first place: starts and rows.
-    fn leading<I: Index>(&self, rows: &Rows<'_, I>) -> (Vec<usize>, Vec<usize>) {
-        let front_of: Vec<usize> = (0..rows.len())
-            .map(|i| {
-                rows.row(i)
-                    .map(|(j, _)| self.place[j])
-                    .min()
-                    .map_or(NONE, |p| self.front[p])
-            })
-            .collect();
-        let mut start = vec![0; self.fronts() + 1];
-        for &s in front_of.iter().filter(|&&s| s != NONE) {
-            start[s + 1] += 1;
-        }
-        for s in 0..self.fronts() {
-            start[s + 1] += start[s];
-        }
-        let mut next = start.clone();
-        let mut list = vec![0; start[self.fronts()]];
-        for (i, &s) in front_of.iter().enumerate() {
-            if s != NONE {
-                list[next[s]] = i;
-                next[s] += 1;
-            }
-        }
-        (start, list)
-    }
-}
-
-fn inverse(order: &[usize]) -> Vec<usize> {
-    let mut place = vec![0; order.len()];
-    for (p, &j) in order.iter().enumerate() {
-        place[j] = p;
-    }
-    place
-}
-
-/// The upper pattern whose fill is that of A^T A: of each row only what joins its first
-/// place with the others, as eliminating the first joins the rest.
-fn stars<I: Index>(rows: &Rows<'_, I>, place: &[usize]) -> (Vec<usize>, Vec<usize>) {
-    let n = place.len();
-    let mut start = vec![0; n + 1];
-    let firsts: Vec<usize> = (0..rows.len())
-        .map(|i| rows.row(i).map(|(j, _)| place[j]).min().unwrap_or(NONE))
-        .collect();
-    for (i, &first) in firsts.iter().enumerate() {
-        for (j, _) in rows.row(i) {
-            start[place[j] + 1] += usize::from(place[j] != first);
-        }
-    }
-    for p in 0..n {
-        start[p + 1] += start[p] + 1;
-    }
-    let mut next = start.clone();
-    let mut index = vec![0; start[n]];
-    for p in 0..n {
-        index[next[p]] = p;
-        next[p] += 1;
-    }
-    for (i, &first) in firsts.iter().enumerate() {
-        for (j, _) in rows.row(i) {
-            let p = place[j];
-            if p != first {
-                index[next[p]] = first;
-                next[p] += 1;
-            }
-        }
-    }
-    (start, index)
-}
-
-/// Liu's algorithm on an upper pattern by columns.
-fn elimination_tree(n: usize, start: &[usize], index: &[usize]) -> Vec<usize> {
-    let mut parent = vec![NONE; n];
-    let mut ancestor = vec![NONE; n];
-    for j in 0..n {
-        for &first in &index[start[j]..start[j + 1]] {
-            let mut i = first;
-            while i != NONE && i < j {
-                let next = ancestor[i];
-                ancestor[i] = j;
-                if next == NONE {
-                    parent[i] = j;
-                }
-                i = next;
-            }
-        }
-    }
-    parent
-}
-
-/// Children before their parents, each subtree together.
-fn postorder(parent: &[usize]) -> Vec<usize> {
-    let n = parent.len();
-    let mut first_child = vec![NONE; n];
-    let mut sibling = vec![NONE; n];
-    for j in (0..n).rev() {
-        if parent[j] != NONE {
-            sibling[j] = first_child[parent[j]];
-            first_child[parent[j]] = j;
-        }
-    }
-    let mut post = Vec::with_capacity(n);
-    let mut stack = Vec::new();
-    for top in (0..n).filter(|&j| parent[j] == NONE) {
-        stack.push(top);
-        while let Some(&j) = stack.last() {
-            let child = first_child[j];
-            if child == NONE {
-                post.push(j);
-                stack.pop();
-            } else {
-                first_child[j] = sibling[child];
-                stack.push(child);
-            }
-        }
-    }
-    post
-}
+/// Entries that one panel's reflections are applied to between two looks for an interrupt.
+const STRIP: usize = 1 << 23;
 
 /// What a front hands to its parent: rows over the front's later places.
 struct Left {
@@ -740,7 +408,7 @@ impl Front {
                 self.filled[column + k] = row + reflections.min(k + 1);
             }
             if reflections > 0 {
-                self.panel(row, end, column, next);
+                self.panel(row, end, column, next, stop)?;
                 self.pivot.extend(column..column + reflections);
                 row += reflections;
             }
@@ -752,38 +420,54 @@ impl Front {
         Ok(())
     }
 
-    fn panel(&mut self, row: usize, end: usize, column: usize, next: usize) {
+    fn panel(
+        &mut self,
+        row: usize,
+        end: usize,
+        column: usize,
+        next: usize,
+        stop: &mut Stop<'_>,
+    ) -> Result<(), SparseError> {
         let (tall, across) = (end - row, next - column);
         let reflections = tall.min(across);
         let matrix = MatMut::from_column_major_slice_mut(&mut self.entries, self.high, self.wide)
             .get_mut(row..end, column..);
-        let (mut panel, rest) = matrix.split_at_col_mut(across);
+        // Of a tall front so many columns at a time that an interrupt need not wait.
+        let strip = (STRIP / tall.max(1)).max(PANEL);
+        let (mut panel, mut rest) = matrix.split_at_col_mut(across);
         self.work.clear();
         self.work.resize(reflections * reflections, 0.0);
         let mut factor =
             MatMut::from_column_major_slice_mut(&mut self.work, reflections, reflections);
         let request =
-            qr_in_place_scratch::<f64>(tall, across, reflections, Par::Seq, Spec::default())
-                .or(apply_scratch::<f64>(tall, reflections, rest.ncols()));
+            qr_in_place_scratch::<f64>(tall, across, reflections, Par::Seq, Spec::default()).or(
+                apply_scratch::<f64>(tall, reflections, rest.ncols().min(strip)),
+            );
         let mut memory = MemBuffer::new(request);
-        let stack = MemStack::new(&mut memory);
         qr_in_place(
             panel.as_mut(),
             factor.as_mut(),
             Par::Seq,
-            stack,
+            MemStack::new(&mut memory),
             Spec::default(),
         );
-        if rest.ncols() > 0 {
+        while rest.ncols() > 0 {
+            let across = strip.min(rest.ncols());
+            let (now, later) = rest.split_at_col_mut(across);
             apply_transpose(
                 panel.as_ref().subcols(0, reflections),
                 factor.as_ref(),
                 Conj::No,
-                rest,
+                now,
                 Par::Seq,
-                stack,
+                MemStack::new(&mut memory),
             );
+            rest = later;
+            if rest.ncols() > 0 && stop() {
+                return Err(SparseError::Interrupted);
+            }
         }
+        Ok(())
     }
 
     /// The rows of R of the columns that end here.

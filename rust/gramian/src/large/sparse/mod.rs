@@ -20,6 +20,7 @@ pub mod null_space;
 pub mod ordering;
 pub mod selected_inverse;
 pub mod structure;
+pub mod symbolic;
 
 pub use analysis::Sparse;
 

@@ -1121,7 +1121,9 @@ mod tests {
         // 50 Hz at 200 a second in all channels, fifty times the noise: none is a copy.
         let hum = changed(&times, &good, &|i, row| {
             let wave = 50.0 * (core::f64::consts::TAU * 50.02 * i as f64 / RATE + 1.0).sin();
-            row.iter_mut().for_each(|x| *x += wave);
+            for x in row.iter_mut() {
+                *x += wave;
+            }
         });
         assert_eq!(copies(&hum), []);
         let hums = hum.iter().filter(|f| matches!(f, Finding::Hum { .. }));
@@ -1150,7 +1152,9 @@ mod tests {
         // Steps of four deviations: sound channels repeat themselves for long.
         let (times, mut field) = record(3);
         let round = |x: f64| (x / 4.0).round() * 4.0;
-        field.iter_mut().for_each(|x| *x = round(*x));
+        for x in &mut field {
+            *x = round(*x);
+        }
         assert_eq!(check(&times, &field, 6).unwrap().findings, []);
         let top = field.iter().step_by(6).copied().fold(0.0, f64::max);
         let limit = round(0.5 * top);
@@ -1196,7 +1200,7 @@ mod tests {
             "{step:?}"
         );
         let coarse = changed(&times, &good, &|_, row| {
-            row[2] = (row[2] / 30.0).round() * 30.0
+            row[2] = (row[2] / 30.0).round() * 30.0;
         });
         assert!(
             matches!(
