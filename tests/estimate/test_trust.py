@@ -513,3 +513,13 @@ def test_an_interval_is_told_where_chi2_has_no_least_value():
     assert 1e3 < low < 2e4
     assert high == np.inf
     assert found.covered.mean() > 0.95 - 4 * np.sqrt(0.95 * 0.05 / 70)
+
+
+def test_the_summary_says_which_states_are_not_observable():
+    model = gm.from_function(
+        lambda x: [x[0] + x[1], x[0] + x[1] + x[2], x[2]], [1.0, 2.0, 3.0], 0.1, ["a", "b", "e"]
+    )
+    lines = gm.estimate(model, [3.1, 6.1, 3.0]).summary().splitlines()
+    assert lines[0].startswith("UNOBSERVABLE")
+    assert all(line.endswith("not observable: one of many values") for line in lines[1:3])
+    assert lines[3] == "  e  3 +- 0.0816"

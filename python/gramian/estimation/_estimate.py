@@ -648,16 +648,14 @@ class Estimate(Answer):
         lines = [f"{self.status.upper()}: {self.reason}"]
         usable = self.status != "unobservable"
         for index, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
-            value = f"  {name}  {readable(float(self.state[index]), 6)} {unit}"
-            if usable:
-                interval = self.interval(name, level)
-                spread = (
-                    f"+- {readable(float(self.std[index]), 3)}"
-                    if interval.is_local
-                    else f"({100 * level:g} %: {str(interval).removeprefix(name + ' ')})"
-                )
-                value = f"{value} {spread}"
-            lines.append(value)
+            std = float(self.std[index])
+            spread = f"+- {readable(std, 3)}"
+            if not usable and not np.isfinite(std):
+                spread = "not observable: one of many values"
+            elif usable and not (interval := self.interval(name, level)).is_local:
+                spread = f"({100 * level:g} %: {str(interval).removeprefix(name + ' ')})"
+            value = f"{readable(float(self.state[index]), 6)} {unit}".rstrip()
+            lines.append(f"  {name}  {value} {spread}")
         lines.extend("  " + line for line in self._fit_lines())
         for other in self.others:
             place = ", ".join(f"{value:.6g}" for value in other.state)
