@@ -489,3 +489,17 @@ def test_a_law_whose_error_falls_slowly_with_the_step(power, slope, scale):
     assert abs(0.05 * model.rows()[0, 0] - slope) <= 3 * error
     if slope == 0.0:
         assert gm.analyze(model).status != "observable"
+
+
+@pytest.mark.parametrize("x", [[293.15, 291.0, 350.0], [12.5, 0.1, -3.7]])
+def test_linear_rows_with_few_decimals_are_not_rounded_ones(x):
+    """Differences of states, which stand still where two states move alike."""
+    weights = [0.4, 1.3, 0.2]
+    model = gm.from_function(
+        lambda p: [w * (p[i] - p[(i + 1) % 3]) for i, w in enumerate(weights)],
+        x,
+        0.05,
+        ["T1", "T2", "T3"],
+    )
+    assert (model.accuracy.noise < 1e-9).all()
+    assert gm.analyze(model).status == "unobservable"

@@ -21,6 +21,8 @@ const MOST_PAIRS: usize = 9;
 const FIRST: f64 = 1.0 / 64.0;
 /// Points beside x at which noise is measured.
 const NOISE_POINTS: usize = 6;
+/// Spacing of those points: no power of two, and another for each of a few states.
+const PARTS: [f64; 8] = [1.625, 1.875, 1.0625, 1.1875, 1.3125, 1.4375, 1.5625, 1.6875];
 /// As few points either side of x tell noise that changes now and then.
 const LEAST_WIDE: usize = 3;
 /// Stated over standard deviation, for the part of an error that is noise.
@@ -621,17 +623,19 @@ impl<'a> Column<'a> {
 
     /// How far apart the points are at which noise is measured: parts of a power of two
     /// that leave x + k s exact, yet are none themselves, or numbers of fewer digits would
-    /// not be seen.
+    /// not be seen. Each state has a part of its own: a difference of two states that move
+    /// alike would stand still, and be taken for a rounded one.
     fn spacing(&self, wide: bool, weight: &[f64], noise: &[f64]) -> f64 {
         let Some(pair) = self.pairs.get(self.detail.unwrap_or(self.anchor)) else {
             return 0.0;
         };
         let [odd, even, _] = self.sizes(pair, weight, noise);
+        let own = PARTS[self.state % PARTS.len()];
         let part = if wide {
             let bent = even / odd;
-            1.625 * power((0.02 / bent).clamp(2.0_f64.powi(-20), 1.0))
+            own * power((0.02 / bent).clamp(2.0_f64.powi(-20), 1.0))
         } else {
-            13.0 / 65536.0
+            own / 8192.0
         };
         let sign = if (self.state * 7 + 3) % 5 < 2 {
             -1.0
