@@ -267,6 +267,7 @@ MEANT_OF = {
     "estimate_trials": (".p_values", ".states", ".chi2", ".chances"),
     # A disturbance has no first guess.
     "maneuver.plan": (".starts().guess",),
+    "maneuver.soonest": (".plan.starts().guess",),
     # A state without a prior, an output without a noise.
     "linear.": (".prior", ".noise"),
     "inertial.": (".prior", ".noise"),

@@ -479,6 +479,18 @@ CALLS: dict[str, dict[str, Any]] = {
         "restarts": 0,
         "bound": False,
     },
+    "maneuver.soonest": {
+        "target": np.array([0.0, 2000.0]),
+        "start": np.zeros(2),
+        "speed": 5.0,
+        "dt": 20.0,
+        "samples": 6,
+        "accuracy": ("range", 300.0),
+        "sigma": 0.01,
+        "starts": 1,
+        "restarts": 0,
+        "bound": False,
+    },
     "maneuver.Sensing": {"kind": "bearing", "sigma": 0.01, "detection": 0.9},
     "maneuver.problem": {"path": PATH, "target": STATE[:2], "sigma": 0.01},
     "maneuver.trajectory": {

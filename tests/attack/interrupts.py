@@ -194,6 +194,28 @@ def _plan() -> Callable[[], Any]:
     return plan
 
 
+def _soonest() -> Callable[[], Any]:
+    def soonest() -> None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            found = gm.maneuver.soonest(
+                [0.0, 2000.0, 1.0, 1.0],
+                np.zeros(2),
+                speed=5.0,
+                dt=5.0,
+                samples=400,
+                accuracy=("range", 5.0),
+                sigma=0.01,
+                legs=8,
+                starts=200,
+            )
+        # The best path so far is the answer.
+        if found.plan.stopped == "interrupted":
+            raise KeyboardInterrupt
+
+    return soonest
+
+
 def _closed_loop() -> Callable[[], Any]:
     return lambda: gm.maneuver.closed_loop(
         [0.0, 2000.0],
@@ -438,6 +460,7 @@ CASES: dict[str, Callable[[], Callable[[], Any]]] = {
     "large.analyze_sparse": _sparse,
     "maneuver.fisher_det": _pairs,
     "maneuver.plan": _plan,
+    "maneuver.soonest": _soonest,
     "maneuver.closed_loop": _closed_loop,
     "gram of many rows": lambda: _gram((5_000_000, 30)),
     "gram of many states": lambda: _gram((4000, 4000)),

@@ -170,8 +170,10 @@ def soonest(
         raise InputError(f"time_limit = {time_limit} s: must be > 0")
     ends += monotonic()
     tried: dict[int, tuple[float, float]] = {}
+    interrupted = False
 
     def planned(count: int, **effort: int) -> Plan | None:
+        nonlocal interrupted
         rest = None if time_limit is None else max(ends - monotonic(), 0.01)
         try:
             found = plan(
@@ -182,6 +184,7 @@ def soonest(
             # So few samples do not determine the states.
             tried[count] = (np.inf, 0.0)
             return None
+        interrupted |= found.stopped == "interrupted"
         least = 0.0 if np.isnan(found.bound) else float(np.sqrt(found.bound))
         before = tried.get(count, (np.inf, 0.0))
         tried[count] = (min(before[0], float(np.sqrt(found.value))), max(before[1], least))
@@ -196,7 +199,11 @@ def soonest(
             f"samples = {most}: no path was found whose readings determine all states"
         )
     low, high = 1, most if reaches(best) else None
-    while high is not None and high - low > 1 and best.stopped == "done" and monotonic() < ends:
+
+    def goes_on(best: Plan) -> bool:
+        return not interrupted and best.stopped == "done" and monotonic() < ends
+
+    while high is not None and high - low > 1 and goes_on(best):
         middle = (low + high) // 2
         try:
             found = planned(middle)
@@ -213,7 +220,7 @@ def soonest(
     above = min(
         (n for n, (_, bound) in tried.items() if n > sure and bound <= wanted), default=sure
     )
-    while above - sure > 1 and options.get("bound", True) and monotonic() < ends:
+    while above - sure > 1 and options.get("bound", True) and goes_on(best):
         middle = (sure + above) // 2
         with suppress(InputError):
             planned(middle, starts=1, restarts=0)
