@@ -7,7 +7,7 @@ export CARGO_TERM_COLOR ?= auto
 # As maturin sets it: else pyo3 is compiled anew whenever cargo and maturin take turns.
 export PYO3_PYTHON ?= $(abspath $(BIN)/python)
 
-.PHONY: demo test lint format rust-test python-test no-std-check fuzz attack soak kills bench bench-quick bench-check bench-record embedded-size package wheel docs site explorer clean
+.PHONY: demo test lint format rust-test python-test no-std-check fuzz attack soak kills sanitize bench bench-quick bench-check bench-record embedded-size package wheel docs site explorer clean
 
 # What the demo needs and no more, unless everything is there already.
 demo: $(if $(wildcard $(VENV)/.installed),$(VENV)/.installed,$(VENV)/.demo)
@@ -57,6 +57,11 @@ soak: $(VENV)/.installed
 # 50 kills at random moments and 200 corruptions of a run that is resumed: the same bits.
 kills: $(VENV)/.installed
 	$(BIN)/python tests/attack/kills.py
+
+# The fuzz of the C interface under AddressSanitizer, which takes a nightly toolchain.
+sanitize:
+	RUSTFLAGS=-Zsanitizer=address CARGO_TARGET_DIR=target/sanitize cargo +nightly test --quiet \
+	  -p gramian-capi --test fuzz --target $$(rustc -vV | sed -n 's/^host: //p')
 
 python-test: $(VENV)/.installed
 	$(BIN)/python -m pytest -n auto --dist worksteal

@@ -170,6 +170,8 @@ class Model(ProblemSource, Value):
         others tell of them.
         """
         measured = self.measured(z)
+        if np.isnan(measured).all():
+            raise InputError("measurements: all are NaN (missing): at least one must be there")
         ties = _Ties(self, measured)
         return _core.Model.from_functions(
             self.n,

@@ -210,7 +210,7 @@ def _soonest() -> Callable[[], Any]:
                 starts=200,
             )
         # The best path so far is the answer.
-        if found.plan.stopped == "interrupted":
+        if found.stopped == "interrupted":
             raise KeyboardInterrupt
 
     return soonest

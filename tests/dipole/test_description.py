@@ -50,6 +50,41 @@ def test_two_dipoles_are_chosen_and_located_at_the_bound():
     assert np.mean(errors) < 2.5
 
 
+def test_a_body_of_two_taken_for_one_is_a_misfit_whatever_noise_is_fitted():
+    """The second at a distance where one dipole explains most of the field."""
+    times = np.arange(0.0, 20.0, 0.1)
+    model = DipoleModel(
+        times, np.array(SENSORS), np.ones((times.size, 3, 3)), np.concatenate([R0, V, M]),
+        {"z0": 10.0, "vz": 0.0}, {}, description=Description(sources=2),
+    )  # fmt: skip
+    truth = np.concatenate([R0[:2], V[:2], M, OFFSET, 0.4 * SECOND])
+    white = np.random.default_rng(1).normal(size=(times.size, 3, 3))
+    slow = white.copy()
+    for k in range(1, len(slow)):
+        slow[k] = 0.9 * slow[k - 1] + np.sqrt(1 - 0.81) * white[k]
+    field = model.h(truth).reshape(white.shape)
+    options = {"sensors": SENSORS, "correlation": "fit", "background": "fit"}
+    found = gm.dipole.localize(times, field + 1e-12 * slow, KNOWN, **options)
+    assert found.explained > 0.9
+    assert found.status == "misfit"
+
+
+def test_correlated_noise_does_not_grow_with_the_field():
+    times = np.arange(0.0, 20.0, 0.1)
+    for seed in range(4):
+        slow = np.random.default_rng(seed).normal(size=(times.size, 3, 3))
+        for k in range(1, len(slow)):
+            slow[k] = 0.9 * slow[k - 1] + np.sqrt(1 - 0.81) * slow[k]
+        place = R0 + times[:, None] * V
+        field = np.stack(
+            [gm.dipole.field(place - s, np.tile(M, (times.size, 1))) for s in SENSORS], 1
+        )
+        found = gm.dipole.localize(
+            times, field + 1e-11 * slow, KNOWN, sensors=SENSORS, correlation="fit", background="fit"
+        )
+        assert found.status != "misfit", found.reason
+
+
 def test_of_one_dipole_one_is_chosen():
     for seed in range(4):
         y, _ = record(seed)

@@ -47,6 +47,17 @@ def test_both_sensors_tell_the_speed_and_the_side(example, passes):
         assert found.direction[1] > 0.9, "from the first sensor to the second"
 
 
+def test_a_fitted_correlation_does_not_pass_the_car_for_noise(passes, example):
+    """Its residuals grow with the field: a speed that is wrong may not be called determined."""
+    for _, _, times, field in passes:
+        found = gm.dipole.localize(
+            times, field, sensors=example["SENSORS"], background="fit", loss="huber",
+            window="pass", missing="drop", correlation="fit",
+        )  # fmt: skip
+        assert found.status == "misfit"
+        assert "the residuals grow with the field" in found.reason
+
+
 def test_spikes_of_the_recorder_are_rejected(passes):
     _, speed, times, field = passes[0]
     assert abs(field).max() > 1e-3, "the record has spikes of 2 mT in a signal of 4 uT"

@@ -19,6 +19,7 @@ from scipy.special import ndtri
 import gramian as gm
 from gramian._handle import handle_of
 from gramian.estimation import STATUSES
+from gramian.estimation._parts import not_white
 
 REFERENCE = json.loads(
     (Path(__file__).parents[1] / "reference" / "trust.json").read_text(encoding="utf-8")
@@ -523,3 +524,34 @@ def test_the_summary_says_which_states_are_not_observable():
     assert lines[0].startswith("UNOBSERVABLE")
     assert all(line.endswith("not observable: one of many values") for line in lines[1:3])
     assert lines[3] == "  e  3 +- 0.0816"
+
+
+@pytest.mark.parametrize(
+    ("dof", "p_value", "lag", "said"),
+    [
+        (36, 0.5, 9e-5, True),
+        (36, 0.5, 2e-4, False),
+        # Too few residuals for the tail; residuals that are too small; no p at all.
+        (9, 0.5, 1e-9, False),
+        (36, 0.9995, 1e-9, False),
+        (36, np.nan, 1e-9, True),
+        (36, 0.5, np.nan, False),
+    ],
+)
+def test_when_residuals_are_taken_for_correlated(dof, p_value, lag, said):
+    assert not_white(dof, p_value, lag, 1e-3) == said
+
+
+def test_trials_and_estimates_agree_on_what_is_a_misfit():
+    # A slow drift of the compass that chi2 hardly shows.
+    model = gm.bearings.BearingsModel(TIMES, PATH, np.array([0.0035]))
+    truth = [1500.0, 2500.0, 3.0, -1.0]
+    phase = np.linspace(0, 8 * np.pi, TIMES.size)
+    drift = 1.2 * np.sin(phase)
+    found = gm.estimate_trials(model, truth, seed=1, trials=200, shift=drift, function=None)
+    correlated = found.lag_p_values < 1e-4
+    others = (found.p_values < 1e-3) | (
+        len(found.alternatives) * np.min(list(found.alternatives.values()), axis=0) < 1e-3
+    )
+    assert (correlated & ~others).any()
+    assert (found.status[correlated] == "misfit").all()

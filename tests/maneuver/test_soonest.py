@@ -25,6 +25,7 @@ def test_the_path_is_as_accurate_as_it_says(found):
     assert found.time == (found.samples - 1) * 1.0
     assert range_deviation(found.plan.path) == pytest.approx(found.reached, rel=1e-9)
     assert found.reached <= 60.0
+    assert found.stopped == "done"
 
 
 def test_one_sample_fewer_does_not_do(found):
@@ -56,6 +57,15 @@ def test_what_is_not_reached_is_said():
     assert never.time == np.inf
     assert never.at_least == 9
     assert "no path found in 8 samples" in never.reason
+
+
+def test_a_search_that_runs_out_of_time_says_so():
+    early = gm.maneuver.soonest(
+        *GIVEN[:4], 60, accuracy=("range", 20.0), sigma=0.01, time_limit=0.3
+    )
+    assert early.stopped == "time"
+    assert early.reason.endswith("the time was up")
+    assert early.to_dict()["stopped"] == "time"
 
 
 def test_a_way_home_counts_for_every_number_of_samples():

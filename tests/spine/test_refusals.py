@@ -125,6 +125,10 @@ def changed(array, index, value):
             r"correlation has shape \(2,\)",
         ),
         (
+            lambda: gm.estimate(gm.from_function(lambda x: x, [1.0], 1.0, ["x"]), [np.nan]),
+            r"measurements: all are NaN \(missing\)",
+        ),
+        (
             lambda: gm.from_function(lambda x: x, [1.0], [[1.0], [1.0, 2.0]], ["x"]),
             "sigma.*inhomogeneous",
         ),

@@ -37,6 +37,7 @@ from gramian.estimation._parts import (
     Region,
     Solution,
     Status,
+    not_white,
 )
 from gramian.exceptions import InputError
 
@@ -49,8 +50,6 @@ Array = NDArray[np.float64]
 
 #: So many outliers are looked for together.
 _OUTLIERS = 3
-#: Of fewer degrees of freedom the correlation of neighbouring residuals is not normal.
-_CORRELATED = 10
 #: So many standard deviations are far beyond what is proportional to an error of the model.
 _FAR = 10.0
 #: How residuals may count, with the constants of 95 % efficiency on normal noise.
@@ -547,14 +546,14 @@ class Estimate(Answer):
         """What says that the model does not fit, in words; empty where nothing does.
 
         Dead or doubled channels; chi2, at the level alpha; the score tests of the model's
-        alternatives, together at alpha.
+        alternatives, together at alpha; the correlation of neighbouring residuals.
         """
         fit = self.fit
         # Exact data repeat themselves.
         if fit.faults and not fit.warning:
             return "; ".join(fit.faults)
         if self._loss[0] != "squares":
-            return ""
+            return self._colored
         best = next((a for a in fit.alternatives if a.dof > 0), None)
         if fit.dof > 0 and fit.p_value < self.alpha:
             reason = (
@@ -568,15 +567,14 @@ class Estimate(Answer):
             return reason
         if best is not None and fit.joint < self.alpha:
             return f"{best.name} shows in the residuals (p = {best.p_value:.2g})"
-        # Far out, so that it adds little to the false alarms of the tests above.
-        if self._lag(0.1 * self.alpha):
-            return fit.correlated
-        return ""
+        return self._colored
 
-    def _lag(self, level: float) -> bool:
-        """Whether the correlation of neighbouring residuals has a p below a level."""
+    @property
+    def _colored(self) -> str:
+        """What says that the noise is not white, in words; empty where nothing does."""
         fit = self.fit
-        return fit.dof >= _CORRELATED and fit.lag1[3] < level and not fit.warning
+        white = not not_white(fit.dof, fit.p_value, fit.lag1[3], self.alpha)
+        return "" if white or self._loss[0] != "squares" else fit.correlated
 
     @property
     def _outlying(self) -> str:
@@ -673,7 +671,9 @@ class Estimate(Answer):
         if fit.warning:
             # Exact data repeat themselves, and so does a dead channel: the reader must judge.
             lines += [fit.warning, *fit.faults]
-        elif self.status != "misfit" and self._lag(self.alpha):
+        elif self.status != "misfit" and not_white(
+            fit.dof, fit.p_value, fit.lag1[3], 10 * self.alpha
+        ):
             lines.append(f"{fit.correlated}; the intervals are too narrow")
         return [*lines, *self.unseen_errors]
 

@@ -12,7 +12,17 @@ from gramian._answers import Answer, Columns
 from gramian._text import brief
 from gramian._text import number as readable
 
-__all__ = ["SMALL", "STATUSES", "Alternative", "Fit", "Interval", "Region", "Solution", "Status"]
+__all__ = [
+    "SMALL",
+    "STATUSES",
+    "Alternative",
+    "Fit",
+    "Interval",
+    "Region",
+    "Solution",
+    "Status",
+    "not_white",
+]
 
 Array = NDArray[np.float64]
 Status = Literal["unobservable", "misfit", "not_converged", "ambiguous", "weak", "determined"]
@@ -22,6 +32,18 @@ STATUSES = ("unobservable", "misfit", "not_converged", "ambiguous", "weak", "det
 
 #: Residuals whose p is larger are too small.
 SMALL = 0.999
+
+
+def not_white(
+    dof: int, p_value: float | Array, lag_p_value: float | Array, alpha: float
+) -> np.bool_ | NDArray[np.bool_]:
+    """Whether neighbouring residuals are correlated by more than chance leaves.
+
+    At a tenth of `alpha`, so that the test adds little to the false alarms of chi2 and of the
+    alternatives; from 10 degrees of freedom on, where the normal tail is never below the true
+    one; not of residuals that are too small, since those of exact data repeat themselves.
+    """
+    return (dof >= 10) & (np.asarray(lag_p_value) < 0.1 * alpha) & ~(np.asarray(p_value) > SMALL)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

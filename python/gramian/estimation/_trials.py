@@ -23,7 +23,7 @@ from gramian.estimation._knowledge import (
     spread_of,
     starts_of,
 )
-from gramian.estimation._parts import STATUSES
+from gramian.estimation._parts import STATUSES, not_white
 from gramian.exceptions import InputError
 
 __all__ = ["Trials", "estimate_trials"]
@@ -230,6 +230,7 @@ def estimate_trials(
         misfit = (out[:, 2] < alpha) & (dof > 0)
         if tested:
             misfit |= tested * p.min(axis=1) < alpha
+        misfit |= not_white(dof, out[:, 2], out[:, 3], alpha)
         long = out[:, 8] - out[:, 7] > 2 * 1.96 * weak_ratio * np.abs(out[:, 12])
         status = np.select(
             [

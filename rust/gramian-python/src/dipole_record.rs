@@ -40,137 +40,35 @@ fn dipole_check<'py>(
     Ok((findings, noise))
 }
 
-// One arm for each kind.
-#[allow(clippy::too_many_lines)]
-fn named(py: Python<'_>, finding: Finding) -> PyResult<(&'static str, Bound<'_, PyDict>)> {
-    let out = PyDict::new(py);
-    let kind = match finding {
-        Finding::Constant { channel, value } => {
-            out.set_item("channel", channel)?;
-            out.set_item("value", value)?;
-            "constant"
-        }
-        Finding::Stuck {
-            channel,
-            from,
-            samples,
-            value,
-        } => {
-            out.set_item("channel", channel)?;
-            out.set_item("first", from)?;
-            out.set_item("samples", samples)?;
-            out.set_item("value", value)?;
-            "stuck"
-        }
-        Finding::Saturated {
-            channel,
-            value,
-            samples,
-        } => {
-            out.set_item("channel", channel)?;
-            out.set_item("value", value)?;
-            out.set_item("samples", samples)?;
-            "saturated"
-        }
-        Finding::Copy {
-            channel,
-            of,
-            factor,
-            offset,
-            late,
-            from,
-            samples,
-        } => {
-            out.set_item("channel", channel)?;
-            out.set_item("of", of)?;
-            out.set_item("factor", factor)?;
-            out.set_item("offset", offset)?;
-            out.set_item("late", late)?;
-            out.set_item("first", from)?;
-            out.set_item("samples", samples)?;
-            "copy"
-        }
-        Finding::Coarse {
-            channel,
-            step,
-            usual,
-        } => {
-            out.set_item("channel", channel)?;
-            out.set_item("step", step)?;
-            out.set_item("usual", usual)?;
-            "coarse"
-        }
-        Finding::Noisy {
-            channel,
-            sigma,
-            usual,
-        } => {
-            out.set_item("channel", channel)?;
-            out.set_item("sigma", sigma)?;
-            out.set_item("usual", usual)?;
-            "noisy"
-        }
-        Finding::Step {
-            channel,
-            sample,
-            change,
-        } => {
-            out.set_item("channel", channel)?;
-            out.set_item("sample", sample)?;
-            out.set_item("change", change)?;
-            "step"
-        }
-        Finding::Axes {
-            channel,
-            follows,
-            inverted,
-            correlation,
-        } => {
-            out.set_item("channel", channel)?;
-            out.set_item("follows", follows)?;
-            out.set_item("inverted", inverted)?;
-            out.set_item("correlation", correlation)?;
-            "axes"
-        }
-        Finding::Spikes { channel, samples } => {
-            out.set_item("channel", channel)?;
-            out.set_item("samples", samples)?;
-            "spikes"
-        }
-        Finding::Hum {
-            channel,
-            frequency,
-            amplitude,
-        } => {
-            out.set_item("channel", channel)?;
-            out.set_item("frequency", frequency)?;
-            out.set_item("amplitude", amplitude)?;
-            "hum"
-        }
-        Finding::Drift { channel, change } => {
-            out.set_item("channel", channel)?;
-            out.set_item("change", change)?;
-            "drift"
-        }
-        Finding::Clock {
-            sample,
-            step,
-            usual,
-            count,
-        } => {
-            out.set_item("sample", sample)?;
-            out.set_item("count", count)?;
-            out.set_item("step", step)?;
-            out.set_item("usual", usual)?;
-            "clock"
-        }
-        Finding::Missing { channel, samples } => {
-            out.set_item("channel", channel)?;
-            out.set_item("samples", samples)?;
-            "missing"
+/// Matches a finding: its kind and its figures by their names.
+macro_rules! kinds {
+    ($py:ident, $finding:ident, $($variant:ident = $kind:literal ($($field:ident),+);)+) => {
+        match $finding {
+            $(Finding::$variant { $($field),+ } => {
+                let figures = PyDict::new($py);
+                $(figures.set_item(stringify!($field), $field)?;)+
+                ($kind, figures)
+            })+
         }
     };
-    Ok((kind, out))
+}
+
+fn named(py: Python<'_>, finding: Finding) -> PyResult<(&'static str, Bound<'_, PyDict>)> {
+    Ok(kinds! { py, finding,
+        Constant = "constant" (channel, value);
+        Stuck = "stuck" (channel, first, samples, value);
+        Saturated = "saturated" (channel, value, samples);
+        Copy = "copy" (channel, of, factor, offset, late, first, samples);
+        Coarse = "coarse" (channel, step, usual);
+        Noisy = "noisy" (channel, sigma, usual);
+        Axes = "axes" (channel, follows, inverted, correlation);
+        Spikes = "spikes" (channel, samples);
+        Hum = "hum" (channel, frequency, amplitude);
+        Step = "step" (channel, sample, change);
+        Drift = "drift" (channel, change);
+        Clock = "clock" (sample, step, usual, count);
+        Missing = "missing" (channel, samples);
+    })
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {

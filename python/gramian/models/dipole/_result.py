@@ -156,15 +156,51 @@ class Localization(Estimate):
 
     @cached_property
     def _misfit(self) -> str:
-        found = super()._misfit
-        if found:
-            return found
-        exact = self.sigma < 1e-9 * float(np.abs(self.predicted).max(initial=0.0))
+        return super()._misfit or self._growing
+
+    @property
+    def _exact(self) -> bool:
+        """Whether the record has no noise to speak of."""
+        return self.sigma < 1e-9 * float(np.abs(self.predicted).max(initial=0.0))
+
+    @property
+    def _colored(self) -> str:
         # With a robust loss pairs of spikes that are not rejected are left in.
         level = self.alpha if self._loss[0] == "squares" else self.alpha**2
-        if self.fit.lag1[3] < level and not (exact or self.fit.warning):
+        if self.fit.lag1[3] < level and not (self._exact or self.fit.warning):
             return f'{self.fit.correlated}; correlation="fit" is for noise that is not white'
         return ""
+
+    @property
+    def _growing(self) -> str:
+        """What says that the residuals grow with the field, in words; empty otherwise.
+
+        Noise does not know of the pass: what grows with it is an error of the model, which a
+        fitted deviation and correlation would pass for noise. Spearman's rank correlation of
+        the squares of what is not told by the sample before, at a tenth of `alpha`.
+        """
+        if self._exact or self.fit.warning:
+            return ""
+        lead = self.residuals[1:] - self.correlation * self.residuals[:-1]
+        there = np.isfinite(lead)
+        known = there.any(axis=(1, 2))
+        if known.sum() < 20:
+            return ""
+        size = np.where(there, lead, 0.0) ** 2
+        size = size.sum(axis=(1, 2)) / np.maximum(there.sum(axis=(1, 2)), 1)
+        from scipy.special import ndtr
+        from scipy.stats import rankdata
+
+        field = (self.predicted[1:] ** 2).sum(axis=(1, 2))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            correlation = float(np.corrcoef(rankdata(field[known]), rankdata(size[known]))[0, 1])
+        p_value = float(ndtr(-correlation * np.sqrt(known.sum() - 1)))
+        if not p_value < 0.1 * self.alpha:
+            return ""
+        return (
+            f"the residuals grow with the field (rank correlation {brief(correlation, 2)}, "
+            f"p = {brief(p_value, 2)}), as noise does not: the model does not fit"
+        )
 
     @cached_property
     def _weak(self) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, field
 from time import monotonic
 from typing import Any
@@ -43,7 +42,11 @@ class Soonest(Answer):
     tried : tuple of (int, float, float)
         Each number of samples that was planned for, with the standard deviation reached and
         the one that no path can go below.
+    stopped : str
+        "done", or what ended the search early: "time" or "interrupted". What was found until
+        then holds; `samples` may not be the least that was to be found.
     dt : float
+        Seconds between samples.
     """
 
     name: str
@@ -53,6 +56,7 @@ class Soonest(Answer):
     samples: int | None
     at_least: int
     tried: tuple[tuple[int, float, float], ...] = field(repr=False)
+    stopped: str
     dt: float = field(repr=False)
 
     @property
@@ -69,22 +73,24 @@ class Soonest(Answer):
             "samples": self.samples,
             "time_s": plain(self.time),
             "at_least": self.at_least,
+            "stopped": self.stopped,
             "tried": [[n, plain(found), plain(least)] for n, found, least in self.tried],
             "plan": self.plan.to_dict(),
         }
 
     @property
     def reason(self) -> str:
-        """How soon, and how soon at best."""
+        """After how many samples, and in how few no path does it."""
         wanted = f"{self.name} to {brief(self.accuracy)}"
+        early = {"done": "", "time": "; the time was up", "interrupted": "; interrupted"}
         if self.samples is None:
             return (
                 f"{wanted}: no path found in {len(self.plan.values)} samples, "
-                f"the best comes to {brief(self.reached)}"
+                f"the best comes to {brief(self.reached)}{early[self.stopped]}"
             )
         return (
             f"{wanted} after {self.samples} samples, {brief(self.time)} s; "
-            f"no path in fewer than {self.at_least}"
+            f"no path in fewer than {self.at_least}{early[self.stopped]}"
         )
 
     def summary(self) -> str:
@@ -146,8 +152,8 @@ def soonest(
     Notes
     -----
     The number of samples is bisected, with a plan of the smallest variance for each. More
-    samples never hurt, but a search can miss: `at_least` says what is certain. The paths
-    are those of `plan` with the criterion ``{"combination": name}``.
+    samples never hurt, but a search can miss a path: `at_least` is certain, `samples` is not.
+    The paths are those of `plan` with the criterion ``{"combination": name}``.
 
     Examples
     --------
@@ -170,60 +176,54 @@ def soonest(
         raise InputError(f"time_limit = {time_limit} s: must be > 0")
     ends += monotonic()
     tried: dict[int, tuple[float, float]] = {}
-    interrupted = False
+    stopped = "done"
 
-    def planned(count: int, **effort: int) -> Plan | None:
-        nonlocal interrupted
+    def attempt(count: int, **effort: int) -> Plan:
+        nonlocal stopped
         rest = None if time_limit is None else max(ends - monotonic(), 0.01)
-        try:
-            found = plan(
-                target, start, speed, dt, count, criterion={"combination": name},
-                time_limit=rest, progress=progress, **(options | effort),
-            )  # fmt: skip
-        except UnobservableError:
-            # So few samples do not determine the states.
-            tried[count] = (np.inf, 0.0)
-            return None
-        interrupted |= found.stopped == "interrupted"
+        found = plan(
+            target, start, speed, dt, count, criterion={"combination": name},
+            time_limit=rest, progress=progress, **(options | effort),
+        )  # fmt: skip
+        stopped = found.stopped if stopped == "done" else stopped
         least = 0.0 if np.isnan(found.bound) else float(np.sqrt(found.bound))
         before = tried.get(count, (np.inf, 0.0))
         tried[count] = (min(before[0], float(np.sqrt(found.value))), max(before[1], least))
         return found
 
-    def reaches(found: Plan | None) -> bool:
-        return found is not None and not found.violations and np.sqrt(found.value) <= wanted
-
-    best = planned(most)
-    if best is None:
-        raise UnobservableError(
-            f"samples = {most}: no path was found whose readings determine all states"
-        )
-    low, high = 1, most if reaches(best) else None
-
-    def goes_on(best: Plan) -> bool:
-        return not interrupted and best.stopped == "done" and monotonic() < ends
-
-    while high is not None and high - low > 1 and goes_on(best):
-        middle = (low + high) // 2
+    def reaching(count: int, **effort: int) -> Plan | None:
+        """Return a path that keeps all limits and is accurate enough."""
+        nonlocal stopped
         try:
-            found = planned(middle)
-        except InputError:
-            # So short a path cannot keep the limits: there is no way back, for one.
-            found = None
-            tried[middle] = (np.inf, 0.0)
-        if found is not None and reaches(found):
-            best, high = found, middle
-        else:
+            found = attempt(count, **effort)
+        except (InputError, UnobservableError):
+            # So few samples keep no limit, as a way back, or do not determine the states; or
+            # no path was found in the time left.
+            stopped = "time" if stopped == "done" and monotonic() >= ends else stopped
+            tried.setdefault(count, (np.inf, 0.0))
+            return None
+        return found if reaches(found) else None
+
+    def reaches(found: Plan) -> bool:
+        return not found.violations and float(np.sqrt(found.value)) <= wanted
+
+    best = attempt(most)
+    low, high = 1, most if reaches(best) else None
+    while high is not None and high - low > 1 and stopped == "done":
+        middle = (low + high) // 2
+        found = reaching(middle)
+        if found is None:
             low = middle
+        else:
+            best, high = found, middle
     # What is certain: the most samples for which no path is good enough.
     sure = max((n for n, (_, bound) in tried.items() if bound > wanted), default=1)
     above = min(
         (n for n, (_, bound) in tried.items() if n > sure and bound <= wanted), default=sure
     )
-    while above - sure > 1 and options.get("bound", True) and goes_on(best):
+    while above - sure > 1 and options.get("bound", True) and stopped == "done":
         middle = (sure + above) // 2
-        with suppress(InputError):
-            planned(middle, starts=1, restarts=0)
+        reaching(middle, starts=1, restarts=0)
         if tried.get(middle, (np.inf, 0.0))[1] > wanted:
             sure = middle
         else:
@@ -236,6 +236,7 @@ def soonest(
         samples=high,
         at_least=sure + 1,
         tried=tuple((n, *tried[n]) for n in sorted(tried)),
+        stopped=stopped,
         dt=number(dt, "dt"),
     )
 

@@ -35,7 +35,7 @@ pub enum Finding {
         /// The column.
         channel: usize,
         /// The first sample of the longest such run.
-        from: usize,
+        first: usize,
         /// How many samples it has.
         samples: usize,
         /// The value it is stuck at.
@@ -63,7 +63,7 @@ pub enum Finding {
         /// By how many samples it comes later than the other.
         late: isize,
         /// The first sample of the part in which it does.
-        from: usize,
+        first: usize,
         /// How many samples this part has.
         samples: usize,
     },
@@ -465,7 +465,7 @@ fn runs(
     if let Some(&(from, samples)) = stuck {
         findings.push(Finding::Stuck {
             channel,
-            from,
+            first: from,
             samples,
             value: column[from],
         });
@@ -562,7 +562,7 @@ fn copied(
                 factor,
                 offset,
                 late,
-                from,
+                first: from,
                 samples: to - from,
             })
         };
@@ -1022,7 +1022,7 @@ mod tests {
             })[0],
             Finding::Stuck {
                 channel: 1,
-                from: 300,
+                first: 300,
                 samples: 60,
                 ..
             }
@@ -1176,7 +1176,7 @@ mod tests {
                 [
                     Finding::Stuck {
                         channel: 1,
-                        from: 890..=900,
+                        first: 890..=900,
                         ..
                     },
                     Finding::Step { sample: 1300, .. }

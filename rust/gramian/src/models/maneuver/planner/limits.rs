@@ -243,8 +243,7 @@ impl Limits {
                 sample,
                 distance,
             } => {
-                let (a, b) = (tracks[one].at[sample], tracks[two].at[sample]);
-                let (p, q) = (a[0] - b[0], a[1] - b[1]);
+                let [p, q] = between(tracks[one].at[sample], tracks[two].at[sample]);
                 (p * p + q * q) / (distance * distance) - 1.0
             }
             Limit::Home {
@@ -253,8 +252,8 @@ impl Limits {
                 within,
                 size,
             } => {
-                let end = tracks[observer].at[problem.moves];
-                (within - hypot(end[0] - place[0], end[1] - place[1])) / size
+                let [p, q] = between(tracks[observer].at[problem.moves], place);
+                (within - hypot(p, q)) / size
             }
             Limit::Distance { observer, most } => 1.0 - length(problem, layout, x, observer) / most,
         }
@@ -505,9 +504,8 @@ fn violation(
             sample,
             distance,
         } => {
-            let (a, b) = (tracks[one].at[sample], tracks[two].at[sample]);
-            let by = distance - hypot(a[0] - b[0], a[1] - b[1]);
-            (Restriction::Separation, one, sample, by)
+            let [p, q] = between(tracks[one].at[sample], tracks[two].at[sample]);
+            (Restriction::Separation, one, sample, distance - hypot(p, q))
         }
         Limit::Home {
             observer,
@@ -515,9 +513,8 @@ fn violation(
             within,
             ..
         } => {
-            let end = tracks[observer].at[last];
-            let by = hypot(end[0] - place[0], end[1] - place[1]) - within;
-            (Restriction::Home, observer, last, by)
+            let [p, q] = between(tracks[observer].at[last], place);
+            (Restriction::Home, observer, last, hypot(p, q) - within)
         }
         Limit::Distance { observer, most } => {
             let by = length(problem, layout, x, observer) - most;
@@ -530,6 +527,11 @@ fn violation(
         sample,
         by,
     }
+}
+
+/// From `to` to `from`.
+fn between(from: [f64; 2], to: [f64; 2]) -> [f64; 2] {
+    [from[0] - to[0], from[1] - to[1]]
 }
 
 fn turn(problem: &Problem, layout: &Layout, x: &[f64], observer: usize, leg: usize) -> f64 {

@@ -48,7 +48,6 @@ impl Scene {
         let track = self.motion.track(d, &x[..self.motion_states], &times);
         let stamps = &group.channel.times;
         let far = stamps.iter().fold(0.0_f64, |far, t| far.max(t.abs()));
-        let norm = |v: &[f64]| v.iter().fold(0.0_f64, |norm, x| norm.hypot(*x));
         let largest = |v: &[f64]| v.iter().fold(0.0_f64, |top, x| top.max(x.abs()));
         let carriers = [&group.channel.carrier, &group.channel.second];
         which
@@ -56,18 +55,18 @@ impl Scene {
             .zip(track.chunks_exact(2 * d))
             .map(|(&sample, now)| {
                 let (place, velocity) = now.split_at(d);
+                let speed = norm(velocity.iter().copied());
                 let mut grain = Grain::default();
                 for (k, carrier) in carriers.iter().enumerate() {
                     let Some(carrier) = carrier else { continue };
                     let own = &carrier.place[sample * d..][..d];
-                    let its = norm(&carrier.velocity[sample * d..][..d]);
-                    let offset: Vec<f64> = place.iter().zip(own).map(|(a, b)| a - b).collect();
-                    let distance = norm(&offset);
+                    let its = norm(carrier.velocity[sample * d..][..d].iter().copied());
+                    let distance = norm(place.iter().zip(own).map(|(a, b)| a - b));
                     let size = largest(place) + largest(own) + largest(&x[..d]);
-                    let rounding = MANY * (size + far * (norm(velocity) + its));
+                    let rounding = MANY * (size + far * (speed + its));
                     grain.distances[k] = distance;
                     grain.place = grain.place.max(rounding / distance);
-                    grain.pace = grain.pace.max(its).max(norm(velocity));
+                    grain.pace = grain.pace.max(its).max(speed);
                     // Velocities come from differences of places.
                     if grain.pace > 0.0 {
                         let span = carrier.span[sample];
@@ -188,6 +187,17 @@ impl Scene {
             shift(second, 1);
         }
         moved
+    }
+}
+
+/// The length of a vector; the square root alone where no square overflows or is lost, since
+/// every estimate asks for it.
+fn norm(v: impl Iterator<Item = f64> + Clone) -> f64 {
+    let square: f64 = v.clone().map(|x| x * x).sum();
+    if square.is_normal() {
+        square.sqrt()
+    } else {
+        v.fold(0.0, crate::scalar::hypot)
     }
 }
 
