@@ -473,6 +473,25 @@ def test_an_odd_function_at_zero(name, scale):
     assert error < 1e-7 * wanted
 
 
+@pytest.mark.parametrize("name", ["tanh", "clip", "erf"])
+@pytest.mark.parametrize("scale", [10.0, 100.0, 1e4])
+def test_a_saturated_output_is_not_a_rounded_one(name, scale):
+    """At every step it is a whole number, one of two or three: its slope may be any."""
+    from scipy.special import erf
+
+    h, wanted = {
+        "tanh": (lambda x: np.tanh(20 * x), 20.0),
+        "clip": (lambda x: np.clip(3 * x, -1, 2), 3.0),
+        "erf": (lambda x: erf(50 * x), 100 / np.sqrt(np.pi)),
+    }[name]
+    model = gm.from_function(
+        lambda x: [h(x[0]), x[1]], [0.0, 1.0], 1.0, ["x", "b"], scale=[scale, 1.0]
+    )
+    error = model.accuracy.error[0, 0]
+    assert abs(model.rows()[0, 0] - wanted) <= 3 * error
+    assert gm.analyze(model).status == ("undecided" if error > 1 else "observable")
+
+
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 100.0])
 @pytest.mark.parametrize("slope", [0.0, 1.0])
 @pytest.mark.parametrize("power", [1.5, 2.0, 2.5])

@@ -347,7 +347,8 @@ pub fn jacobian<E>(
             let (value, error) = column.entry(k, out.noise[i], at[i]);
             // Where the function overflows beside x nothing is known, which is a number too.
             out.values[i * n + column.state] = value;
-            out.error[i * n + column.state] = error.min(UNKNOWN);
+            let known = error < UNKNOWN && !printed.cut_off(i);
+            out.error[i * n + column.state] = if known { error } else { UNKNOWN };
         }
     }
     Ok(out)
@@ -360,8 +361,8 @@ struct Printed {
     /// Whether it moved by one digit, or has had three values: a constant is no rounded number,
     /// nor is one that is cut off at either end.
     moved: Vec<bool>,
-    /// Another value than at x.
-    other: Vec<f64>,
+    /// Up to three values other than that at x.
+    others: Vec<[f64; 3]>,
 }
 
 impl Printed {
@@ -370,7 +371,7 @@ impl Printed {
         Self {
             decimals: at.iter().zip(given).map(fits).collect(),
             moved: vec![false; at.len()],
-            other: vec![f64::NAN; at.len()],
+            others: vec![[f64::NAN; 3]; at.len()],
         }
     }
 
@@ -386,12 +387,23 @@ impl Printed {
                     let digit = 10.0_f64.powi(-self.decimals[i].unwrap_or(DECIMALS));
                     let far = |from: f64, digits: f64| (value - from).abs() > digits * digit;
                     if far(at[i], 0.5) {
-                        self.moved[i] |= !far(at[i], 1.5) || far(self.other[i], 0.5);
-                        self.other[i] = value;
+                        let others = &mut self.others[i];
+                        if others.iter().all(|&x| x.is_nan() || far(x, 0.5)) {
+                            self.moved[i] |= !far(at[i], 1.5) || !others[0].is_nan();
+                            if let Some(free) = others.iter_mut().find(|x| x.is_nan()) {
+                                *free = value;
+                            }
+                        }
                     }
                 }
             }
         }
+    }
+
+    /// Whether one taken for rounded showed so few values that it may as well be cut off on
+    /// either side of x, as a saturated sensor is: of its slope at x nothing is known.
+    fn cut_off(&self, i: usize) -> bool {
+        self.moved[i] && self.decimals[i].is_some() && self.others[i][2].is_nan()
     }
 
     /// The noise with that of rounding: of uniform errors of half a digit either way.
