@@ -1,29 +1,21 @@
 """Rows of the user's own function and of many states: accuracy, and speed beside numpy's SVD.
 
-Run as `python benches/bench_rows.py`; `--quick` takes a tenth of the cases.
+Run as `python benches/bench_rows.py` it counts wrong derivatives, verdicts and bounds
+(`--quick`: of a tenth of the cases); `python benches/run.py rows` has the speed.
 """
 
 import argparse
 import sys
-import time
 from pathlib import Path
 
+import exact
 import numpy as np
+from harness import OURS, Case, Contest, Contestant
 
 import gramian as gm
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from random_functions import smooth_function
-
-
-def best(call, repeats):
-    """Return the shortest of several times, s."""
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        call()
-        times.append(time.perf_counter() - start)
-    return min(times)
 
 
 def derivatives(count):
@@ -62,25 +54,58 @@ def additions(count):
     print(f"{count} rows added: {rank} cost rank, {bound} raised a bound")
 
 
-def speed():
-    """Times beside numpy's SVD of the same rows, in this run."""
+def conditioned(shape, spread):
+    """Rows whose states are in units so many decades apart, and mixed."""
     rng = np.random.default_rng(3)
-    for what, shape, call, repeats in (
-        ("analyze", (600, 300), gm.analyze, 5),
-        ("analyze", (300, 100), gm.analyze, 5),
-        ("crlb_std", (1600, 800), gm.crlb_std, 3),
-        ("crlb_std", (21248, 245), gm.crlb_std, 3),
-    ):
-        rows = rng.standard_normal(shape)
-        ours = best(lambda call=call, rows=rows: call(rows), repeats)
-        theirs = best(lambda rows=rows: np.linalg.svd(rows, full_matrices=False), repeats)
-        print(f"{what} {shape}: {ours:.3f} s, numpy svd {theirs:.3f} s: ratio {ours / theirs:.2f}")
+    return rng.standard_normal(shape) * 10.0 ** np.linspace(0, spread, shape[1])
+
+
+def exact_bounds(rows):
+    """The bounds with 40 digits."""
+    return exact.bounds(exact.gram(rows))
+
+
+def contest(what, shape, call):
+    """A decision and bounds, beside numpy's SVD of the same rows and what it gives."""
+
+    def svd(rows):
+        def work():
+            _, s, vt = np.linalg.svd(rows, full_matrices=False)
+            return np.sqrt(((vt.T / s) ** 2).sum(axis=1))
+
+        return work
+
+    def case(spread):
+        rows = conditioned((30, 6), spread)
+        wanted = exact.lazily(lambda: exact_bounds(rows))
+        return Case(rows, lambda found: float(np.abs(found / wanted() - 1).max()))
+
+    return Contest(
+        f"{what} of rows, {shape[0]} x {shape[1]}",
+        "call",
+        1.0,
+        conditioned(shape, 0.0),
+        [
+            Contestant(OURS, lambda rows: lambda: call(rows)),
+            Contestant("numpy svd", svd),
+        ],
+        cases={"well": case(0.0), "ill": case(14.0)},
+        note="Error of the bounds; ill: units of the states 14 decades apart.",
+    )
+
+
+def contests(quick):
+    """All contests of this part."""
+    yield contest("analyze", (300, 100), lambda rows: gm.analyze(rows).crlb_std)
+    yield contest("analyze", (600, 300), lambda rows: gm.analyze(rows).crlb_std)
+    yield contest("crlb_std", (1600, 800), gm.crlb_std)
+    if not quick:
+        yield contest("crlb_std", (21248, 245), gm.crlb_std)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true")
     few = 10 if parser.parse_args().quick else 1
-    speed()
     derivatives(2000 // few)
     additions(100_000 // few)

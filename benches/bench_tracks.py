@@ -1,25 +1,28 @@
 """Rates of `gm.tracks`, as ratios within one run, and the large statistical proofs.
 
-    python benches/bench_tracks.py [--proofs]
+    python benches/bench_tracks.py [--quick] [--proofs]
 
 Estimates of two legs (7 states, 60 bearings) against SciPy's `least_squares` with the same
 Jacobian and start; rows of a mixed scene against numpy over all states at once; bearings
 alone against `gm.bearings.localize_many`. With --proofs the RMSE over the bound, the coverage and
-the choice of legs over 1000 trials. The target of each number stands in brackets behind it.
+the choice of legs over 1000 trials, and no contest.
 """
 
 from __future__ import annotations
 
 import sys
-import time
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Iterator
+from typing import Any
 
+import exact
 import numpy as np
-from scipy.optimize import least_squares
+from harness import ALL, OURS, Case, Contest, Contestant, main
+from numpy.typing import NDArray
 
 import gramian as gm
 from gramian.models.tracks import Carrier, Motion, Scene, Sensor
+
+Array = NDArray[np.float64]
 
 TIMES = np.linspace(0.0, 1200.0, 60)
 SIGMA = np.radians(0.3)
@@ -34,54 +37,93 @@ def zigzag() -> Carrier:
 TWO_LEGS = np.array([1500.0, 3700.0, 3.0, -4.0, -1.96410162, -4.59807621, 610.0])
 
 
-def seconds(call: Callable[[], object], least: float = 0.5) -> float:
-    """Return the least time of a call over several."""
-    best, spent = np.inf, 0.0
-    while spent < least:
-        start = time.perf_counter()
-        call()
-        took = time.perf_counter() - start
-        best, spent = min(best, took), spent + took
-    return best
+def least_squares_of(scene: Scene, sigma: float, z: Array, start: Array) -> Array:
+    """Maximum likelihood by SciPy's MINPACK, with our rows as its Jacobian."""
+    from scipy.optimize import least_squares
+
+    def off(x: Array) -> Array:
+        return np.angle(np.exp(1j * (scene.values(x) - z))) / sigma
+
+    found = least_squares(
+        off, start, jac=lambda x: gm.tracks.rows(scene, x), method="lm",
+        xtol=1e-15, ftol=1e-15, gtol=1e-15,
+    )  # fmt: skip
+    state: Array = found.x
+    return state
 
 
-def two_legs() -> None:
-    scene = Scene(Motion.legs(count=2), [Sensor.bearing(zigzag(), TIMES, sigma=SIGMA)])
-    trials = 2000
-    z = gm.tracks.simulate(scene, TWO_LEGS, trials=trials, seed=1)
+def chi2(scene: Scene, sigma: float, z: Array, x: Array) -> float:
+    """Sum of the squared residuals over the noise."""
+    off = np.angle(np.exp(1j * (z - scene.values(x)))) / sigma
+    return float(off @ off)
+
+
+def two_legs_contest(trials: int, few: int) -> Contest:
+    """Seven states from sixty bearings."""
+    motion = Motion.legs(count=2)
     start = TWO_LEGS * np.array([1.05, 0.95, 0.8, 1.2, 1.2, 0.9, 1.05])
-    ours = seconds(lambda: gm.tracks.estimate(scene, z, start=start)) / trials
-    found = seconds(lambda: gm.tracks.estimate(scene, z[:200])) / 200
 
-    def theirs() -> None:
-        for one in z[:10]:
+    def scene(sigma: float) -> Scene:
+        return Scene(motion, [Sensor.bearing(zigzag(), TIMES, sigma=sigma)])
 
-            def off(x: np.ndarray, one: np.ndarray = one) -> np.ndarray:
-                return np.angle(np.exp(1j * (scene.values(x) - one))) / SIGMA
+    def data(sigma: float, trials: int) -> tuple[Scene, Array]:
+        made = scene(sigma)
+        return made, gm.tracks.simulate(made, TWO_LEGS, trials=trials, seed=1)
 
-            least_squares(off, start, jac=lambda x: gm.tracks.rows(scene, x), method="lm")
+    def ours(given: tuple[Scene, Array]) -> Callable[[], Array]:
+        made, z = given
+        return lambda: gm.tracks.estimate(made, z, start=start).state
 
-    other = seconds(theirs) / 10
-    print(f"two legs, 7 states, m = 60: {1 / ours:.0f} estimates a second from one start (20000)")
-    print(f"  with starts found from the bearings: {1 / found:.0f} a second (no target)")
-    print(f"  SciPy least_squares with the same Jacobian: {other / ours:.0f} times slower (100)")
+    def searched(given: tuple[Scene, Array]) -> Callable[[], Array]:
+        made, z = given
+        return lambda: gm.tracks.estimate(made, z[:few]).state
+
+    def scipy(given: tuple[Scene, Array]) -> Callable[[], Array]:
+        made, z = given
+        return lambda: np.array(
+            [
+                least_squares_of(made, float(np.ravel(made.sensors[0].sigma)[0]), one, start)
+                for one in z[:few]
+            ]
+        )
+
+    def case(sigma: float) -> Case:
+        made, z = data(sigma, 3)
+        wanted = exact.lazily(
+            lambda: [
+                chi2(made, sigma, one, least_squares_of(made, sigma, one, TWO_LEGS)) for one in z
+            ]
+        )
+
+        def error(found: Array) -> float:
+            above = [
+                chi2(made, sigma, one, x) - least
+                for one, x, least in zip(z, found, wanted(), strict=False)
+            ]
+            return float(np.sqrt(np.max([0.0, *above])))  # NaN stays NaN
+
+        return Case((made, z), error)
+
+    return Contest(
+        f"two legs from bearings, 7 states, m = {TIMES.size}",
+        "estimate",
+        float(trials),
+        data(SIGMA, trials),
+        [
+            Contestant(OURS, ours),
+            Contestant("gramian, all threads", ours, threads=ALL),
+            Contestant("gramian, starts found from the bearings", searched, part=float(few)),
+            Contestant("SciPy MINPACK with the same Jacobian", scipy, part=float(few)),
+        ],
+        cases={"well": case(SIGMA / 10), "ill": case(SIGMA)},
+        target="20 000 a second, 100 times SciPy",
+        note="All from one start. Error: the root of what chi2 is above that of MINPACK started at "
+        "the truth, which is a distance in deviations; well: a tenth of the noise.",
+    )
 
 
-def bearings_alone() -> None:
-    carrier = zigzag()
-    scene = Scene(Motion.constant_velocity(), [Sensor.bearing(carrier, TIMES, sigma=SIGMA)])
-    truth = TWO_LEGS[:4]
-    z = gm.tracks.simulate(scene, truth, trials=4000, seed=1)
-    path = carrier.at(TIMES)[0]
-    old = seconds(lambda: gm.bearings.localize_many(TIMES, z, path, SIGMA)) / 4000
-    new = seconds(lambda: gm.tracks.estimate(scene, z, start=truth * 1.1)) / 4000
-    found = seconds(lambda: gm.tracks.estimate(scene, z[:500])) / 500
-    print(f"bearings alone, m = 60: specialised {old * 1e6:.1f} us, generic {new * 1e6:.1f} us")
-    print(f"  rate of the generic over the specialised {old / new:.2f} from one start (1)")
-    print(f"  {old / found:.3f} with starts found from the bearings, as the specialised does (1)")
-
-
-def mixed_rows() -> None:
+def mixed_rows_contest(trials: int) -> Contest:
+    """Bearings, ranges and frequencies of a moving target."""
     carrier = zigzag()
     kinds = [
         Sensor.bearing(carrier, TIMES, sigma=SIGMA),
@@ -89,11 +131,10 @@ def mixed_rows() -> None:
         Sensor.frequency(carrier, TIMES, speed=1500.0, sigma=0.02),
     ]
     scene = Scene(Motion.constant_velocity(), kinds)
-    rng = np.random.default_rng(1)
-    states = np.array([1500.0, 3700.0, 3.0, -4.0, 300.0]) + rng.normal(size=(2000, 5))
+    at = np.array([1500.0, 3700.0, 3.0, -4.0, 300.0])
     place, velocity = carrier.at(TIMES)
 
-    def plain() -> np.ndarray:
+    def plain(states: Array) -> Array:
         u = TIMES - TIMES[0]
         d = states[:, None, :2] + u[:, None] * states[:, None, 2:4] - place
         r2 = (d**2).sum(axis=-1)
@@ -116,10 +157,94 @@ def mixed_rows() -> None:
         out[:, 120:, 4] = ratio / 0.02
         return out
 
-    np.testing.assert_allclose(gm.tracks.rows(scene, states), plain(), rtol=1e-8, atol=1e-8)
-    ours, theirs = seconds(lambda: gm.tracks.rows(scene, states)), seconds(plain)
-    each = ours / 2000 * 1e6
-    print(f"rows of a mixed scene, 3 x 60: {each:.2f} us, numpy {theirs / ours:.1f} x (30)")
+    def exact_rows(state: Array) -> Array:
+        """With 30 digits, by differences of 60: the three measurements as they are."""
+        import mpmath as mp
+
+        def seen(k: int, x: Any) -> list[Any]:
+            u = mp.mpf(float(TIMES[k])) - mp.mpf(float(TIMES[0]))
+            d = [x[i] + u * x[2 + i] - mp.mpf(float(place[k, i])) for i in range(2)]
+            r = mp.sqrt(d[0] ** 2 + d[1] ** 2)
+            own = sum(d[i] / r * mp.mpf(float(velocity[k, i])) for i in range(2))
+            its = sum(d[i] / r * x[2 + i] for i in range(2))
+            bearing = mp.atan2(d[0], d[1]) / mp.mpf(SIGMA)
+            return [bearing, r / 10, x[4] * (1500 + own) / (1500 + its) / mp.mpf("0.02")]
+
+        with mp.workdps(60):
+            x = [mp.mpf(float(v)) for v in state]
+            step, out = mp.mpf(10) ** -20, np.zeros((180, 5))
+            for k in range(60):
+                for j in range(5):
+                    up, down = list(x), list(x)
+                    up[j], down[j] = x[j] + step, x[j] - step
+                    for i, (a, b) in enumerate(zip(seen(k, up), seen(k, down), strict=True)):
+                        out[60 * i + k, j] = float((a - b) / (2 * step))
+        return out
+
+    def case(state: Array) -> Case:
+        wanted = exact.lazily(lambda: exact_rows(state))
+
+        def error(found: Array) -> float:
+            scale = np.abs(wanted()).max(axis=0)
+            return float((np.abs(found[0] - wanted()) / scale).max())
+
+        return Case(state[None], error)
+
+    def ours(states: Array) -> Callable[[], Array]:
+        return lambda: gm.tracks.rows(scene, states)
+
+    return Contest(
+        f"rows of a mixed scene, {trials} x 3 x {TIMES.size}",
+        "scene",
+        float(trials),
+        at + np.random.default_rng(1).normal(size=(trials, 5)),
+        [
+            Contestant(OURS, ours),
+            Contestant("gramian, all threads", ours, threads=ALL),
+            Contestant("numpy, all states at once", lambda states: lambda: plain(states)),
+        ],
+        cases={"well": case(at), "ill": case(at + np.array([1e7, 0, 0, 0, 0]))},
+        target="30 times numpy",
+        note="Bearings, ranges and frequencies. Error over the largest entry of the column; ill: "
+        "10 000 km away.",
+    )
+
+
+def bearings_contest(trials: int) -> Contest:
+    """The engine for any scene, beside the estimator for bearings alone."""
+    carrier = zigzag()
+    scene = Scene(Motion.constant_velocity(), [Sensor.bearing(carrier, TIMES, sigma=SIGMA)])
+    truth, path = TWO_LEGS[:4], carrier.at(TIMES)[0]
+    few = trials // 8
+
+    def ours(z: Array) -> Callable[[], Array]:
+        return lambda: gm.tracks.estimate(scene, z, start=truth * 1.1).state
+
+    def searched(z: Array) -> Callable[[], Array]:
+        return lambda: gm.tracks.estimate(scene, z[:few]).state
+
+    def special(z: Array) -> Callable[[], Array]:
+        return lambda: gm.bearings.localize_many(TIMES, z, path, SIGMA).state
+
+    return Contest(
+        f"bearings alone by the engine of tracks, m = {TIMES.size}",
+        "estimate",
+        float(trials),
+        gm.tracks.simulate(scene, truth, trials=trials, seed=1),
+        [
+            Contestant(OURS, ours),
+            Contestant("gramian, starts found from the bearings", searched, part=float(few)),
+            Contestant("gramian.bearings.localize_many", special),
+        ],
+        note="From one start; localize_many finds its own.",
+    )
+
+
+def contests(quick: bool) -> Iterator[Contest]:
+    """All contests of this part."""
+    yield two_legs_contest(*((500, 5) if quick else (2000, 20)))
+    yield mixed_rows_contest(500 if quick else 2000)
+    yield bearings_contest(800 if quick else 4000)
 
 
 def proofs() -> None:
@@ -142,9 +267,7 @@ def proofs() -> None:
 
 
 if __name__ == "__main__":
-    print(Path(__file__).name, f"on {gm.set_threads(1) or 'all'} threads before, one now")
-    two_legs()
-    bearings_alone()
-    mixed_rows()
     if "--proofs" in sys.argv:
         proofs()
+    else:
+        main(contests)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import importlib.util
 import math
 import os
 import shutil
@@ -20,7 +21,7 @@ import tempfile
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -144,6 +145,25 @@ class Row:
     note: str = ""
 
 
+@cache
+def guests() -> dict[str, Callable[[Contest], Iterable[Contestant]]]:
+    """Return what joins from benches/contestants: a function `join` of each file, by its name."""
+    found = {}
+    for path in sorted((HERE / "contestants").glob("*.py")):
+        spec = importlib.util.spec_from_file_location(f"contestants_{path.stem}", path)
+        if spec is None or spec.loader is None:
+            raise ImportError(f"{path} cannot be read")
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        found[path.stem] = module.join
+    return found
+
+
+def joined(contest: Contest) -> list[Contestant]:
+    """Return a contest's contestants, and those that join from benches/contestants."""
+    return [*contest.contestants, *(one for join in guests().values() for one in join(contest))]
+
+
 def told(error: Exception) -> str:
     """Return an error in one line."""
     return f"{type(error).__name__}: {error}".splitlines()[0]
@@ -189,6 +209,7 @@ def run(
     """
     import gramian as gm
 
+    contest = replace(contest, contestants=joined(contest))
     ready: list[_Ready] = []
     messages: dict[str, str] = {}
     before = gm.set_threads(1)

@@ -1,9 +1,10 @@
 """Run all contests: python benches/run.py [--quick] [--record] [PART ...].
 
 Each part runs in a fresh process, so that none disturbs another and each has its
-own peak of memory. Results are written as they come: benches/results/latest.json,
-latest.md and pictures; stopped by Ctrl-C, they hold what is done. `--record` writes
-benches/RESULTS.md and its pictures too.
+own peak of memory. Results are written as they come: benches/results/latest.json (see
+benches/schema.json), latest.md and pictures; stopped by Ctrl-C, they hold what is done. `--record`
+writes benches/RESULTS.md, its pictures and the versions of the peers (benches/peers.txt) too.
+A contestant of your own is one file: benches/contestants/README.md.
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ from rich.console import Console
 
 RESULTS = HERE / "results"
 PEERS = (
-    "numpy", "scipy", "numba", "jax", "control", "magpylib", "stonesoup", "pybounds", "distributed",
+    "numpy", "scipy", "numba", "jax", "control", "magpylib", "stonesoup", "pybounds", "gtsam",
+    "distributed",
 )  # fmt: skip
 MARK = "@bench "  # before what a part tells its parent on a line
 
@@ -81,6 +83,9 @@ class Run:
         if self.record and not stopped:
             drawn = self._draw(HERE / "img")
             self._write(HERE / "RESULTS.md", [f"img/{name}" for name in drawn])
+            pinned = {name: peer_version(name) for name in PEERS}
+            lines = [f"{name}=={of}\n" for name, of in pinned.items() if of]
+            (HERE / "peers.txt").write_text("".join(lines))
         self.console.print(f"written to {RESULTS}")
         if stopped:
             sys.exit(130)
@@ -121,15 +126,17 @@ class Run:
             self.console.print(f"No pictures: {error}", markup=False)
             return []
 
-    def _write(self, path: Path = RESULTS / "latest.md", drawn: Sequence[str] = ()) -> None:
+    def _write(self, path: Path | None = None, drawn: Sequence[str] = ()) -> None:
         """Write what there is; fractions by the best rates seen until now."""
         against(self.rows, self.limits)
         RESULTS.mkdir(exist_ok=True)
         self.about["minutes"] = round((time.perf_counter() - self.start) / 60, 1)
         text = document(self.about, self.limits, self.parts_about, self.rows, drawn)
-        path.write_text(text)
+        (path or RESULTS / "latest.md").write_text(text)
         data = {
-            "about": self.about,
+            "schema": 1,
+            "environment": {name: of for name, of in self.about.items() if name not in PEERS},
+            "peers": {name: peer_version(name) for name in PEERS},
             "limits": self.limits,
             "parts": self.parts_about,
             "rows": [asdict(row) for row in self.rows],
@@ -241,10 +248,15 @@ def describe() -> dict[str, object]:
         "commit": _first_line("git", "rev-parse", "--short", "HEAD"),
     }
     for package in ("gramian", *PEERS):
-        about[package] = "not installed"
-        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
-            about[package] = importlib.metadata.version(package)
+        about[package] = peer_version(package) or "not installed"
     return about
+
+
+def peer_version(package: str) -> str | None:
+    """Return the version of a package, None where it is not installed."""
+    with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+        return importlib.metadata.version(package)
+    return None
 
 
 def _processor() -> str:

@@ -1,5 +1,6 @@
 """The benchmark suite's own parts: what it measures must be what it says."""
 
+import json
 import math
 import shutil
 import sys
@@ -12,7 +13,18 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benches"))
 
 import exact
 import report
-from harness import OURS, Case, Contest, Contestant, Row, c_function, markdown, pointer, run
+from harness import (
+    OURS,
+    Case,
+    Contest,
+    Contestant,
+    Row,
+    c_function,
+    joined,
+    markdown,
+    pointer,
+    run,
+)
 from limits import KINDS, Limit, larger, measure
 
 RATES = {"one": dict.fromkeys(KINDS, 1e9), "all": dict.fromkeys(KINDS, 2e9)}
@@ -129,3 +141,44 @@ def test_c_kernels_agree_with_numpy_and_refuse_strides():
     np.testing.assert_allclose(out, rows.transpose(0, 2, 1) @ rows, atol=1e-12)
     with pytest.raises(ValueError, match="contiguous"):
         pointer(rows[:, ::2])
+
+
+def test_a_contestant_in_a_file_of_its_own_takes_part():
+    rows = np.random.default_rng(0).normal(size=(3, 5, 4))
+    contest = Contest(
+        "gram of rows, 3 x 5 x 4", "trial", 3.0, rows,
+        [Contestant(OURS, lambda data: lambda: np.einsum("tki,tkj->tij", data, data))],
+    )  # fmt: skip
+    names = [one.name for one in joined(contest)]
+    assert names == [OURS, "SciPy dsyrk in a loop"]
+    ours, guest = (one.prepare(rows)() for one in joined(contest))
+    np.testing.assert_allclose(guest, ours, rtol=1e-12)
+    assert len(joined(Contest("other", "trial", 1.0, None, contest.contestants))) == 1
+
+
+def test_results_are_as_the_schema_says(tmp_path, monkeypatch):
+    jsonschema = pytest.importorskip("jsonschema")
+    import run as suite
+
+    monkeypatch.setattr(suite, "RESULTS", tmp_path)
+    monkeypatch.setattr(suite, "measure", lambda: RATES)
+    made = suite.Run([], quick=True, record=False)
+    made.parts_about = {"spine": {"seconds": 1.5, "peak memory, MiB": 100}}
+    made.rows = [
+        Row("c", OURS, "trial", 1, minimum=1.0, median=1.0, ratio=1.0, errors={"ill": math.inf}),
+        Row("c", "peer", "trial", 1, message="ImportError: none"),
+    ]
+    made._write()
+    schema = json.loads((Path(suite.HERE) / "schema.json").read_text())
+    found = json.loads((tmp_path / "latest.json").read_text())
+    jsonschema.validate(found, schema)
+    assert set(found["rows"][0]) == set(schema["$defs"]["row"]["properties"])
+    assert found["peers"]["numpy"] == np.__version__
+    del found["rows"][0]["unit"]
+    with pytest.raises(jsonschema.ValidationError, match="'unit' is a required property"):
+        jsonschema.validate(found, schema)
+
+
+def test_every_part_has_contests():
+    for path in Path(report.__file__).parent.glob("bench_*.py"):
+        assert "\ndef contests(" in path.read_text(), path.name
