@@ -72,11 +72,11 @@ def two_legs_contest(trials: int, few: int) -> Contest:
 
     def ours(given: tuple[Scene, Array]) -> Callable[[], Array]:
         made, z = given
-        return lambda: gm.tracks.estimate(made, z, start=start).state
+        return lambda: gm.tracks.estimate_many(made, z, start=start).state
 
     def searched(given: tuple[Scene, Array]) -> Callable[[], Array]:
         made, z = given
-        return lambda: gm.tracks.estimate(made, z[:few]).state
+        return lambda: gm.tracks.estimate_many(made, z[:few]).state
 
     def scipy(given: tuple[Scene, Array]) -> Callable[[], Array]:
         made, z = given
@@ -218,10 +218,10 @@ def bearings_contest(trials: int) -> Contest:
     few = trials // 8
 
     def ours(z: Array) -> Callable[[], Array]:
-        return lambda: gm.tracks.estimate(scene, z, start=truth * 1.1).state
+        return lambda: gm.tracks.estimate_many(scene, z, start=truth * 1.1).state
 
     def searched(z: Array) -> Callable[[], Array]:
-        return lambda: gm.tracks.estimate(scene, z[:few]).state
+        return lambda: gm.tracks.estimate_many(scene, z[:few]).state
 
     def special(z: Array) -> Callable[[], Array]:
         return lambda: gm.bearings.localize_many(TIMES, z, path, SIGMA).state
@@ -250,7 +250,7 @@ def contests(quick: bool) -> Iterator[Contest]:
 def proofs() -> None:
     scene = Scene(Motion.legs(count=2), [Sensor.bearing(zigzag(), TIMES, sigma=SIGMA)])
     z = gm.tracks.simulate(scene, TWO_LEGS, trials=1000, seed=1)
-    found = gm.tracks.estimate(scene, z)
+    found = gm.tracks.estimate_many(scene, z)
     error = found.state - TWO_LEGS
     bound = gm.analyze(gm.tracks.problem(scene, TWO_LEGS)).crlb_std
     print(found)

@@ -28,10 +28,9 @@ for axes, (name, (path, at)) in zip(picture.subplots(1, 2), paths.items(), stric
     found = gm.tracks.estimate(scene, gm.tracks.simulate(scene, truth, seed=2))
     print(name, found.status, np.round(found.state, 1))
     axes.plot(*np.array(path).T / 1000, ".-", color=COLORS["observer"], label="ship")
-    for state, style in ((found.state, "-"), (found.other, "--")):
-        if np.isfinite(state).all():
-            track = scene.track(state, times)[:, :2] / 1000
-            axes.plot(*track.T, style, color=COLORS["target"], label="a track that fits")
+    for state, style in ((found.state, "-"), *((o.state, "--") for o in found.others[:1])):
+        track = scene.track(state, times)[:, :2] / 1000
+        axes.plot(*track.T, style, color=COLORS["target"], label="a track that fits")
     axes.set_title(f"{name}: {found.status}")
     axes.set_aspect("equal")
     axes.set_xlabel("east (km)")

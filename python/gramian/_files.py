@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
@@ -63,6 +64,10 @@ def _size(count: int) -> str:
     return f"{count / 2**20:.0f} MiB" if count >= 1 << 20 else f"{count} bytes"
 
 
+#: Control characters that no text has.
+_CONTROL = re.compile(r"[\x01-\x08\x0e-\x1a\x1c-\x1f]")
+
+
 def read_text(path: Path, limit: int | None = None) -> str:
     """Return the text of a file: UTF-8 or UTF-16 with or without its mark, or cp1252.
 
@@ -80,6 +85,11 @@ def read_text(path: Path, limit: int | None = None) -> str:
             continue
         if "\0" not in text:
             return text
+        # A logger that lost its power leaves a few: the lines they are in are no good, the rest
+        # is. Programs and pictures have other control characters too.
+        rest = text.replace("\0", "")
+        if 2 * len(rest) > len(text) and not _CONTROL.search(rest):
+            return text.replace("\0", "\ufffd")
         break
     raise OSError("is not a text file")
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gramian import _core
 
 __all__ = [
+    "above_noise",
     "brief",
     "count",
     "describe_combination",
@@ -87,6 +88,12 @@ def describe_null_space(null_space: Array, names: Sequence[str]) -> tuple[str, .
 
 #: A combination of more states than this is described by what it moves, or by its largest.
 LONG = 12
+
+
+def above_noise(change: Array) -> Array:
+    """Return a direction without the components that are rounding, noise in a text."""
+    kept: Array = np.where(np.abs(change) < 1e-9 * np.abs(change).max(), 0.0, change)
+    return kept
 
 
 def describe_direction(change: Array, names: Sequence[str]) -> str:

@@ -196,9 +196,11 @@ def registration():
 def tracks():
     z = gm.tracks.simulate(scene(), STATE, seed=1)
     found = gm.tracks.estimate(scene(), z)
+    many = gm.tracks.estimate_many(scene(), z)
     choice = gm.tracks.choose_legs(scene(), z, most=2)
     sensor = scene().sensors[0]
-    yield from (scene(), scene().motion, sensor, sensor.carrier, found, choice)
+    parts = (scene(), scene().motion, sensor, sensor.carrier, gm.tracks.TracksModel(scene()))
+    yield from (*parts, found, many, choice)
 
 
 def dynamics():

@@ -733,6 +733,20 @@ CALLS: dict[str, dict[str, Any]] = {
         "polish": 1,
         "rtol": 1e-9,
     },
+    "tracks.estimate_many": {
+        "scene": SCENE,
+        "measurements": [SEEN],
+        "prior": {"x0": (2000.0, 500.0)},
+        "known": {},
+        "loss": "huber",
+        "constant": 1.5,
+        "start": STATE,
+        "alpha": 0.001,
+        "weak_ratio": 0.25,
+        "max_iterations": 20,
+        "polish": 1,
+        "rtol": 1e-9,
+    },
     "tracks.leg_penalty": {
         "scene": SCENE.with_motion(gm.tracks.Motion.legs(count=1)),
         "state": STATE,
@@ -874,7 +888,7 @@ METHODS: dict[str, tuple[Callable[[], Any], dict[str, Any]]] = {
         lambda: gm.tracks.Sensor,
         {"carrier": SHIP, "times": T, "power": 60.0, "exponent": 2.0, "sigma": 1.0},
     ),
-    "TrackEstimate.track": (
+    "Estimate.track": (
         lambda: gm.tracks.estimate(SCENE, [SEEN]),
         {"times": np.array([1.0, 2.0])},
     ),

@@ -266,7 +266,7 @@ def _leg_penalty() -> Callable[[], Any]:
 def _track_estimate() -> Callable[[], Any]:
     scene, seen = _scene()
     legs = scene.with_motion(gm.tracks.Motion.legs(count=3))
-    return lambda: [gm.tracks.estimate(legs, [seen], polish=64) for _ in range(300)]
+    return lambda: [gm.tracks.estimate(legs, [seen], polish=64, search=False) for _ in range(300)]
 
 
 _PRIOR = {f"x{i}": (0.3, 1.0) for i in range(6)}

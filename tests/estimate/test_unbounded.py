@@ -32,7 +32,7 @@ def test_a_batch_of_far_targets_is_never_unobservable(degrees, share):
     # States there are where the status says so, and the two engines nearly always agree on
     # the best: the batch follows the starts of one track no farther than to a good fit.
     assert np.isfinite(found.state[found.status == "weak"]).all()
-    engine = gm.tracks.estimate(scene(sigma), seen)
+    engine = gm.tracks.estimate_many(scene(sigma), seen)
     assert not (engine.status == "unobservable").any()
     both = found.status == "weak"
     assert (found.chi2[both] < engine.chi2[both] + 0.1).mean() > share

@@ -340,7 +340,8 @@ def test_bearings_that_do_not_fit_are_a_misfit(page, tmp_path):
     made = run_python(code(page, "python"))
     found = gm.tracks.estimate(made["scene"], [made["bearings"]])
     assert found.status == status(page) == "misfit"
-    assert page.inner_text("#reason") == found.reason
+    # The page tests no alternatives.
+    assert found.reason.startswith(page.inner_text("#reason"))
     assert page.locator('[data-use="speed"]').is_disabled()
 
 

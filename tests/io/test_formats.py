@@ -252,6 +252,22 @@ def test_malformed_files(tmp_path, name, text, message):
         io.read(write(tmp_path, name, text))
 
 
+def test_a_log_that_ends_in_zeros(tmp_path):
+    """As a logger leaves it that lost its power: the lines before are read."""
+    lines = [
+        nmea(f"GPRMC,1200{k:02}.00,A,5046.500,N,0010{6 - 0.0044 * k:.4f},W,10.0,090.0,010526,,")
+        for k in range(6)
+    ]
+    torn = "\n".join(lines).encode() + b"\n" + lines[0][:20].encode() + b"\0" * 60
+    (tmp_path / "log.nmea").write_bytes(torn)
+    recording = io.read(tmp_path / "log.nmea")
+    (track,) = recording.tracks.values()
+    assert track.times.size == 6
+    (tmp_path / "ship.csv").write_bytes(b"time,east,north\n0,0,0\n1,5,\0\0\n")
+    with pytest.raises(gm.InputError, match=r"ship\.csv:3: north = "):
+        io.read(tmp_path / "ship.csv")
+
+
 def test_what_is_no_text_file(tmp_path):
     (tmp_path / "a.csv").write_bytes(b"\0\1\2" * 100)
     with pytest.raises(gm.InputError, match="is not a text file"):

@@ -65,9 +65,9 @@ def test_one_leg_is_a_misfit(ships):
         # is not determined either, and the misfit is told where it is.
         start = [3000.0, 3000.0, 0.0, 0.0]
         found = estimate(scene, [bearings[:count]], rtol=1e-12)
-        assert found.chi2 == pytest.approx(chi2, rel=0.02), (count, start)
+        assert found.fit.chi2 == pytest.approx(chi2, rel=0.02), (count, start)
         assert found.status == "misfit"
-        assert found.p_value < 1e-30
+        assert found.fit.p_value < 1e-30
 
 
 def test_legs_are_unobservable_from_a_straight_path(ships):
@@ -118,4 +118,4 @@ def test_one_range_determines_everything(ships):
     found = estimate(scene, z, start=recorded, max_iterations=300)
     there = scene._inner.linearize(z, recorded)[0]
     # 95 % of chi-square with 18 degrees of freedom.
-    assert (there**2).sum() - found.cost < 28.87
+    assert (there**2).sum() - found.fit.chi2 < 28.87

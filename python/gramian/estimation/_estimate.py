@@ -18,7 +18,7 @@ from gramian._arrays import SEED_MOST, finite, number, whole
 from gramian._handle import EstimationModel, as_model, handle_of
 from gramian._noise import Knowledge, as_box, as_known
 from gramian._registry import draw
-from gramian._text import brief, describe_combination, describe_direction
+from gramian._text import above_noise, brief, describe_combination, describe_direction
 from gramian._text import number as readable
 from gramian.estimation._knowledge import (
     columns_of,
@@ -222,7 +222,8 @@ class Estimate(Answer):
         rows, rtol = self._handle.linearize(self.state)[1], None
         rounded = getattr(self.model, "rounded", None)
         if rounded is not None:
-            rows, rtol = rounded(self.state, rows)
+            free = [tuple(self.model.names).index(name) for name in self.names]
+            rows, rtol = rounded(self._whole, rows, free)
         return _core.Analysis(rows, rtol)
 
     @cached_property
@@ -604,12 +605,10 @@ class Estimate(Answer):
         """Combinations of the states that change no measurement, in words."""
         if not self.names or self._analysis.rank == len(self.names):
             return ()
-        texts = []
-        for direction in self._analysis.null_space().T:
-            # Components that are rounding would only be noise in the text.
-            shown = np.where(np.abs(direction) < 1e-9 * np.abs(direction).max(), 0, direction)
-            texts.append(describe_direction(shown, self.names))
-        return tuple(texts)
+        return tuple(
+            describe_direction(above_noise(direction), self.names)
+            for direction in self._analysis.null_space().T
+        )
 
     @cached_property
     def _verdict(self) -> tuple[Status, str]:
@@ -758,6 +757,7 @@ def estimate(
     starts: int = 32,
     seed: int = 0,
     loss: Literal["squares", "huber", "tukey"] = "squares",
+    constant: float | None = None,
     alpha: float = 0.001,
     chance: float = 0.01,
     weak_ratio: float = 0.25,
@@ -790,6 +790,9 @@ def estimate(
         Of the independent half of them.
     loss : {"squares", "huber", "tukey"}
         How residuals count.
+    constant : float, optional
+        Of the loss, in deviations; by default that of 95 % efficiency on normal noise: 1.345
+        for Huber, 4.685 for Tukey.
     alpha : float
         Level of the tests of the fit: "misfit" where p of chi2 is below it, or where the
         score tests of the model's alternatives, together, say so at this level.
@@ -833,7 +836,9 @@ def estimate(
     handle = informed(model, z, before, known)
     spread = spread_of(names, before, box, tuple(model.names))
     first = starts_of(model, z, start, free, spread, before, names)
-    weighting = (loss, _LOSSES[loss])
+    weighting = (loss, _LOSSES[loss] if constant is None else number(constant, "constant"))
+    if loss != "squares" and not weighting[1] > 0:
+        raise InputError(f"constant = {weighting[1]}: must be > 0")
     found = handle.minimize(first, weighting, max_iterations)
     if not found:
         # With the reason, where there is one.
@@ -843,7 +848,8 @@ def estimate(
     others: tuple[Solution, ...] = ()
     unseen = 1.0
     if search and best["converged"] and loss == "squares":
-        searched = handle.others(best["x"], spread, starts, seed)
+        also = np.array([other["x"] for other in found[1:]]).reshape(-1, len(names))
+        searched = handle.others(best["x"], also, spread, starts, seed)
         unseen = searched["unseen"]
         best = best | {"x": searched["x"], "chi2": searched["chi2"]}
         others = tuple(solution_of(other) for other in searched["others"])
@@ -905,7 +911,7 @@ def other_solutions(
     spread = spread_of(names, before, as_box(box, names, model.units), names)
     handle = informed(model, model.h(state), None, {})
     starts, seed = whole(starts, "starts", 0, 2**31), whole(seed, "seed", 0, SEED_MOST)
-    found = handle.others(state, spread, starts, seed)
+    found = handle.others(state, np.empty((0, len(names))), spread, starts, seed)
     return tuple(solution_of(other) for other in found["others"])
 
 

@@ -30,7 +30,7 @@ def explore(
 
     Parameters
     ----------
-    scene : path, mapping, Scenario, Scene, TrackEstimate or Problem, optional
+    scene : path, mapping, Scenario, Scene, tracks.Estimate or Problem, optional
         A scenario, as a file or as what such a file says; a `gramian.tracks.Scene` with a
         `state`; an estimate of tracks, with its bearings; or a problem that
         `gramian.tracks.problem`, `gramian.dipole.problem` or `gramian.registration.problem`

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian._arrays import finite, number
 from gramian.exceptions import InputError
-from gramian.models.tracks import Scene, TrackEstimate
+from gramian.models.tracks import Estimate, Scene
 from gramian.problem import Problem
 from gramian.scenario import Scenario, from_values, load
 
@@ -96,7 +96,7 @@ def _of(scene: Any, state: ArrayLike | Mapping[str, float] | None) -> Opened:
         if state is None:
             raise InputError("state is missing: a gm.tracks.Scene is asked about at a state")
         return _track(scene, scene.state(state), {})
-    if isinstance(scene, TrackEstimate):
+    if isinstance(scene, Estimate):
         return _estimate(scene)
     if isinstance(scene, Problem):
         return _problem(scene)
@@ -181,10 +181,8 @@ def _bearings_scenario(scenario: BearingsScenario) -> Opened:
     return Opened("track", out)
 
 
-def _estimate(found: TrackEstimate) -> Opened:
-    if found.state.ndim != 1:
-        raise InputError("scene is a batch of estimates: give one of them")
-    if found.prior or found.known or found.loss != "squares":
+def _estimate(found: Estimate) -> Opened:
+    if found.prior or found.known or found._loss[0] != "squares":
         raise _refused("an estimate with a prior, known states or a robust loss")
     sensors = found.scene.sensors
     if len(sensors) != 1 or sensors[0].kind != "bearing" or np.isnan(found.measurements).any():

@@ -399,6 +399,7 @@ impl PyModel {
 
     fn search(
         &self,
+        from: Vec<Vec<f64>>,
         spread: Option<(&str, Vec<f64>, Vec<f64>)>,
         starts: usize,
         seed: u64,
@@ -422,6 +423,7 @@ impl PyModel {
             ));
         }
         Ok(Search {
+            from,
             spread,
             starts,
             seed,
@@ -661,18 +663,19 @@ impl PyModel {
         PyList::new(py, records.collect::<PyResult<Vec<_>>>()?)
     }
 
-    /// Other solutions, and the best of all.
-    #[pyo3(signature = (x, spread, starts, seed))]
+    /// Other solutions, from states `more` too, and the best of all.
+    #[pyo3(signature = (x, more, spread, starts, seed))]
     fn others<'py>(
         &self,
         py: Python<'py>,
         x: &Bound<'py, PyAny>,
+        more: &Bound<'py, PyAny>,
         spread: Option<(&str, Vec<f64>, Vec<f64>)>,
         starts: usize,
         seed: u64,
     ) -> PyResult<Bound<'py, PyDict>> {
         let x = self.state(x, "x")?;
-        let search = self.search(spread, starts, seed)?;
+        let search = self.search(self.states_of(more, "more")?, spread, starts, seed)?;
         let found: Found = self
             .run(py, |model| {
                 Self::solution(model, x).map(|from| other_solutions(model, &from, &search))
@@ -808,7 +811,7 @@ impl PyModel {
         };
         let function = function.map(|f| self.function(&f)).transpose()?;
         let search = search
-            .map(|(starts, seed)| self.search(spread, starts, seed))
+            .map(|(starts, seed)| self.search(Vec::new(), spread, starts, seed))
             .transpose()?;
         let size = self.model.measurements();
         let (m, n) = (size as f64, truth.len() as f64);
@@ -860,7 +863,7 @@ impl PyModel {
         reach: f64,
     ) -> PyResult<(usize, usize)> {
         let x = self.state(x, "x")?;
-        let search = self.search(Some(spread), starts, seed)?;
+        let search = self.search(Vec::new(), Some(spread), starts, seed)?;
         self.run(py, |model| recall(model, &x, &search, many, reach))
     }
 

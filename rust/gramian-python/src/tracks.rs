@@ -5,13 +5,14 @@
 use gramian::batch::{Items, Threads};
 use gramian::solve::Model;
 use gramian::tracks::carrier::Carrier;
+use gramian::tracks::scene::departures::Departure;
 use gramian::tracks::scene::estimate::{
     self as kernel, Layout, Loss, Options, Status, Task, Verdict,
 };
 use gramian::tracks::scene::{
     Channel, InSensor, Kind, Measured, Moving, Noise, Parameter, Scene, TurnTimes,
 };
-use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyInt};
 
@@ -23,6 +24,9 @@ use crate::solve::PyModel;
 
 /// An array and a matrix beside it.
 type Pair<'py, A> = (Bound<'py, A>, Bound<'py, PyArray2<f64>>);
+
+/// What a departure is, which order, time or sensor, and its columns.
+type NamedColumns<'py> = (&'static str, f64, Bound<'py, PyArray2<f64>>);
 
 /// Where a sensor is: see `gramian::tracks::carrier::Carrier`.
 #[pyclass(frozen, name = "TrackCarrier", module = "gramian._core")]
@@ -386,6 +390,73 @@ impl TrackScene {
         Ok(out)
     }
 
+    /// Derivatives of the places (times, D, n) of the target by one state.
+    fn slopes<'py>(
+        &self,
+        py: Python<'py>,
+        state: &Bound<'py, PyAny>,
+        times: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        let (n, own) = (self.scene.states(), self.scene.motion_states());
+        let state = Input::new(state, "state", 1)?;
+        state.expect(&[Some(n)], "one number for each state")?;
+        let times = Input::new(times, "times", 1)?;
+        let reference = self.scene.reference();
+        let since: Vec<f64> = times.slice()?.iter().map(|t| t - reference).collect();
+        let d = self.scene.dimension();
+        let flat = self
+            .scene
+            .motion()
+            .slopes(d, &state.slice()?[..own], &since);
+        let out = PyArray3::zeros(py, [since.len(), d, n], false);
+        {
+            let mut write = out.readwrite();
+            let rows = write.as_slice_mut()?.chunks_exact_mut(n);
+            for (out, row) in rows.zip(flat.chunks_exact(own)) {
+                out[..own].copy_from_slice(row);
+            }
+        }
+        Ok(out)
+    }
+
+    /// Ways in which the scene may be wrong, at a state (n,): of each what it is, which
+    /// order, time (s) or sensor, and its whitened columns (m', parameters).
+    fn departures<'py>(
+        &self,
+        py: Python<'py>,
+        measurements: &Bound<'py, PyAny>,
+        state: &Bound<'py, PyAny>,
+        turns: &Bound<'py, PyAny>,
+    ) -> PyResult<Vec<NamedColumns<'py>>> {
+        let measurements = Input::unchecked(measurements, "measurements", 1)?;
+        let state = Input::new(state, "state", 1)?;
+        let turns = Input::new(turns, "turns", 1)?;
+        let reference = self.scene.reference();
+        let turns: Vec<f64> = turns.slice()?.iter().map(|t| t - reference).collect();
+        let measured = Measured::new(&self.scene, measurements.slice()?, &[])
+            .map_err(|error| self.error("", error))?;
+        state.expect(&[Some(measured.states())], "one number for each state")?;
+        let found = measured
+            .departures(state.slice()?, &turns)
+            .map_err(|error| self.error("", error))?;
+        found
+            .into_iter()
+            .map(|(departure, flat)| {
+                let (kind, which) = match departure {
+                    Departure::Order(order) => ("order", order as f64),
+                    Departure::Turn(time) => ("turn", time + reference),
+                    Departure::Bias(sensor) => ("bias", sensor as f64),
+                    Departure::Scale(sensor) => ("scale", sensor as f64),
+                    Departure::Clock(sensor) => ("clock", sensor as f64),
+                };
+                let m = measured.measurements();
+                let out = PyArray2::zeros(py, [m, flat.len() / m.max(1)], false);
+                out.readwrite().as_slice_mut()?.copy_from_slice(&flat);
+                Ok((kind, which, out))
+            })
+            .collect()
+    }
+
     /// Whitened residuals (m',) and rows (m', n) of measurements (m,) at a state (n,):
     /// without those that are missing.
     fn linearize<'py>(
@@ -594,29 +665,6 @@ fn put_verdicts(
     Ok(())
 }
 
-/// What decided the status of an estimate, in a sentence.
-#[pyfunction]
-fn track_reason(
-    status: usize,
-    costs: [f64; 2],
-    dof: f64,
-    p_value: f64,
-    unseen: &Bound<'_, PyAny>,
-    names: Vec<String>,
-) -> PyResult<String> {
-    let unseen = Input::unchecked(unseen, "unseen", 1)?;
-    let status = Status::ALL
-        .get(status)
-        .copied()
-        .ok_or_else(|| InputError::new_err(format!("status {status}: there are 6")))?;
-    let verdict = Verdict {
-        status,
-        dof,
-        p_value,
-    };
-    Ok(verdict.reason(costs[0], costs[1], unseen.slice()?, &names))
-}
-
 /// The statuses of an estimate, worst first.
 #[pyfunction]
 fn track_statuses() -> Vec<&'static str> {
@@ -624,7 +672,6 @@ fn track_statuses() -> Vec<&'static str> {
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    module.add_function(wrap_pyfunction!(track_reason, module)?)?;
     module.add_function(wrap_pyfunction!(track_statuses, module)?)?;
     module.add_class::<TrackCarrier>()?;
     module.add_class::<TrackScene>()

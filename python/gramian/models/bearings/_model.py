@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import factorial
 
@@ -79,7 +80,7 @@ class BearingsModel(Value):
         """Return the whitened rows (m, n) at a state."""
         return self.handle(np.zeros(self.times.size)).linearize(x)[1]
 
-    def rounded(self, x: Array, rows: Array) -> tuple[Array, float | None]:
+    def rounded(self, x: Array, rows: Array, free: Sequence[int]) -> tuple[Array, float | None]:
         """Return rows without what rounding of the coordinates leaves in them, and a tolerance.
 
         Of the rank decision: beside large coordinates or times a straight path is not straight.

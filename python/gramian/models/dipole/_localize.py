@@ -403,7 +403,7 @@ def _described(
     tried.sort(key=lambda one: one.bic)
     best = tried[0]
     model, handle = best.model, best.model.handle(filled)
-    searched = handle.others(best.state, None, 0, 0)
+    searched = handle.others(best.state, np.empty((0, best.state.size)), None, 0, 0)
     # The best of all that were reached, which may be another than the fit began with.
     state = np.asarray(searched["x"])
     found = model.expand(state)[0]

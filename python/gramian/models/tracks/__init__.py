@@ -5,26 +5,31 @@ offsets, tonals and powers are states beside those of the motion. A `Scene` puts
 together.
 
 - `problem` and `rows` say what a scene determines; `simulate` draws measurements.
-- `estimate` gives the most likely state, a `TrackEstimate`.
+- `estimate` gives the most likely state of one record, an `Estimate`: a `gramian.Estimate` of a
+  `TracksModel`; `estimate_many` those of many, `Estimates`.
 - `choose_legs` tells how many legs a track has, a `LegChoice`; `leg_penalty` calibrates it.
 """
 
-from gramian.models.tracks._estimate import estimate
+from gramian.models.tracks._estimate import Estimate, estimate
 from gramian.models.tracks._legs import LegChoice, choose_legs, leg_penalty
+from gramian.models.tracks._many import Estimates, estimate_many
+from gramian.models.tracks._model import TracksModel
 from gramian.models.tracks._motion import Carrier, Motion
 from gramian.models.tracks._scene import Scene, problem, rows, simulate
 from gramian.models.tracks._sensors import Sensor
-from gramian.models.tracks._solve import TrackEstimate
 
 __all__ = [
     "Carrier",
+    "Estimate",
+    "Estimates",
     "LegChoice",
     "Motion",
     "Scene",
     "Sensor",
-    "TrackEstimate",
+    "TracksModel",
     "choose_legs",
     "estimate",
+    "estimate_many",
     "leg_penalty",
     "problem",
     "rows",

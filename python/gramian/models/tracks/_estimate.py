@@ -1,18 +1,144 @@
-"""The estimate of a scene: with the motion as it is, or with the number of legs chosen."""
+"""The estimate of a scene from one record: with the motion as it is, or with legs chosen."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from gramian._options import choice
+from gramian._registry import draw
+from gramian._text import above_noise, describe_direction
+from gramian._text import number as readable
+from gramian.estimation import Estimate as General
+from gramian.estimation import estimate as estimate_model
 from gramian.exceptions import InputError
-from gramian.models.tracks._legs import choose_legs
-from gramian.models.tracks._scene import Scene
-from gramian.models.tracks._solve import Loss, TrackEstimate, solve
+from gramian.models.tracks._legs import LegChoice, choose_legs
+from gramian.models.tracks._many import STATUSES, Estimates, Loss, estimate_many, knowledge
+from gramian.models.tracks._model import TracksModel
+from gramian.models.tracks._scene import Scene, as_scene
 
-__all__ = ["estimate"]
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["Estimate", "estimate"]
+
+Array = NDArray[np.float64]
+
+#: So many starts are followed again where what they led to ran away.
+_STARTS = 8
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Estimate(General):
+    """The answer of `estimate`: a `gramian.Estimate` of the states of a scene.
+
+    Attributes
+    ----------
+    legs : LegChoice or None
+        How the number of legs was chosen, where it was.
+    """
+
+    legs: LegChoice | None = None
+    _found: Estimates
+
+    _not_in_dict = General._not_in_dict | {"legs"}
+
+    @property
+    def scene(self) -> Scene:
+        """The scene, with the motion that was estimated."""
+        scene: Scene = self.model.scene
+        return scene
+
+    @property
+    def _free(self) -> list[int]:
+        return [self.scene.index(name) for name in self.names]
+
+    @property
+    def null_combinations(self) -> tuple[str, ...]:
+        """Combinations of the states that change no measurement, in words."""
+        if (own := super().null_combinations) or not self._is_unobservable:
+            return own
+        # Next to a singular place the rows alone are no guide: the starts were asked too.
+        direction = self._found.null_direction[self._free]
+        return (describe_direction(above_noise(direction), self.names),)
+
+    @property
+    def _is_unobservable(self) -> bool:
+        return STATUSES[int(self._found.code)] == "unobservable"
+
+    @cached_property
+    def covariance(self) -> Array:
+        """The local Gaussian approximation (n, n); of a robust loss the sandwich formula."""
+        if self._loss[0] == "squares" and not self._is_unobservable:
+            return super().covariance
+        return np.asarray(self._found.covariance[np.ix_(self._free, self._free)])
+
+    @cached_property
+    def std(self) -> Array:
+        """Standard deviations (n,) of the local Gaussian approximation; `inf` for none."""
+        if self._loss[0] == "squares" and not self._is_unobservable:
+            return super().std
+        return np.sqrt(np.diagonal(self.covariance))
+
+    @cached_property
+    def _weak(self) -> str:
+        usual = self._usual_range
+        if usual:
+            vague = float(self._found.vagueness)
+            if np.isinf(vague):
+                return "positions are not determined where the steps ended"
+            if vague > self.weak_ratio:
+                return (
+                    f"positions are known to {readable(vague * usual, 2)} m at worst, at a range "
+                    f"of {readable(usual, 2)} m"
+                )
+            if self._loss[0] == "squares":
+                for name in self.model.functions:
+                    interval = self.interval(name)
+                    if not interval.length <= 2 * 1.96 * self.weak_ratio * usual:
+                        return str(interval)
+        return ""
+
+    @cached_property
+    def _usual_range(self) -> float:
+        """The median distance from the nearest carrier, m; 0 where no sensor has one."""
+        medians = []
+        for sensor in self.scene.sensors:
+            if sensor.carrier is not None and sensor.times.size:
+                places = sensor.carrier.at(sensor.times)[0]
+                track = self.scene.track(self._whole, sensor.times)[:, : places.shape[1]]
+                medians.append(float(np.median(np.linalg.norm(track - places, axis=1))))
+        return min(medians, default=0.0)
+
+    def track(self, times: ArrayLike) -> Array:
+        """Return positions (k, D) at these times."""
+        return self.scene.track(self._whole, times)
+
+    def plot(self, view: Literal["map", "space"] | None = None) -> Figure:
+        """Draw carriers, track and error ellipses; needs matplotlib.
+
+        Parameters
+        ----------
+        view : {"map", "space"}, optional
+            From above, or in space; by default in space where the motion is.
+        """
+        if view is None:
+            view = "space" if self.scene.motion.dimension == 3 else "map"
+        if choice(view, "view", ("map", "space")) == "space" and self.scene.motion.dimension == 2:
+            raise InputError('view = "space": the motion is in the plane')
+        return draw(self, "chart" if view == "map" else "space")
+
+    def summary(self, level: float = 0.95) -> str:
+        """Return status, states with their intervals, fit and legs as text."""
+        lines = [super().summary(level)]
+        if self.legs is not None:
+            lines.append(self.legs.summary())
+        return "\n".join(lines)
 
 
 def estimate(
@@ -31,14 +157,15 @@ def estimate(
     max_iterations: int = 60,
     polish: int = 4,
     rtol: float | None = None,
-) -> TrackEstimate:
-    """Return the most likely state of a scene, with its covariance and its status.
+    **options: Any,
+) -> Estimate:
+    """Return the most likely state of a scene, and whether it may be believed.
 
     Parameters
     ----------
     scene : Scene
-    measurements : array_like, shape (..., m), or one for each sensor
-        See `Scene.pack`; NaN for a missing sample. Leading axes are a batch.
+    measurements : array_like, shape (m,), or one for each sensor
+        See `Scene.pack`; NaN for a missing sample.
     prior : mapping of str to (mean, sigma), optional
         What is known of states beforehand.
     known : mapping of str to float, optional
@@ -56,32 +183,42 @@ def estimate(
         the scene is then one of legs, whatever their number.
     most_legs : int
     alpha : float
-        Level of the test for "misfit".
+        Level of the tests for "misfit": of chi-square, of the score tests of the
+        alternatives together, of the correlation of neighbouring residuals.
     weak_ratio : float
         "weak" where the deviation of a position, at any time while the sensors look,
-        exceeds this many times the median distance from the nearest carrier.
+        exceeds this many times the median distance from the nearest carrier, or the
+        interval of the first or last range is that of such a deviation.
     max_iterations : int
         Steps at most from each start.
     polish : int
         How many of the starts are followed to their end.
     rtol : float, optional
-        Relative tolerance of the rank decision.
+        Relative tolerance of the rank decision; by default what rounding of the coordinates
+        and times calls for.
+    **options
+        As for `gramian.estimate`: a box and starts in it, `chance`, `search`.
 
     Returns
     -------
-    TrackEstimate
-        Look at its status.
+    Estimate
+        Look at its status first. A motion of the next order, turns, and of each sensor a
+        bias, a scale and an offset of its clock are among the alternatives of its fit.
 
     Raises
     ------
     InputError
         More states than measurements and priors; names that are none of the states;
-        measurements that do not fit their sensors.
+        measurements that do not fit their sensors; a batch of records.
+
+    See Also
+    --------
+    estimate_many : Many records at once, without alternatives, other solutions, intervals.
 
     Notes
     -----
     Damped Gauss-Newton steps on orthogonally reduced rows, from several starts
-    (Levenberg-Marquardt; Moré 1978). Trials run on all threads.
+    (Levenberg-Marquardt; Moré 1978).
 
     Examples
     --------
@@ -93,12 +230,14 @@ def estimate(
     >>> scene = gm.tracks.Scene(gm.tracks.Motion.constant_velocity(), [sensor])
     >>> truth = {"x0": 3000.0, "y0": 4000.0, "vx": -4.0, "vy": 2.0}
     >>> bearings = gm.tracks.simulate(scene, truth, seed=1)
-    >>> gm.tracks.estimate(scene, [bearings]).status
-    'determined'
+    >>> found = gm.tracks.estimate(scene, [bearings])
+    >>> found.status, 4000.0 in found.interval("y0")
+    ('determined', True)
     """
     if legs is not None and legs != "auto":
         raise InputError(f"legs = {legs!r}: must be 'auto', or left out")
-    options: dict[str, Any] = {
+    z = TracksModel(as_scene(scene)).measured(measurements)
+    fit: dict[str, Any] = {
         "prior": prior,
         "known": known,
         "loss": loss,
@@ -109,6 +248,38 @@ def estimate(
         "polish": polish,
         "rtol": rtol,
     }
+    chosen = None
     if legs == "auto":
-        return choose_legs(scene, measurements, most=most_legs, **options).best
-    return solve(scene, measurements, start=start, **options)
+        chosen = choose_legs(scene, z, most=most_legs, **fit)
+        found = chosen.best
+    else:
+        found = estimate_many(scene, z, start=start, **fit)
+    states = np.stack([found.state, found.other])
+    states = states[np.isfinite(states).all(axis=1)]
+    if len(states) and not np.isfinite(found.vagueness):
+        # They ran away: from where they began it is seen how far the likelihood grows.
+        begun = found.scene._inner.starts(z, *knowledge(found.scene, prior, known))
+        states = np.vstack([begun[:_STARTS], states])
+    if not len(states):
+        raise InputError(
+            "the measurements have no finite likelihood at any of the starts: is a start, or the "
+            "mean of a prior, on a sensor or beyond what float64 holds?"
+        )
+    general = estimate_model(
+        TracksModel(found.scene, rtol),
+        z,
+        start=states,
+        prior=prior,
+        known=known,
+        loss=loss,
+        constant=constant,
+        alpha=alpha,
+        weak_ratio=weak_ratio,
+        **options,
+    )
+    parts = {part.name: getattr(general, part.name) for part in fields(General)}
+    answer = Estimate(**parts, legs=chosen, _found=found)
+    if not answer._is_unobservable:
+        return answer
+    # Any of the states that fit: further steps only run along the null direction.
+    return replace(answer, state=found.state[answer._free], converged=True, others=())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -16,9 +16,9 @@ from gramian._options import fraction
 from gramian._registry import draw
 from gramian._text import brief
 from gramian.exceptions import InputError
+from gramian.models.tracks._many import Estimates, estimate_many
 from gramian.models.tracks._motion import Motion
 from gramian.models.tracks._scene import Scene, as_scene, simulate
-from gramian.models.tracks._solve import TrackEstimate, solve
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,7 +34,7 @@ class LegChoice(Answer):
 
     Attributes
     ----------
-    estimates : tuple of TrackEstimate
+    estimates : tuple of Estimates
         With one leg, two, three ..
     count : ndarray of int, shape (...)
         How many legs were chosen in each trial.
@@ -42,21 +42,21 @@ class LegChoice(Answer):
         Chi-square of each, priors included.
     penalty : ndarray, shape (legs,)
         What was added to each before the smallest sum was taken.
-    best : TrackEstimate
+    best : Estimates
         The estimate of the number that was chosen; in a batch that chose different
         numbers, the one that most trials chose.
     """
 
-    estimates: tuple[TrackEstimate, ...]
+    estimates: tuple[Estimates, ...]
     count: NDArray[np.int64]
     cost: Array
     penalty: Array
 
     @cached_property
-    def best(self) -> TrackEstimate:
+    def best(self) -> Estimates:
         """The estimate of the number that was chosen, by most trials of a batch."""
         usual = int(np.bincount(np.ravel(self.count)).argmax())
-        return replace(self.estimates[usual - 1], legs=self)
+        return self.estimates[usual - 1]
 
     @property
     def gain(self) -> Array:
@@ -122,7 +122,7 @@ def leg_penalty(
     trials, seed : int
         Of the simulation.
     **options
-        Of `estimate`: prior, known.
+        Of `estimate_many`: prior, known.
 
     Returns
     -------
@@ -145,8 +145,8 @@ def leg_penalty(
     scene, level = as_scene(scene), fraction(level, "level")
     motion = _legs_of(scene.motion, scene.motion.count + 1)
     z = simulate(scene, state, trials=whole(trials, "trials", 2), seed=seed)
-    plain = solve(scene, z, **options)
-    more = solve(scene.with_motion(motion), z, **options)
+    plain = estimate_many(scene, z, **options)
+    more = estimate_many(scene.with_motion(motion), z, **options)
     return float(np.quantile(plain.cost - more.cost, 1 - level))
 
 
@@ -173,7 +173,7 @@ def choose_legs(
         information criterion, parameters times log m (three parameters: two of velocity
         and the turn's time). `leg_penalty` calibrates it by simulation.
     **options
-        Of `estimate`.
+        Of `estimate_many`.
 
     Returns
     -------
@@ -211,7 +211,7 @@ def choose_legs(
     z = scene.pack(measurements)
     for k in range(1, most + 1):
         try:
-            found.append(solve(scene.with_motion(_legs_of(motion, k)), z, **options))
+            found.append(estimate_many(scene.with_motion(_legs_of(motion, k)), z, **options))
         except InputError:
             # More states than measurements: no more legs can be determined.
             if not found:

@@ -163,17 +163,23 @@ class Scene(Value):
         return np.concatenate([sensor.deviations(dimension) for sensor in self.sensors])
 
     @cached_property
+    def labels(self) -> tuple[str, ...]:
+        """A name for each sensor: its own, with its place where others have the same."""
+        names = [sensor.name for sensor in self.sensors]
+        return tuple(
+            name if names.count(name) == 1 else f"{name} of sensors[{i}]"
+            for i, name in enumerate(names)
+        )
+
+    @cached_property
     def channels(self) -> tuple[Channel, ...]:
         """What each sensor reads as a channel.
 
         Not the target's own reports: receivers round them, and hold them at rest.
         """
-        names = [sensor.name for sensor in self.sensors]
         found = []
-        for i, (sensor, where) in enumerate(zip(self.sensors, self.slices, strict=True)):
+        for name, sensor, where in zip(self.labels, self.sensors, self.slices, strict=True):
             if sensor.kind not in ("position", "speed", "course"):
-                alone = names.count(sensor.name) == 1
-                name = sensor.name if alone else f"{sensor.name} of sensors[{i}]"
                 found.append(Channel(name, np.arange(where.start, where.stop), sensor.times))
         return tuple(found)
 

@@ -9,8 +9,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gramian.models.tracks._many import STATUSES, estimate_many, priors_of
 from gramian.models.tracks._scene import Scene, as_scene, problem, simulate
-from gramian.models.tracks._solve import STATUSES, priors_of, solve
 from gramian.monte_carlo.experiment import Estimates, Experiment, squared_over
 from gramian.problem import Problem
 
@@ -36,7 +36,7 @@ class Tracks(Experiment):
 
     Notes
     -----
-    Estimator "ml": the most likely state of `tracks.estimate`.
+    Estimator "ml": the most likely state of `tracks.estimate_many`.
 
     Examples
     --------
@@ -108,7 +108,7 @@ class Tracks(Experiment):
     def estimate(self, name: str, seed: int, first: int, trials: int) -> Estimates:
         """Return the errors of the most likely states."""
         z = self.simulate(seed, first, trials)
-        found = solve(self.scene, z, prior=self.prior)
+        found = estimate_many(self.scene, z, prior=self.prior)
         errors = found.state - self.state
         unobservable = found.code == STATUSES.index("unobservable")
         status = np.where(unobservable, 1, 0)

@@ -12,9 +12,9 @@ from gramian.plot import COLORS, Figure, ellipse, ellipsoid, equal_space, figure
 
 if TYPE_CHECKING:
     from gramian.analysis import Observability
+    from gramian.models.tracks._estimate import Estimate
     from gramian.models.tracks._legs import LegChoice
     from gramian.models.tracks._scene import Scene
-    from gramian.models.tracks._solve import TrackEstimate
 
 __all__ = ["chart", "geometry", "legs", "space"]
 
@@ -23,10 +23,19 @@ Array = NDArray[np.float64]
 _KM = 1e-3
 
 
-def chart(estimate: TrackEstimate) -> Figure:
+def chart(estimate: Estimate) -> Figure:
     """Draw a map: carriers, the estimated track, 95 % ellipses of its ends."""
-    covariance = estimate.covariance if np.isfinite(estimate.covariance).all() else None
-    return _map(estimate.scene, estimate.state, covariance)
+    return _map(estimate.scene, estimate._whole, _covariance(estimate))
+
+
+def _covariance(estimate: Estimate) -> Array | None:
+    """Covariance of all states of the scene, 0 for those that are known; None where none is."""
+    if not np.isfinite(estimate.covariance).all():
+        return None
+    free = [estimate.scene.index(name) for name in estimate.names]
+    covariance = np.zeros((estimate.scene.n, estimate.scene.n))
+    covariance[np.ix_(free, free)] = estimate.covariance
+    return covariance
 
 
 def geometry(scene: Scene, state: Array, answer: Observability) -> Figure:
@@ -86,7 +95,7 @@ def _map(
     return fig
 
 
-def space(estimate: TrackEstimate) -> Figure:
+def space(estimate: Estimate) -> Figure:
     """Draw carriers and the estimated track in space, 95 % ellipsoids of its ends."""
     scene = estimate.scene
     fig = figure(6.4, 5.6)
@@ -107,11 +116,12 @@ def space(estimate: TrackEstimate) -> Figure:
     for place in track[:: max(1, len(track) // 8)]:
         below = np.stack([place, [place[0], place[1], low]])
         axes.plot(*below.T, color=COLORS["muted"], linewidth=0.6, linestyle=":")
-    if np.isfinite(estimate.covariance).all():
+    covariance = _covariance(estimate)
+    if covariance is not None:
         for k, time in enumerate((stamps[0], stamps[-1])):
             middle = estimate.track([time])[0] * _KM
             for i, outline in enumerate(
-                ellipsoid(_at(scene, estimate.state, estimate.covariance, time) * _KM**2)
+                ellipsoid(_at(scene, estimate._whole, covariance, time) * _KM**2)
             ):
                 label = "95 % ellipsoid, first and last" if k == i == 0 else None
                 axes.plot(*(middle + outline).T, color=COLORS["bad"], linewidth=0.9, label=label)
@@ -135,7 +145,8 @@ def legs(choice: LegChoice) -> Figure:
             ]
         )
         present = ~np.isnan(estimate.measurements)
-        axes.plot(stamps[present], estimate.residuals, ".", color=color)
+        residuals = estimate.scene._inner.linearize(estimate.measurements, estimate.state)[0]
+        axes.plot(stamps[present], residuals, ".", color=color)
         axes.axhspan(-2, 2, color=COLORS["muted"], alpha=0.3, zorder=0)
         count = estimate.scene.motion.count
         for j in range(1, count):
@@ -161,14 +172,7 @@ def _carriers(scene: Scene) -> list[tuple[Array, str]]:
 
 
 def _at(scene: Scene, state: Array, covariance: Array, time: float) -> Array:
-    """Covariance (D, D) of the position at a time, by differences of the track."""
-    slope = np.zeros((scene.motion.dimension, state.size))
-    for k, std in enumerate(np.sqrt(np.diag(covariance))):
-        step = 1e-4 * max(abs(float(state[k])), float(std), 1e-6)
-        moved = np.array([state, state])
-        moved[0, k] -= step
-        moved[1, k] += step
-        ends = [scene.track(x, [time])[0] for x in moved]
-        slope[:, k] = (ends[1] - ends[0]) / (2 * step)
+    """Covariance (D, D) of the position at a time."""
+    slope = scene._inner.slopes(state, [time])[0]
     found: Array = slope @ covariance @ slope.T
     return found

@@ -13,7 +13,7 @@ from gramian import io
 from gramian._text import brief, number
 from gramian.analysis import Observability, analyze
 from gramian.exceptions import InputError
-from gramian.models.tracks._estimate import estimate
+from gramian.models.tracks._estimate import Estimate, estimate
 from gramian.models.tracks._motion import Carrier, Motion
 from gramian.models.tracks._scene import Scene, problem
 from gramian.models.tracks._sensors import Sensor
@@ -301,15 +301,9 @@ class TracksScenario(Scenario):
             )
         except InputError as error:
             raise self.error("measurements", str(error)) from error
-        status = str(found.status)
+        status = found.status
         tones: dict[str, Tone] = {"determined": "good", "weak": "weak", "ambiguous": "weak"}
-        rows = [
-            [name, f"{number(value)} {unit}", "none" if np.isinf(std) else f"{number(std)} {unit}"]
-            for name, unit, value, std in zip(
-                found.names, found.units, found.state, found.std, strict=True
-            )
-        ]
-        tables = [Table("The most likely state", ["state", "value", "1 sigma"], rows)]
+        tables = [_states(found), *_doubts(found)]
         pictures = [
             Picture(
                 "Map",
@@ -331,12 +325,7 @@ class TracksScenario(Scenario):
             tone=tones.get(status, "bad"),
             headline=status.upper().replace("_", " "),
             verdict=found.reason,
-            facts=[
-                (
-                    "fit",
-                    f"chi2 {brief(float(found.chi2), 4)} for {int(found.dof)} degrees of freedom",
-                )
-            ],
+            facts=_facts(found),
             tables=tables,
             pictures=pictures,
             data={"model": self.model, **found.to_dict()},
@@ -383,3 +372,60 @@ class TracksScenario(Scenario):
             own = values[who == sensor, :wide]
             out.append(own if wide > 1 else own[:, 0])
         return out
+
+
+def _facts(found: Estimate) -> list[tuple[str, str]]:
+    """Return how well the scene fits, and what errors of it would go unseen."""
+    fit = found.fit
+    p = "" if np.isnan(fit.p_value) else f" (p = {brief(fit.p_value, 2)})"
+    facts = [("fit", f"chi2 {brief(fit.chi2, 4)} for {fit.dof} degrees of freedom{p}")]
+    if found.status == "unobservable":
+        facts += [("cannot be determined", text) for text in found.null_combinations]
+    facts += [("would go unseen", text) for text in found.unseen_errors]
+    return facts
+
+
+def _states(found: Estimate) -> Table:
+    """Return the states with their intervals, where these mean something."""
+    trusted = found.status not in ("misfit", "unobservable") and found._loss[0] == "squares"
+    rows = []
+    for name, unit, value, std in zip(
+        found.names, found.units, found.state, found.std, strict=True
+    ):
+        allowed = str(found.interval(name)).removeprefix(f"{name} ") if trusted else ""
+        rows.append(
+            [
+                name,
+                f"{number(value, 6)} {unit}",
+                "none" if np.isinf(std) else f"{number(std)} {unit}",
+                allowed,
+            ]
+        )
+    rows += [[name, f"{number(value, 6)}", "known", ""] for name, value in found.known.items()]
+    return Table("The most likely state", ["state", "value", "1 sigma", "95 % interval"], rows)
+
+
+def _doubts(found: Estimate) -> list[Table]:
+    """Return what would explain a misfit, and other states that fit, as tables."""
+    tables = []
+    better = [a for a in found.fit.alternatives if a.dof and a.restored > found.alpha]
+    if found.status == "misfit" and better:
+        rows = [
+            [
+                alternative.name,
+                ", ".join(f"{brief(size)} {alternative.unit}" for size in alternative.size),
+                brief(alternative.restored, 2),
+                ", ".join(alternative.alike),
+            ]
+            for alternative in better[:5]
+        ]
+        header = ["alternative", "size", "p with it", "cannot be told from"]
+        tables.append(Table("What would explain the residuals", header, rows))
+    if found.others:
+        rows = [
+            [*(number(value, 5) for value in other.state), number(other.chi2), brief(other.chance)]
+            for other in found.others
+        ]
+        header = [*found.names, "chi-square", "chance that noise prefers it"]
+        tables.append(Table("Other solutions", header, rows))
+    return tables

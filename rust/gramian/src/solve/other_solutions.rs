@@ -1,7 +1,7 @@
 //! Which other states fit as well: what the information matrix cannot see.
 //!
 //! # Algorithm
-//! The symmetries the model declares; along the weakest direction to where chi2 has
+//! What the caller knows already; the symmetries the model declares; along the weakest direction to where chi2 has
 //! risen and falls again; from points spread over the prior or a box. Each is followed
 //! by the model's own Gauss-Newton steps, and what they reach is clustered. One whose next
 //! step leads to a place that is known already is followed no farther, nor one that no
@@ -20,7 +20,9 @@ use crate::square_root::triangularize;
 /// How to search.
 #[derive(Clone, Debug)]
 pub struct Search {
-    /// Where further solutions may be; without it only symmetries and the weakest
+    /// States to follow, such as other minima that are known already.
+    pub from: Vec<Vec<f64>>,
+    /// Where further solutions may be; without it only `from`, symmetries and the weakest
     /// directions are tried.
     pub spread: Option<Spread>,
     /// How many points of it are followed.
@@ -68,7 +70,7 @@ pub struct Found {
 pub fn other_solutions<M: Model + ?Sized>(model: &M, x: &Solution, search: &Search) -> Found {
     let options = search.options;
     let mut places = Places::new(model, x, options);
-    let mut tried = Vec::new();
+    let mut tried = search.from.clone();
     model.symmetries(&x.x, &mut |image| tried.push(image.to_vec()));
     along_weakest(model, x, &mut tried);
     for start in &tried {

@@ -103,6 +103,7 @@ impl<T: Real, const N: usize> SquareRootInformation<T, N> {
 
     /// [`absorb`](Self::absorb) for several rows at once, which are overwritten: one square
     /// root for each column instead of one for each of its entries.
+    #[cfg(feature = "std")]
     pub(crate) fn absorb_all(&mut self, rows: &mut [[T; N]]) {
         let count = u32::try_from(rows.len()).unwrap_or(u32::MAX);
         self.count = self.count.saturating_add(count);

@@ -538,7 +538,12 @@ fn group(
         let measured = Measured::new(scene, measurements.get(trial), &known)?;
         let starts = &candidates[trial];
         let starts = &starts[..starts.len().min(polish)];
-        let observable = settle(&measured, &pick(task.mean), &sigma, how, starts, found);
+        let mean = pick(task.mean);
+        let observable = settle(&measured, &mean, &sigma, how, starts, found);
+        let observable = || {
+            let first = starts.first();
+            observable || first.is_some_and(|x| has_rank_at(x, &measured, &mean, &sigma, options))
+        };
         write(&measured, &sigma, options, &free, found, observable, out);
     }
     Ok(())
@@ -596,10 +601,7 @@ fn settle(
         return false;
     }
     let n = best.x.len();
-    let mut identity = vec![0.0; n * n];
-    for j in 0..n {
-        identity[j * n + j] = 1.0;
-    }
+    let identity = identity(n);
     let model = WithPrior::new(measured, &identity, mean, sigma);
     let ran = crate::solve::Solution {
         x: best.x.clone(),
@@ -620,26 +622,59 @@ fn settle(
     if !(within.unbounded || within.solution.converged) {
         return true;
     }
-    let x = within.solution.x;
-    let mut residuals = vec![0.0; model.measurements()];
-    let mut factor = vec![0.0; residuals.len().max(n) * n];
-    let rows = &mut factor[..residuals.len() * n];
-    if model.linearize(&x, &mut residuals, Some(rows)).is_err() {
+    let Some(kept) = arrive(&model, measured.measurements(), &within.solution.x) else {
         return true;
-    }
-    triangularize(&mut factor, n, &mut vec![0.0; n]);
-    factor.truncate(n * n);
-    let measured = &residuals[..measured.measurements()];
+    };
     let kept = Arrived {
-        x,
         chi2: within.solution.chi2,
-        data: measured.iter().map(|r| r * r).sum(),
         iterations: best.iterations + within.solution.iterations,
-        converged: true,
-        factor,
+        ..kept
     };
     found.insert(0, kept);
     true
+}
+
+/// The unit matrix, row-major.
+fn identity(n: usize) -> Vec<f64> {
+    let mut identity = vec![0.0; n * n];
+    identity.iter_mut().step_by(n + 1).for_each(|x| *x = 1.0);
+    identity
+}
+
+/// A state as if steps had ended there; `None` where the model has no value.
+fn arrive(model: &impl Model, measured: usize, x: &[f64]) -> Option<Arrived> {
+    let (m, n) = (model.measurements(), x.len());
+    let mut residuals = vec![0.0; m];
+    let mut factor = vec![0.0; m.max(n) * n];
+    model
+        .linearize(x, &mut residuals, Some(&mut factor[..m * n]))
+        .ok()?;
+    triangularize(&mut factor, n, &mut vec![0.0; n]);
+    factor.truncate(n * n);
+    let squares = |part: &[f64]| part.iter().map(|r| r * r).sum();
+    Some(Arrived {
+        x: x.to_vec(),
+        chi2: squares(&residuals),
+        data: squares(&residuals[..measured]),
+        iterations: 0,
+        converged: true,
+        factor,
+    })
+}
+
+/// Whether the rows have full rank at a start: a fit that ends at infinity, or on a carrier,
+/// has lost rank that the problem has.
+fn has_rank_at(
+    start: &[f64],
+    measured: &Measured<'_>,
+    mean: &[f64],
+    sigma: &[f64],
+    options: Options,
+) -> bool {
+    let identity = identity(start.len());
+    let model = WithPrior::new(measured, &identity, mean, sigma);
+    arrive(&model, measured.measurements(), start)
+        .is_some_and(|there| spread(&there, measured, sigma, options).rank == start.len())
 }
 
 /// The best solution, what the rows say there, and the next best, as [`Layout`] has them.
@@ -649,7 +684,7 @@ fn write(
     options: Options,
     free: &[usize],
     found: &[Arrived],
-    observable: bool,
+    observable: impl FnOnce() -> bool,
     out: &mut [f64],
 ) {
     let scene = &*measured.scene;
@@ -715,7 +750,11 @@ fn write(
         best.data,
         measured.measurements() as f64,
         // The rank of the problem, not that of a place at infinity.
-        if observable { free.len() } else { spread.rank } as f64,
+        if spread.rank == free.len() || observable() {
+            free.len()
+        } else {
+            spread.rank
+        } as f64,
         f64::from(best.iterations),
         f64::from(u8::from(best.converged)),
         scene.vagueness(state, covariance),

@@ -1,5 +1,6 @@
 //! A scene: one target, sensors on carriers, and what is unknown about the sensors.
 
+pub mod departures;
 pub mod estimate;
 mod kernels;
 mod noise;
@@ -110,6 +111,29 @@ impl Moving {
                 let now = motion.at(x, u, &mut changes);
                 out.extend_from_slice(&now.place);
                 out.extend_from_slice(&now.velocity);
+            }
+            out
+        }
+        with_motion!(self, motion => if dimension == 2 {
+            run::<_, 2>(motion, x, times)
+        } else {
+            run::<_, 3>(motion, x, times)
+        })
+    }
+}
+
+impl Moving {
+    /// Derivatives of the places at `times` after the reference time by each state: for
+    /// each time `dimension` rows of as many numbers as the motion has states.
+    pub fn slopes(&self, dimension: usize, x: &[f64], times: &[f64]) -> Vec<f64> {
+        fn run<M: Motion<D>, const D: usize>(motion: &M, x: &[f64], times: &[f64]) -> Vec<f64> {
+            let mut changes = vec![super::motion::Change::<f64, D>::zero(0.0); x.len()];
+            let mut out = Vec::with_capacity(D * x.len() * times.len());
+            for &u in times {
+                motion.at(x, u, &mut changes);
+                for axis in 0..D {
+                    out.extend(changes.iter().map(|change| change.place[axis]));
+                }
             }
             out
         }

@@ -5,6 +5,7 @@
 use alloc::vec;
 use alloc::vec::Vec;
 
+use super::departures::Departure;
 use super::*;
 use crate::tracks::carrier::Carrier;
 
@@ -690,4 +691,106 @@ fn rounding_is_small_beside_what_a_turn_shows() {
     };
     let (near, far) = (moved(1e4), moved(1e8));
     assert!((5e3..2e4).contains(&(far[0] / near[0])), "{near:?} {far:?}");
+}
+
+/// Columns (m, width) of the whitened rows of a measured scene, from the state `first` on.
+fn columns(scene: &Scene, x: &[f64], first: usize, width: usize) -> Vec<f64> {
+    let measured = vec![0.0; scene.measurements()];
+    let measured = Measured::new(scene, &measured, &[]).unwrap();
+    let (m, n) = (measured.measurements(), measured.states());
+    let mut rows = vec![0.0; m * n];
+    measured
+        .linearize(x, &mut vec![0.0; m], Some(&mut rows))
+        .unwrap();
+    let part = |row: &[f64]| row[first..first + width].to_vec();
+    rows.chunks_exact(n).flat_map(part).collect()
+}
+
+#[test]
+fn a_departure_of_the_motion_is_a_column_of_the_wider_motion() {
+    for dimension in [2, 3] {
+        for (true_path, delay) in [(false, None), (true, None), (true, Some(340.0))] {
+            let scene = |motion| everything(dimension, motion, true_path, delay);
+            let steady = Moving::Polynomial { order: 1 };
+            let x = state(dimension, &steady);
+            let (motion, nuisance) = x.split_at(2 * dimension);
+            let plain = scene(steady);
+            let zeros = vec![0.0; plain.measurements()];
+            let measured = Measured::new(&plain, &zeros, &[]).unwrap();
+            let found = measured.departures(&x, &[60.0]).unwrap();
+            let of = |wanted: Departure| {
+                let all = found.iter().filter(|(departure, _)| *departure == wanted);
+                all.map(|(_, column)| column.clone()).next().unwrap()
+            };
+            let curved = [motion, &vec![0.0; dimension], nuisance].concat();
+            let turned = [motion, &motion[dimension..], nuisance].concat();
+            let legs = Moving::Legs(TurnTimes::Known(vec![60.0]));
+            for (wider, x, departure) in [
+                (Moving::Polynomial { order: 2 }, curved, Departure::Order(2)),
+                (legs, turned, Departure::Turn(60.0)),
+            ] {
+                let wanted = columns(&scene(wider), &x, 2 * dimension, dimension);
+                for (i, (a, b)) in of(departure).iter().zip(&wanted).enumerate() {
+                    let close = (a - b).abs() <= 1e-9 * (1.0 + b.abs());
+                    assert!(close, "{departure:?} {delay:?}, number {i}: {a} for {b}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_departure_of_a_sensor_is_the_change_of_its_readings() {
+    let carrier = zigzag(2);
+    let times: Vec<f64> = (0..9).map(|i| 10.0 + 30.0 * f64::from(i)).collect();
+    let channel = |kind| {
+        let carried = (!Kind::is_own(kind)).then(|| carrier.at(&times).unwrap());
+        Channel::new(kind, times.clone(), carried, 0.5)
+    };
+    let kinds = [Kind::Bearing, Kind::Range, Kind::RangeRate, Kind::Speed];
+    let scene = |which: usize, change: &dyn Fn(&mut Channel)| {
+        let mut channels: Vec<_> = kinds.iter().map(|&kind| channel(kind)).collect();
+        change(&mut channels[which]);
+        Scene::new(2, Moving::CoordinatedTurn, 0.0, 0, channels).unwrap()
+    };
+    let x = [3000.0, 4000.0, 7.0, 0.4, 2e-3];
+    let plain = scene(0, &|_| {});
+    let mut measured = vec![0.0; plain.measurements()];
+    measured[4] = f64::NAN;
+    let measured = Measured::new(&plain, &measured, &[]).unwrap();
+    let found = measured.departures(&x, &[]).unwrap();
+    let mut seen = [0; 4];
+    for (departure, column) in &found {
+        let (which, step): (usize, f64) = match *departure {
+            Departure::Bias(sensor) | Departure::Scale(sensor) => (sensor, 1e-3),
+            Departure::Clock(sensor) => (sensor, 1e-2),
+            Departure::Order(_) | Departure::Turn(_) => continue,
+        };
+        seen[which] += 1;
+        let at = |sign: f64| {
+            let change = |channel: &mut Channel| {
+                let value = Parameter::Fixed(sign * step);
+                match departure {
+                    Departure::Bias(_) => channel.bias.push((1.0, value)),
+                    Departure::Scale(_) => channel.scale = value,
+                    _ => (channel.clock, channel.true_path) = (value, true),
+                }
+            };
+            scene(which, &change).values(&x).unwrap()
+        };
+        let mut wanted: Vec<f64> = at(1.0)
+            .iter()
+            .zip(&at(-1.0))
+            .map(|(a, b)| (a - b) / (2.0 * step) / 0.5)
+            .collect();
+        wanted.remove(4);
+        assert_eq!(column.len(), wanted.len());
+        for (a, b) in column.iter().zip(&wanted) {
+            assert!(
+                (a - b).abs() <= 1e-6 * (1.0 + b.abs()),
+                "{departure:?}: {a} for {b}"
+            );
+        }
+    }
+    assert_eq!(seen, [2, 3, 3, 3]);
 }
