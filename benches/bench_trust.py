@@ -109,6 +109,7 @@ def power(proofs: bool) -> Iterator[Line]:
     cases: dict[str, tuple[object, np.ndarray]] = {
         "bearings": (bearings(TURN, 0.1), np.array([1500.0, 2500, 3, -1])),
         "dipole": (dipole(), DIPOLE[[0, 1, 3, 4, 6, 7, 8]]),
+        "tracks": (tracks(), np.array([1500.0, 3700, 3, -4])),
     }
     for name, (model, truth) in cases.items():
         z = model.h(truth)
@@ -181,6 +182,21 @@ def spans(column: np.ndarray, basis: np.ndarray, trace: np.ndarray) -> bool:
     q, r = np.linalg.qr(off)
     kept = np.abs(np.diag(r)) > 1e-9 * np.abs(r).max()
     return bool(np.linalg.norm(q[:, kept].T @ trace) > 0.9)
+
+
+def tracks() -> gm.tracks.TracksModel:
+    """Return bearings from a ship that turns, and ranges and their rates from a coast."""
+    times = np.linspace(0.0, 1200.0, 60)
+    corners = [[0, 0], [1060, 1060], [2120, 0], [3180, 1060], [4240, 0]]
+    ship = gm.tracks.Carrier(corners, 300.0 * np.arange(5))
+    coast = gm.tracks.Carrier([0.0, 0.0])
+    sensors = [
+        gm.tracks.Sensor.bearing(ship, times, sigma=np.radians(0.3)),
+        gm.tracks.Sensor.range(coast, times[::3], sigma=15.0),
+        gm.tracks.Sensor.range_rate(coast, times[1::3], sigma=0.3),
+    ]
+    scene = gm.tracks.Scene(gm.tracks.Motion.constant_velocity(), sensors)
+    return gm.tracks.TracksModel(scene)
 
 
 DIPOLE = np.array([-10.0, -10, 5, 1, 1, 0, 10, 20, 10])

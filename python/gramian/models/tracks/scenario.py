@@ -381,7 +381,8 @@ def _facts(found: Estimate) -> list[tuple[str, str]]:
     facts = [("fit", f"chi2 {brief(fit.chi2, 4)} for {fit.dof} degrees of freedom{p}")]
     if found.status == "unobservable":
         facts += [("cannot be determined", text) for text in found.null_combinations]
-    facts += [("would go unseen", text) for text in found.unseen_errors]
+    if found.status != "misfit":
+        facts += [("would go unseen", text) for text in found.unseen_errors]
     return facts
 
 
