@@ -117,8 +117,8 @@ def rank_contest(poses: int) -> Contest:
 
 def contests(quick: bool) -> Iterator[Contest]:
     """All contests of this part."""
-    yield rank_contest(400 if quick else 2500)
-    yield bounds_contest(400 if quick else 2500)
+    yield rank_contest(400 if quick else 900)
+    yield bounds_contest(400 if quick else 900)
 
 
 if __name__ == "__main__":

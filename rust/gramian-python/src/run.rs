@@ -6,7 +6,7 @@ use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::time::{Duration, Instant};
 
-use gramian::batch::Threads;
+use gramian::batch::{Threads, in_pool};
 use pyo3::exceptions::PyMemoryError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyInt};
@@ -131,7 +131,7 @@ pub fn detached<R: Send>(py: Python<'_>, kernel: impl FnOnce(Threads) -> R + Sen
     let pool = pool()?;
     Ok(py.detach(|| match pool {
         None => kernel(Threads::One),
-        Some(pool) => pool.install(|| kernel(Threads::Auto)),
+        Some(pool) => in_pool(pool, || kernel(Threads::Auto)),
     }))
 }
 
@@ -213,7 +213,7 @@ pub fn apart<R: Send + 'static>(
     let used = pool.clone();
     let run = move || match pool {
         None => work(Threads::One),
-        Some(pool) => pool.install(|| work(Threads::Auto)),
+        Some(pool) => in_pool(pool, || work(Threads::Auto)),
     };
     if cost <= PIECE {
         return Ok(py.detach(run));

@@ -15,6 +15,8 @@ pub(crate) mod transpose;
 
 pub use random::{Stream, normals};
 pub use threads::Threads;
+#[cfg(feature = "parallel")]
+pub use threads::in_pool;
 
 /// One input of a batch: `size` numbers for each trial, or the same for all.
 #[derive(Clone, Copy, Debug)]

@@ -149,10 +149,7 @@ impl<T: Real> Staircase<'_, T> {
                     .take(start - first)
                 {
                     let direction = &basis[(first + k) * stride..(first + k + 1) * stride];
-                    w.fill(zero);
-                    for (&x, line) in direction.iter().zip(a.chunks_exact(stride)) {
-                        add(w, x * per_size, line);
-                    }
+                    combine(w, &direction.iter().map(|&x| x * per_size), a);
                     row.fill(zero);
                     for j in start..n {
                         row[j] = dot(w, &basis[j * stride..(j + 1) * stride]);
@@ -220,13 +217,37 @@ fn reflector<T: Real>(row: &[T], from: usize, v: &mut [T]) {
     v[from] += factor * if lead < T::zero() { -norm } else { norm };
 }
 
+/// The sum of the rows of a matrix, each times its factor. A part of all rows at a time, so
+/// that the sum stays in registers.
+#[inline(always)]
+fn combine<T: Real>(sum: &mut [T], factors: &(impl Iterator<Item = T> + Clone), rows: &[T]) {
+    let stride = sum.len();
+    let whole = stride / 8 * 8;
+    for first in (0..whole).step_by(8) {
+        let mut part = [T::zero(); 8];
+        for (factor, row) in factors.clone().zip(rows.chunks_exact(stride)) {
+            let Some(row) = row[first..].first_chunk::<8>() else {
+                break;
+            };
+            for k in 0..8 {
+                part[k] += factor * row[k];
+            }
+        }
+        sum[first..first + 8].copy_from_slice(&part);
+    }
+    for k in whole..stride {
+        let mut total = T::zero();
+        for (factor, row) in factors.clone().zip(rows.chunks_exact(stride)) {
+            total += factor * row[k];
+        }
+        sum[k] = total;
+    }
+}
+
 /// (I - v v^T) X, with v zero before `from`.
 #[inline(always)]
 fn reflect_rows<T: Real>(x: &mut [T], stride: usize, from: usize, v: &[T], w: &mut [T]) {
-    w.fill(T::zero());
-    for (row, &factor) in x.chunks_exact(stride).zip(v).skip(from) {
-        add(w, factor, row);
-    }
+    combine(w, &v[from..].iter().copied(), &x[from * stride..]);
     for (row, &factor) in x.chunks_exact_mut(stride).zip(v).skip(from) {
         add(row, -factor, w);
     }
