@@ -167,6 +167,81 @@ def bearings_contest(trials: int, few: int) -> Contest:
     )
 
 
+def compiled_contest(trials: int, few: int) -> Contest:
+    """The same function of the user's own, compiled by numba and in Python."""
+
+    def python(x: Any) -> Any:
+        east = x[0] + TIMES * x[2] - PATH[:, 0]
+        north = x[1] + TIMES * x[3] - PATH[:, 1]
+        return np.arctan2(east, north)
+
+    def compiled() -> Any:
+        import numba
+
+        times, path = TIMES.copy(), np.ascontiguousarray(PATH)
+
+        @numba.cfunc("void(CPointer(float64), CPointer(float64))")
+        def h(x: Any, z: Any) -> None:
+            for i in range(times.size):
+                east = x[0] + times[i] * x[2] - path[i, 0]
+                z[i] = np.arctan2(east, x[1] + times[i] * x[3] - path[i, 1])
+
+        return h
+
+    def model(h: Any, sigma: float) -> Any:
+        names = ["x0", "y0", "vx", "vy"]
+        count = None if h is python else TIMES.size
+        return gm.from_function(h, STATE, sigma, names, angles=True, measurements=count)
+
+    def by(make: Callable[[], Any], workers: int, part: int | None = None) -> Any:
+        def prepare(data: Any) -> Callable[[], Any]:
+            sigma, trials = data
+            scene = mc.Measurements(model(make(), sigma))
+            return lambda: run((scene, min(trials, part or trials)), workers=workers)
+
+        return prepare
+
+    def by_scipy(data: Any) -> Callable[[], Any]:
+        sigma, trials = data
+        estimate, given = TRACK.by_scipy(plain=True), model(python, sigma)
+        z = given.simulate(None, 1, min(trials, few))
+        return lambda: [estimate(one) for one in z]
+
+    def case(sigma: float) -> Case:
+        scene = mc.Measurements(model(python, sigma))
+        bound = gm.crlb_std(scene.problem())
+        wanted = exact.lazily(lambda: [TRACK.most_likely(z) for z in scene.simulate(1, 0, FEW)])
+
+        def error(found: Any) -> float:
+            if isinstance(found, mc.MonteCarloResult):
+                errors = [found.sample[f"error_{name}"] for name in scene.names]
+                found = STATE + np.stack(errors, axis=1)
+            return float((np.abs(np.asarray(found)[:FEW] - np.array(wanted())) / bound).max())
+
+        return Case((sigma, FEW), error)
+
+    return Contest(
+        f"Monte Carlo of a function of one's own, bearings, m = {TIMES.size}",
+        "trial",
+        float(trials),
+        (TRACK.sigma, trials),
+        [
+            Contestant(OURS, by(compiled, 1)),
+            Contestant("gramian, all threads", by(compiled, ALL), threads=ALL),
+            Contestant(
+                "gramian, the same function in Python",
+                by(lambda: python, 1, few),
+                part=float(few),
+            ),
+            Contestant("SciPy least_squares in a loop, its defaults", by_scipy, part=float(few)),
+        ],
+        cases={"well": case(TRACK.sigma), "ill": case(10 * TRACK.sigma)},
+        target="20 times the function in Python",
+        note="Compiled by numba.cfunc. Error: distance from the most likely state in deviations of "
+        "the bound; ill: bearings of 1 deg.",
+    )
+
+
 def stone_soup_estimator(_: Any, steps: int = 5) -> Callable[[Any], Any]:
     """Gauss-Newton steps with the measurement model and Jacobian of Stone Soup."""
     samples = bench_bearings.stone_soup_samples(TIMES, PATH, TRACK.sigma)
@@ -239,6 +314,7 @@ def contests(quick: bool) -> Iterator[Contest]:
     """All contests of this part."""
     yield log_det_contest(200_000 if quick else 1_000_000)
     yield bearings_contest(*((20_000, 40) if quick else (200_000, 200)))
+    yield compiled_contest(*((2000, 20) if quick else (20_000, 50)))
     yield dipole_contest(*((200, 10) if quick else (2000, 50)))
     yield registration_contest(*((500, 2) if quick else (5000, 10)))
 

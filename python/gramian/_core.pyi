@@ -77,6 +77,32 @@ def judge(
 ) -> tuple[str, str, list[int]]: ...
 
 @final
+class Compiled:
+    def __new__(
+        cls,
+        address: int,
+        data: int | None,
+        jacobian: tuple[int, int | None] | None,
+        states: int,
+        measurements: int,
+        kept: object,
+    ) -> Self: ...
+    def values(self, points: ArrayLike) -> _Array: ...
+    def jacobians(self, points: ArrayLike) -> _Array: ...
+    def maximum_likelihood(
+        self,
+        truth: ArrayLike,
+        z: ArrayLike,
+        weight: ArrayLike,
+        period: ArrayLike,
+        step: ArrayLike,
+        noise: ArrayLike,
+        known: ArrayLike,
+        mean: ArrayLike,
+        sigma: ArrayLike,
+    ) -> _Array: ...
+
+@final
 class Differences:
     def values(self) -> _Array: ...
     def error(self) -> _Array: ...

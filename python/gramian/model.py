@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from gramian import _core
 from gramian import _options as options
 from gramian._arrays import SEED_MOST, as_float_array, finite, number, whole
+from gramian._compiled import CompiledFunction, is_compiled
 from gramian._foreign import FOREIGN
 from gramian._noise import Noise, as_noise, negligible
 from gramian._registry import load
@@ -216,6 +217,20 @@ class Model(ProblemSource, Value):
         normals = _core.normals(whole(seed, "seed", 0, SEED_MOST), start, count, noise.draws)
         drawn = exact + noise.sample(normals)
         return drawn if trials is not None else drawn[0]
+
+    @property
+    def compiled(self) -> CompiledFunction | None:
+        """The function where estimates of it need no interpreter; else None.
+
+        It is compiled, and so is its Jacobian if one is given; the noise is independent, no
+        measurement exact, and the states lie on no surface.
+        """
+        h, noise = self._h, self.noise
+        if not isinstance(h, CompiledFunction) or self._options["tangent"] is not None:
+            return None
+        if self._options["method"] == "given" and not h.has_jacobian:
+            return None
+        return h if noise.root.ndim == 1 and not len(noise.exact) else None
 
     @property
     def noise(self) -> Noise:
@@ -698,6 +713,7 @@ def from_function(
     sparsity: ArrayLike | Literal["find"] | None = None,
     tangent: Any = None,
     vectorized: bool = False,
+    measurements: int | None = None,
 ) -> Model:
     """Make a model of a measurement function of your own.
 
@@ -705,7 +721,10 @@ def from_function(
     ----------
     h : callable
         Takes the state (n,), returns the measurements (m,). Complex measurements are
-        their real parts, then their imaginary parts.
+        their real parts, then their imaginary parts. Or a compiled function, which takes the
+        state and writes the measurements (NaN where there is no value), and is called without
+        the interpreter, from several threads at once: ``numba.cfunc("void(CPointer(float64),
+        CPointer(float64))")``, ``scipy.LowLevelCallable`` or a ``ctypes`` function.
     x : array_like, shape (n,), optional
         The state at which questions are asked by default.
     sigma : array_like, shape (), (m,), (m, m) or (b, k, k)
@@ -720,7 +739,8 @@ def from_function(
         analytic in them; the function `jacobian`; or automatic differentiation of an `h`
         written for that package. All but differences are compared once with differences.
     jacobian : callable, optional
-        Takes the state (n,), returns (m, n). Needed by ``method="given"`` only.
+        Takes the state (n,), returns (m, n), or, compiled like `h`, writes it row by row. Needed
+        by ``method="given"`` only.
     units, scale, combinations : optional
         As for `Problem`. The search for the step of the differences starts at the scale.
     angles : sequence of int, or True, optional
@@ -747,6 +767,8 @@ def from_function(
         ``[("qw", "qx", "qy", "qz")]``.
     vectorized : bool
         Whether `h` takes many states (count, n) at once and returns (count, m).
+    measurements : int, optional
+        How many numbers a compiled `h` writes; of no other.
 
     Returns
     -------
@@ -779,7 +801,7 @@ def from_function(
     >>> model.rows([100.0, 1e-3]).shape
     (2, 2)
     """
-    if not callable(h):
+    if not callable(h) and not is_compiled(h):
         raise InputError(f"h is a {type(h).__name__}: must be a function of the state")
     if names is None or sigma is None:
         missing = "names" if names is None else "sigma"
@@ -806,6 +828,13 @@ def from_function(
             )
     if method in FOREIGN:
         h = FOREIGN[method](h)
+    if is_compiled(h):
+        h = _compiled(h, jacobian, len(known), measurements, method, vectorized)
+        jacobian = h.jacobian if h.has_jacobian else jacobian
+        vectorized = True
+    elif measurements is not None or is_compiled(jacobian):
+        what = "measurements" if measurements is not None else "a compiled jacobian"
+        raise InputError(f"{what} goes with a compiled h only: h is a {type(h).__name__}")
     model = Model(
         names=known,
         units=empty.units,
@@ -832,6 +861,24 @@ def from_function(
     if state is not None:
         model.problem()
     return model
+
+
+def _compiled(
+    h: Any, jacobian: Any, states: int, measurements: Any, method: str, vectorized: bool
+) -> CompiledFunction:
+    """Return a compiled function as the models take it, checked."""
+    if method not in ("central", "given"):
+        raise InputError(
+            f'method = "{method}" with a compiled h: must be "central" or "given", as only its '
+            "values are known"
+        )
+    if vectorized:
+        raise InputError("vectorized = True with a compiled h: it takes one state a call")
+    if measurements is None:
+        raise InputError("measurements is missing: how many numbers the compiled h writes")
+    count = whole(measurements, "measurements", 1)
+    given = jacobian if jacobian is not None and is_compiled(jacobian) else None
+    return CompiledFunction(h, given, states, count)
 
 
 def _moved(combinations: Array, values: Array, error: Array | None) -> NDArray[np.bool_]:

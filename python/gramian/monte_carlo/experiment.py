@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from gramian import _core
 from gramian import _options as options
 from gramian._arrays import SEED_MOST, whole
-from gramian._noise import as_knowledge
+from gramian._compiled import CompiledFunction
+from gramian._noise import Knowledge, as_knowledge
 from gramian.exceptions import InputError, UnobservableError
 from gramian.model import Model
 from gramian.problem import Problem
@@ -242,7 +243,9 @@ class Measurements(Experiment):
     Notes
     -----
     Estimator "ml": `gramian.estimate` from the truth, without a search for other
-    solutions; its NEES is by the covariance at the estimate.
+    solutions; its NEES is by the covariance at the estimate. Of a compiled measurement function
+    (`from_function`) with independent noise all of it runs in Rust, on threads: more than
+    twenty times as many trials a second. Differences keep the steps found at the truth then.
 
     Examples
     --------
@@ -286,8 +289,8 @@ class Measurements(Experiment):
 
     @property
     def cost(self) -> float:
-        """A trial takes some ten Jacobians of a function in Python."""
-        return 1e-3
+        """A trial takes some ten Jacobians: of a function in Python a millisecond."""
+        return 1e-3 if self.of.compiled is None else 2e-5
 
     def problem(self) -> Problem:
         """Return the problem at the truth."""
@@ -318,6 +321,10 @@ def _maximum_likelihood(experiment: Measurements, seed: int, first: int, trials:
     )
     # Streams of their own for the means: past all trials of the measurements.
     drawn = normals(seed, first + 2**62, trials, len(known.rows)) * known.sigma
+    if (h := model.compiled) is not None:
+        measured = experiment.simulate(seed, first, trials)
+        told = _without_interpreter(h, model, measured, known, known.rows @ truth + drawn)
+        return Estimates(told[:, 2:], told[:, 1], told[:, 0].astype(np.int16), KINDS)
     for k, z in enumerate(experiment.simulate(seed, first, trials)):
         prior = replace(known, mean=known.rows @ truth + drawn[k])
         handle = informed(model, z, prior, {})
@@ -333,7 +340,25 @@ def _maximum_likelihood(experiment: Measurements, seed: int, first: int, trials:
             continue
         errors[k] = x - truth
         nees[k] = squared_over(errors[k][None], covariance)[0]
-    return Estimates(errors, nees, status, {1: "unobservable", 2: "not_converged"})
+    return Estimates(errors, nees, status, KINDS)
+
+
+#: What became of a trial of `Measurements` that has no estimate.
+KINDS = {1: "unobservable", 2: "not_converged"}
+
+
+def _without_interpreter(
+    h: CompiledFunction, model: Model, z: Array, known: Knowledge, means: Array
+) -> Array:
+    """Return status, NEES and errors (trials, 2 + n) of a compiled model at its x."""
+    # Differences with the steps, and above the noise, that were found at the truth.
+    accuracy, noise = model.accuracy, model.noise
+    step = np.full(model.n, np.nan) if accuracy.step is None else accuracy.step
+    rounding = np.full(z.shape[1], np.nan) if accuracy.noise is None else accuracy.noise
+    periods = np.zeros(z.shape[1]) if model.periods is None else model.periods
+    return h.maximum_likelihood(
+        model.x, z, noise.root, periods, step, rounding, known.rows, means, known.sigma
+    )
 
 
 def as_experiment(problem: Experiment | Problem | Model) -> Experiment:

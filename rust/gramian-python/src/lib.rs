@@ -6,6 +6,7 @@ mod bearings;
 mod bearings_localize;
 mod bearings_motion;
 mod choose;
+mod compiled;
 mod convert;
 mod dense;
 mod dipole;
@@ -56,6 +57,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     #[cfg(feature = "large")]
     sparse::register(module)?;
     choose::register(module)?;
+    compiled::register(module)?;
     bearings::register(module)?;
     bearings_localize::register(module)?;
     bearings_motion::register(module)?;

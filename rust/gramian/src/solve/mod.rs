@@ -8,6 +8,7 @@
 //! | [`gauss_newton`] | the most likely state from one start, functions of it held |
 //! | [`side_by_side`] | the same for many small problems at once, one in each lane |
 //! | [`starts`] | where to start, many starts, clusters of what they reach |
+//! | [`measured`] | a measurement function known by its values, and many records of it |
 //! | [`noise`] | noise that is correlated in time: how to whiten it, how large it is |
 //! | [`fit`] | does the model fit, what would explain that it does not |
 //! | [`other_solutions`] | which other states fit as well |
@@ -21,6 +22,8 @@ pub mod fit;
 pub mod gauss_newton;
 #[cfg(feature = "std")]
 pub mod knowledge;
+#[cfg(feature = "std")]
+pub mod measured;
 #[cfg(feature = "std")]
 pub mod noise;
 #[cfg(feature = "std")]
