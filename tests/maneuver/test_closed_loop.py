@@ -11,7 +11,8 @@ OPTIONS = {"sigma": 0.01, "first_range": (1500.0, 500.0)}
 
 def loop(**changes):
     options = {"trials": 300, "seed": 3, **OPTIONS, **changes}
-    return gm.maneuver.closed_loop(TARGET, START, SPEED, DT, STEPS, **options)
+    target = options.pop("target", TARGET)
+    return gm.maneuver.closed_loop(target, START, SPEED, DT, STEPS, **options)
 
 
 @pytest.fixture(scope="module")
@@ -122,6 +123,43 @@ def test_regions_of_a_moving_target_hold_the_truth(flown):
         assert abs(run.final_rms / believed - 1) < 3 * run.uncertainty / run.final_rms + 0.02
 
 
+def test_regions_are_right_over_the_truths_that_are_thought_of():
+    rng = np.random.default_rng(3)
+    trials = 1000
+    truths = np.zeros((trials, 4))
+    truths[:, 1] = rng.normal(400.0, 80.0, trials).clip(150.0)
+    truths[:, 2:] = rng.normal(0.0, 7.0, (trials, 2))
+    result = gm.maneuver.closed_loop(
+        truths, *MOVING[1:], sigma=np.radians(0.5), first_range=(400.0, 80.0), first_speed=7.0,
+        standoff=100.0, methods=["max_det", "perpendicular"], trials=trials, seed=2,
+    )  # fmt: skip
+    assert result.target.shape == (trials, 4)
+    for run in result.runs:
+        for sample in (5, 15, 30, 59):
+            # Chi-square of four degrees: mean 4, variance 8. Three standard errors.
+            assert abs(run.surprise[:, sample].mean() - 4) < 3 * (8 / trials) ** 0.5
+            assert abs(run.coverage(0.95)[sample] - 0.95) < 3 * (0.95 * 0.05 / trials) ** 0.5
+            assert abs(run.coverage(0.5)[sample] - 0.5) < 3 * 0.5 / trials**0.5
+
+
+def test_each_trial_has_its_own_truth():
+    truths = np.array([[0.0, 400.0, -5.0, 5.0], [50.0, 450.0, 3.0, 0.0]])
+    both = moving_at(truths, 2)
+    for trial, truth in enumerate(truths):
+        # The noise of a trial is its own, whatever the truth.
+        alone = moving_at(np.array([truth, truth]), 2)
+        np.testing.assert_array_equal(both.estimates[trial], alone.estimates[trial])
+        np.testing.assert_array_equal(both.errors[trial], alone.errors[trial])
+        same = moving_at(truth, 2)
+        np.testing.assert_array_equal(both.errors[trial], same.errors[trial])
+
+
+def moving_at(target, trials):
+    return gm.maneuver.closed_loop(
+        target, *MOVING[1:], methods=["max_det"], trials=trials, standoff=200.0, **UNKNOWN
+    )["max_det"]
+
+
 def test_the_error_of_a_moving_target_is_what_the_bound_of_the_path_allows(flown):
     run = flown["max_det"]
     times = np.arange(60.0)
@@ -195,6 +233,7 @@ def test_plans_turn_for_a_moving_target():
         ({"standoff": 2000.0}, "inside standoff"),
         ({"keep_out": [[0.0, 10.0, 20.0]]}, r"keep_out\[0\], inside its radius"),
         ({"trials": 0}, "trials = 0"),
+        ({"target": [[0.0, 900.0]] * 3, "trials": 4}, "for each of the 4 trials"),
         ({"seed": -1}, "seed = -1"),
         ({"opening": 60}, "opening = 60"),
         ({"side": 0}, "side = 0"),

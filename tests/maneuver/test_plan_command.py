@@ -67,9 +67,42 @@ def test_the_examples_are_planned():
     assert load(EXAMPLES / "plan_fixed_target.toml").model == "maneuver"
 
 
+SOON = (
+    SHORT[: SHORT.index("[closed_loop]")].replace("standoff = 700.0", "standoff = 300.0")
+    + """
+[goal]
+combination = "range"
+accuracy = ACCURACY
+starts = 2
+restarts = 0
+"""
+)
+
+
+def test_how_soon_an_accuracy_is_reached(tmp_path):
+    report = load(write(tmp_path, SOON.replace("ACCURACY", "100.0"))).plan()
+    assert report.headline == "PLANNED"
+    assert report.verdict.startswith("range to 100 after ")
+    found = report.data["soonest"]
+    assert found["at_least"] <= found["samples"] < 30
+    assert found["reached"] <= 100.0
+    assert len(report.data["path_m"]) == found["samples"]
+    table = report.tables[0]
+    assert [int(row[0]) for row in table.rows] == [count for count, _, _ in found["tried"]]
+
+
+def test_an_accuracy_that_is_not_reached_is_said(tmp_path):
+    report = load(write(tmp_path, SOON.replace("ACCURACY", "0.01"))).plan()
+    assert report.headline == "NOT ACCURATE ENOUGH"
+    assert "no path found in 30 samples" in report.verdict
+    assert report.data["soonest"]["samples"] is None
+    assert report.data["soonest"]["time_s"] == "inf"
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
+        ("[limits]", '[goal]\naccuracy = 5.0\n[limits]', "accuracy needs combination"),
         ("standoff = 700.0", "standoff = 1700.0", "plan: start is 1000 m from target, inside standoff"),
         ("speed = 20.0", "speed = 0.0", r":7: observer.speed = 0.0: must be > 0"),
         ("position = [0.0, 1000.0]", "", "give position, or positions"),

@@ -162,6 +162,62 @@ def test_the_bound_is_above_every_path(seed, criterion):
     assert better * poor.bound >= better * plan.value - 1e-9 * abs(plan.value)
 
 
+def log_det(path, target, states):
+    """Log det of the information of bearings of 1 rad on this path, in numpy."""
+    times = np.arange(len(path))[:, None]
+    offset = target[:2] + times * target[2:] - path
+    place = offset[:, ::-1] * [1, -1] / (offset**2).sum(axis=1)[:, None]
+    rows = np.hstack([place, times * place])[:, :states]
+    return np.linalg.slogdet(rows.T @ rows)[1]
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("moving", [False, True])
+def test_no_random_path_is_above_the_bound(seed, moving):
+    rng = np.random.default_rng(seed)
+    distance, step, samples = 500.0, rng.uniform(10, 60), int(rng.integers(6, 25))
+    target = np.array([0.0, distance, 0.0, 0.0])
+    if moving:
+        target[2:] = rng.uniform(-0.3, 0.3, 2) * step
+    standoff = rng.uniform(0.1, 0.9) * distance
+    plan = gm.maneuver.plan(
+        target if moving else target[:2], [0.0, 0.0], step, 1.0, samples,
+        standoff=standoff, starts=1, restarts=0, max_iterations=1,
+    )  # fmt: skip
+    checked = 0
+    for _ in range(3000):
+        # Straight in on some line, then round to one side and perhaps back.
+        at, path = np.zeros(2), [np.zeros(2)]
+        off, side = 0.6 * rng.normal(), rng.choice([-1, 1])
+        back = rng.integers(1, 2 * samples)
+        for k in range(1, samples):
+            there = target[:2] + k * target[2:]
+            sight = np.arctan2(*(there - at))
+            ahead = sight + off * side
+            new = at + step * np.array([np.sin(ahead), np.cos(ahead)])
+            if np.hypot(*(new - there)) < standoff:
+                # The chord that ends on the circle.
+                r = np.hypot(*(there - at))
+                cos = (r * r + step * step - standoff**2) / (2 * r * step)
+                turn = side * (1 if k < back else -1) * np.arccos(np.clip(cos, -1, 1))
+                new = at + step * np.array([np.sin(sight + turn), np.cos(sight + turn)])
+            if np.hypot(*(new - there)) < standoff * (1 - 1e-12):
+                break
+            at = new
+            path.append(at)
+        if len(path) == samples:
+            value = log_det(np.array(path), target, 4 if moving else 2)
+            assert not value > plan.bound + 1e-9
+            checked += 1
+    assert checked > 300
+
+
+def test_the_bound_is_near_the_best_path_in_open_water():
+    for standoff, ratio in ((800.0, 1.04), (500.0, 1.11)):
+        plan = gm.maneuver.plan(*SHORT[:4], 40, standoff=standoff, starts=3, restarts=0)
+        assert 1 <= plan.gap < ratio
+
+
 @pytest.mark.parametrize("standoff", [800.0, 500.0])
 def test_the_bound_is_tighter_than_ideal_bearings_at_the_stand_off(standoff):
     plan = gm.maneuver.plan(*SHORT[:4], 40, standoff=standoff, sigma=0.01)

@@ -480,12 +480,9 @@ fn maneuver_closed_loop<'py>(
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let keep_out = Input::new(keep_out, "keep_out", 2)?;
     keep_out.expect(&[None, Some(3)], "east, north and radius of each circle")?;
-    let target = Input::new(target, "target", 1)?;
+    let mut target = Input::new(target, "target", 1)?;
     target.expect(&[Some(4)], "x0, y0, vx, vy")?;
-    let mut state = [0.0; 4];
-    state.copy_from_slice(target.slice()?);
     let setting = Setting {
-        target: state,
         start: pair(start, "start")?,
         dt,
         length,
@@ -523,8 +520,9 @@ fn maneuver_closed_loop<'py>(
         Some(crate::maneuver::law(guide)?)
     };
     let side = side_of(wanted.slice()?.first().copied().unwrap_or(1.0));
-    let batch = Batch::of(&mut [&mut noise, &mut lost, &mut alarms, &mut wanted])?;
-    let (noise, lost, alarms, wanted) = (
+    let batch = Batch::of(&mut [&mut target, &mut noise, &mut lost, &mut alarms, &mut wanted])?;
+    let (targets, noise, lost, alarms, wanted) = (
+        target.items()?,
         noise.items()?,
         lost.items()?,
         alarms.items()?,
@@ -540,6 +538,7 @@ fn maneuver_closed_loop<'py>(
             &setting,
             guide,
             Happens {
+                targets: targets.skip(range.start),
                 noise: noise.skip(range.start),
                 lost: lost.skip(range.start),
                 alarms: alarms.skip(range.start),

@@ -70,6 +70,10 @@ class LoopRun(Answer):
     def coverage(self, level: float = 0.95) -> Array:
         """Return the share of trials whose likelihood region holds the true state.
 
+        The region counts what was thought before as one more measurement. It holds the
+        truth as often as it says where the truths are spread as that says. One truth in
+        all trials is held more often if it is near to what was thought, less often if far.
+
         Parameters
         ----------
         level : float
@@ -161,7 +165,7 @@ class ClosedLoop(Answer):
     ----------
     runs : tuple of LoopRun
         The smallest final error first.
-    target : ndarray, shape (2,) or (4,)
+    target : ndarray, shape (2,) or (4,), or (trials, 2) or (trials, 4)
     dt : float
     lost : float
         Probability that a bearing is lost.
@@ -273,9 +277,10 @@ def closed_loop(
 
     Parameters
     ----------
-    target : array_like, shape (2,) or (4,)
+    target : array_like, shape (2,) or (4,), or (trials, 2) or (trials, 4)
         Where a fixed target truly is, metres; or (x0, y0, vx, vy) of one at constant
-        velocity, which is unknown too.
+        velocity, which is unknown too. With one row for each trial, each has a truth of
+        its own, as is needed to see whether the regions hold it as often as they say.
     start : array_like, shape (2,)
     speed : float
         m/s, > 0.
@@ -340,8 +345,9 @@ def closed_loop(
     itself bearings say nothing of the range, so an opening costs more than it
     gives: compare.) The estimator is Gauss-Newton on all bearings with the prior
     of the range and the velocity, started from the estimate before; where a path tells
-    enough it reaches the Cramer-Rao bound, and its likelihood region holds the true state
-    as often as it says (`LoopRun.coverage`). Cost: about 30 ns for each pair of samples and
+    enough it reaches the Cramer-Rao bound. Over truths that are spread as was thought
+    before, its likelihood region holds the true state as often as it says
+    (`LoopRun.coverage`). Cost: about 30 ns for each pair of samples and
     law, and twice that for a moving target; a plan takes some tenths of a second.
 
     Examples
@@ -371,6 +377,7 @@ def closed_loop(
     if horizon is not None:
         horizon = whole(horizon, "horizon", 2)
     setting = _Setting.checked(
+        trials=trials,
         target=target,
         start=start,
         speed=speed,
@@ -396,13 +403,13 @@ def closed_loop(
         runs.append(_run(method, out, setting))
     runs.sort(key=lambda run: run.final_rms)
     return ClosedLoop(
-        tuple(runs), setting.target[: setting.states], setting.dt, number(lost, "lost"), seed
+        tuple(runs), setting.target[..., : setting.states], setting.dt, number(lost, "lost"), seed
     )
 
 
 @dataclass(frozen=True, eq=False)
 class _Setting:
-    #: (x0, y0, vx, vy).
+    #: (x0, y0, vx, vy), of all trials or of each.
     target: Array
     start: Array
     dt: float
@@ -422,6 +429,7 @@ class _Setting:
     def checked(
         cls,
         *,
+        trials: int,
         target: ArrayLike,
         start: ArrayLike,
         speed: float,
@@ -438,18 +446,19 @@ class _Setting:
         max_turn_rate: float | None,
     ) -> _Setting:
         place, origin = finite(target, "target"), finite(start, "start [m]")
-        if place.shape not in ((2,), (4,)):
+        if place.shape not in ((2,), (4,), (trials, 2), (trials, 4)):
             raise InputError(
                 f"target has shape {place.shape}: must be (2,), east and north, or (4,), "
-                "and its velocity"
+                f"and its velocity; or a row of that for each of the {trials} trials"
             )
         if origin.shape != (2,):
             raise InputError(f"start has shape {origin.shape}: must be (2,), east and north")
-        if place.shape == (4,) and first_speed is None:
+        states = place.shape[-1]
+        if states == 4 and first_speed is None:
             raise InputError(
                 "first_speed is needed for a moving target: what is known of its velocity before"
             )
-        if place.shape == (2,) and first_speed is not None:
+        if states == 2 and first_speed is not None:
             raise InputError("first_speed is for a moving target: give its velocity with target")
         if first_speed is not None:
             positive(first_speed, "first_speed", "m/s")
@@ -477,8 +486,8 @@ class _Setting:
             positive(max_turn_rate, "max_turn_rate", "rad/s")
             max_turn_rate = number(max_turn_rate, "max_turn_rate")
         discs = checked_discs(keep_out)
-        place = np.concatenate([place, np.zeros(4 - len(place))])
-        check_outside(origin, place[None], standoff, discs)
+        place = np.concatenate([place, np.zeros((*place.shape[:-1], 4 - states))], axis=-1)
+        check_outside(origin, np.atleast_2d(place), standoff, discs)
         return cls(
             target=place,
             start=origin,
@@ -562,7 +571,8 @@ class _Happens:
 def _run(method: str, out: Array, setting: _Setting) -> LoopRun:
     paths, estimates = out[..., :2], out[..., 2 : 2 + setting.states]
     times = setting.dt * np.arange(out.shape[-2])[:, None]
-    true = setting.target[:2] + times * setting.target[2:]
+    target = setting.target[..., None, :]
+    true = target[..., :2] + times * target[..., 2:]
     away = out[..., 2:4] + times * out[..., 4:6] - true
     ranges = np.hypot(*np.moveaxis(paths - true, -1, 0))
     return LoopRun(
@@ -634,7 +644,7 @@ def _headings(setting: _Setting, out: Array, lost: Array, bearings: int, belief:
         heading=None if before is None else float(np.arctan2(*before)),
         prior=(information + information.T) / 2,
         weights=weights[use],
-        starts=1,
+        starts=3,
         restarts=0,
         bound=False,
         max_iterations=15,

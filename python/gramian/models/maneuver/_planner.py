@@ -471,7 +471,9 @@ def plan(
         What counts as one unit of each state for "A" and "E". By default 1 m, and
         for velocities 1 m over the length of the path in time.
     starts : int
-        How many of the best different guesses are refined.
+        How many of the best different guesses are refined. With 1 that is the best law or
+        arc; each more brings its share of straight legs and coarse paths to choose from,
+        all of them from 12 on.
     restarts : int
         How often one of the best paths is disturbed and refined again.
     max_iterations : int

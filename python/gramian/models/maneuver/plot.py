@@ -27,6 +27,7 @@ _STYLES = {
     "circle": (COLORS["muted"], "-."),
     "perpendicular": (COLORS["muted"], "--"),
     "plan": (COLORS["observer"], "-"),
+    "plan_estimate": (COLORS["observer"], "--"),
 }
 _CRITERIA = {
     "D": "log det of the information",
@@ -48,9 +49,12 @@ def paths(plan: Plan) -> Figure:
     for i, path in enumerate(plan.paths):
         label = "plan" if i == 0 else None
         axes.plot(*path.T, ".-", color=COLORS["observer"], markersize=4, label=label)
-        axes.plot(*path[0], "o", color=COLORS["observer"], markersize=8)
-        for turn in plan.turns:
-            axes.plot(*path[turn], "s", color=COLORS["observer"], markersize=7)
+        label = "start" if i == 0 else None
+        axes.plot(*path[0], "o", color=COLORS["observer"], markersize=8, label=label)
+        if plan.turns.size:
+            label = "turns" if i == 0 else None
+            turns = path[plan.turns].T
+            axes.plot(*turns, "s", color=COLORS["observer"], markersize=7, label=label)
     _targets(plan, axes)
     _areas(plan, axes)
     axes.set_aspect("equal")
@@ -80,6 +84,7 @@ def candidates(plan: Plan, most: int = 12) -> Figure:
         for i, path in enumerate(start.path):
             label = f"{start.value:.5g}  {start.name}" if i == 0 else None
             axes.plot(*path.T, "-", color=color, linewidth=2.2 if best else 1.1, label=label)
+    handles, labels = axes.get_legend_handles_labels()
     axes.plot(*plan.paths[:, 0].T, "o", color=COLORS["observer"], markersize=8)
     _targets(plan, axes)
     _areas(plan, axes)
@@ -87,11 +92,12 @@ def candidates(plan: Plan, most: int = 12) -> Figure:
     axes.set_xlabel("east, m")
     axes.set_ylabel("north, m")
     axes.grid(alpha=0.3)
-    handles, labels = axes.get_legend_handles_labels()
+    # Below the map: beside it a long name would leave the map a strip.
     fig.legend(
         handles[::-1],
         labels[::-1],
-        loc="outside right upper",
+        loc="outside lower center",
+        ncols=2,
         fontsize="small",
         frameon=False,
         title=_CRITERIA[plan.criterion],
@@ -184,7 +190,7 @@ def errors(loop: ClosedLoop) -> Figure:
     left, right = fig.subplots(1, 2)
     for run in loop.runs:
         color, style = _STYLES[run.method]
-        name = run.method if run.method == "plan" else f"law {run.method}"
+        name = run.method if run.method.startswith("plan") else f"law {run.method}"
         times = loop.dt * np.arange(run.errors.shape[1])
         left.plot(times, run.rms, style, color=color, label=name)
         final = np.sort(run.errors[:, -1])
@@ -212,14 +218,21 @@ def _targets(plan: Plan, axes: Axes) -> None:
         if moving:
             axes.plot(*track[-1], "*", color=COLORS["target"], markersize=13, markerfacecolor="w")
         elif plan.standoff > 0:
-            axes.add_patch(_disc(track[0], plan.standoff, COLORS["target"], 0.08))
+            disc = _disc(track[0], plan.standoff, COLORS["target"], 0.08)
+            axes.add_patch(disc)
+            if i == 0:
+                disc.set_label("stand-off range")
 
 
 def _areas(plan: Plan, axes: Axes) -> None:
-    for east, north, radius in plan.keep_out:
+    areas = [
         axes.add_patch(_disc((east, north), radius, COLORS["bad"], 0.25))
+        for east, north, radius in plan.keep_out
+    ]
     for outline in plan.polygons:
-        axes.fill(*outline.T, facecolor=COLORS["bad"], edgecolor=COLORS["bad"], alpha=0.25)
+        areas += axes.fill(*outline.T, facecolor=COLORS["bad"], edgecolor=COLORS["bad"], alpha=0.25)
+    if areas:
+        areas[0].set_label("not entered")
 
 
 def _disc(center: Array | tuple[float, float], radius: float, color: str, alpha: float) -> Any:

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from gramian._text import brief, number
 from gramian.exceptions import InputError
-from gramian.models.maneuver import _closed_loop, _planner
+from gramian.models.maneuver import _closed_loop, _planner, _soonest
 from gramian.models.maneuver._sensing import Sensing
 from gramian.report import Picture, Report, Table, Tone
 from gramian.scenario.base import Scenario, Section
@@ -19,13 +19,16 @@ from gramian.scenario.base import Scenario, Section
 if TYPE_CHECKING:
     from gramian.models.maneuver._closed_loop import ClosedLoop
     from gramian.models.maneuver._planner import Plan
+    from gramian.models.maneuver._soonest import Soonest
 
 __all__ = ["ManeuverScenario"]
 
 Positive = Annotated[float, Field(gt=0)]
 Pair = tuple[float, float]
 Progress = Callable[[int, int, float], object]
-Method = Literal["max_det", "hammel_liu", "bearing_rate", "circle", "perpendicular", "plan"]
+Method = Literal[
+    "max_det", "hammel_liu", "bearing_rate", "circle", "perpendicular", "plan", "plan_estimate"
+]
 
 UNITS = {"x": "m", "y": "m", "x0": "m", "y0": "m", "vx": "m/s", "vy": "m/s"}
 
@@ -127,6 +130,7 @@ class Goal(Section):
 
     criterion: Literal["D", "A", "E"] = "D"
     combination: str | list[float] | None = None
+    accuracy: Positive | None = None
     over: Literal["expectation", "worst"] = "expectation"
     chance: float | None = Field(default=None, gt=0, lt=1)
     starts: int = Field(default=24, ge=1)
@@ -134,6 +138,12 @@ class Goal(Section):
     time_limit: Positive | None = None
     bound: bool = True
     seed: int = Field(default=0, ge=0)
+
+    @model_validator(mode="after")
+    def _of_something(self) -> Goal:
+        if self.accuracy is not None and not isinstance(self.combination, str):
+            raise ValueError("accuracy needs combination, the name of what is to be known so well")
+        return self
 
 
 class Loop(Section):
@@ -168,51 +178,57 @@ class ManeuverScenario(Scenario):
     def plan(self, progress: Progress | None = None) -> Report:
         """Plan the path, compare it with the laws, and fly both if asked to."""
         try:
-            best = self._plan(progress)
-            if best.stopped == "interrupted":
+            found = self._plan(progress)
+            if found.stopped == "interrupted":
                 stop = KeyboardInterrupt()
-                stop.add_note(f"the best path so far: {best}")
+                stop.add_note(f"the best path so far: {found}")
                 raise stop
             loop = self._loop()
         except InputError as error:
             raise self.error("plan", str(error)) from error
-        return _report(self.path.name, best, loop)
+        return _report(self.path.name, found, loop)
 
-    def _plan(self, progress: Progress | None) -> Plan:
+    def _plan(self, progress: Progress | None) -> Plan | Soonest:
         observer, limits, goal = self.observer, self.limits, self.goal
         combination = goal.combination
         sigma_deg = self.bearings.sigma_deg
         if (sigma_deg is None) != bool(self.sensors):
             raise InputError("give bearings.sigma_deg, or [[sensors]] and no bearings.sigma_deg")
-        return _planner.plan(
+        places = (
             self.target.states(),
             observer.starts or observer.start or (),
             observer.speed,
             self.bearings.step,
             self.bearings.count,
-            criterion=goal.criterion if combination is None else {"combination": combination},
-            sigma=_radians(sigma_deg),
-            sensors=[sensor.sensing() for sensor in self.sensors] or None,
-            over=goal.over if goal.chance is None else {"chance": goal.chance},
-            standoff=limits.standoff,
-            keep_out=limits.keep_out or None,
-            polygons=limits.polygons or None,
-            return_to=observer.return_to,
-            max_distance=observer.max_distance,
-            separation=observer.separation,
-            current=observer.current,
-            max_turn_rate=_radians(observer.max_turn_rate_deg),
-            heading=_radians(observer.heading_deg),
-            legs=observer.legs,
-            prior=self.prior or None,
-            weights=self.target.weights,
-            starts=goal.starts,
-            restarts=goal.restarts,
-            time_limit=goal.time_limit,
-            bound=goal.bound,
-            seed=goal.seed,
-            progress=progress,
         )
+        options: dict[str, Any] = {
+            "sigma": _radians(sigma_deg),
+            "sensors": [sensor.sensing() for sensor in self.sensors] or None,
+            "over": goal.over if goal.chance is None else {"chance": goal.chance},
+            "standoff": limits.standoff,
+            "keep_out": limits.keep_out or None,
+            "polygons": limits.polygons or None,
+            "return_to": observer.return_to,
+            "max_distance": observer.max_distance,
+            "separation": observer.separation,
+            "current": observer.current,
+            "max_turn_rate": _radians(observer.max_turn_rate_deg),
+            "heading": _radians(observer.heading_deg),
+            "legs": observer.legs,
+            "prior": self.prior or None,
+            "weights": self.target.weights,
+            "starts": goal.starts,
+            "restarts": goal.restarts,
+            "time_limit": goal.time_limit,
+            "bound": goal.bound,
+            "seed": goal.seed,
+            "progress": progress,
+        }
+        if goal.accuracy is not None:
+            wanted = (str(combination), goal.accuracy)
+            return _soonest.soonest(*places, accuracy=wanted, **options)
+        criterion = goal.criterion if combination is None else {"combination": combination}
+        return _planner.plan(*places, criterion=criterion, **options)
 
     def _loop(self) -> ClosedLoop | None:
         loop = self.closed_loop
@@ -259,16 +275,22 @@ def _pictures() -> ModuleType:
     return plot
 
 
-def _report(title: str, plan: Plan, loop: ClosedLoop | None) -> Report:
+def _report(title: str, found: Plan | Soonest, loop: ClosedLoop | None) -> Report:
+    soonest = found if isinstance(found, _soonest.Soonest) else None
+    plan = found if isinstance(found, _planner.Plan) else found.plan
     tone: Tone = "good"
     headline = "PLANNED"
     if not plan.converged:
         broken = plan.message.startswith("no path")
         tone, headline = ("bad", "A LIMIT IS BROKEN") if broken else ("weak", "NOT CONVERGED")
+    if soonest is not None and soonest.samples is None:
+        tone, headline = "bad", "NOT ACCURATE ENOUGH"
     best = plan.laws[0]
     position = _position_bound(plan.crlb_std, plan.weights)
     verdict = f"the target's position is known to {number(position, 3)} m"
     verdict += f", by the best law to {number(_position_bound(best.crlb_std, plan.weights), 3)} m"
+    if soonest is not None:
+        verdict = soonest.reason
     if not plan.converged:
         verdict += f"; {plan.message}"
     facts = [
@@ -325,6 +347,10 @@ def _report(title: str, plan: Plan, loop: ClosedLoop | None) -> Report:
     ]
     tables = [_laws_table(plan), _bounds_table(plan), _starts_table(plan)]
     data: dict[str, Any] = _plain(plan.to_dict())
+    if soonest is not None:
+        tables.insert(0, _tried_table(soonest))
+        data["soonest"] = _plain(soonest.to_dict())
+        del data["soonest"]["plan"]
     if loop is not None:
         tables.insert(1, _loop_table(loop))
         data["closed_loop"] = _plain(loop.to_dict())
@@ -350,6 +376,21 @@ def _report(title: str, plan: Plan, loop: ClosedLoop | None) -> Report:
 
 def _position_bound(crlb_std: Any, weights: Any) -> float:
     return float(np.sqrt(weights @ (crlb_std[:, :2] ** 2).sum(axis=1)))
+
+
+def _tried_table(soonest: Soonest) -> Table:
+    rows = [
+        [
+            str(count),
+            f"{(count - 1) * soonest.dt:.6g}",
+            "" if np.isinf(found) else number(found),
+            "" if least == 0 else number(least),
+        ]
+        for count, found, least in soonest.tried
+    ]
+    columns = ["samples", "time, s", f"{soonest.name} known to", "no path below"]
+    note = f"Wanted: {brief(soonest.accuracy)}. Empty: nothing found, or nothing proved."
+    return Table("How soon it is known so well", columns, rows, note)
 
 
 def _laws_table(plan: Plan) -> Table:

@@ -518,7 +518,6 @@ fn flown() -> Work {
     let lost: Vec<f64> = (0..noise.len()).map(|i| f64::from(i % 5 == 4)).collect();
     filling(trials * (steps + 1) * PER_SAMPLE, move |out| {
         let setting = Setting {
-            target: [NORTH[0], NORTH[1], 0.0, 0.0],
             start: [0.0; 2],
             dt: 1.0,
             length: 20.0,
@@ -535,7 +534,9 @@ fn flown() -> Work {
         };
         let guide = Guidance::Law(Law::MaxDet, Side::Right);
         let none = [f64::MAX; 41];
+        let target = [NORTH[0], NORTH[1], 0.0, 0.0];
         let happens = Happens {
+            targets: Items::shared(&target),
             noise: Items::each(&noise, steps + 1),
             lost: Items::each(&lost, steps + 1),
             alarms: Items::shared(&none),

@@ -16,9 +16,6 @@ use crate::square_root::SquareRootInformation;
 /// What is the same in all trials.
 #[derive(Clone, Copy, Debug)]
 pub struct Setting<'a> {
-    /// Where the target is at the start, and its velocity (x0, y0, vx, vy); the observer
-    /// knows neither.
-    pub target: [f64; 4],
     /// Where the observer starts.
     pub start: [f64; 2],
     /// Time of one step.
@@ -67,9 +64,12 @@ pub enum Guidance<'a> {
     Headings(Items<'a>),
 }
 
-/// What happens to the bearings of all trials, (trials, steps + 1) each.
+/// What is true in each trial and what happens to its bearings, (trials, steps + 1) each.
 #[derive(Clone, Copy, Debug)]
 pub struct Happens<'a> {
+    /// Where the target is at the start, and its velocity (x0, y0, vx, vy), of each trial;
+    /// the observer knows neither.
+    pub targets: Items<'a>,
     /// Standard normal noise.
     pub noise: Items<'a>,
     /// The bearing is lost where this is not zero, the first one never.
@@ -120,6 +120,7 @@ fn all<const N: usize>(
                     Guidance::Headings(headings) => Some(headings.get(trial)),
                     Guidance::Law(..) => None,
                 },
+                target: core::array::from_fn(|i| happens.targets.get(trial)[i]),
                 noise: happens.noise.get(trial),
                 lost: happens.lost.get(trial),
                 alarms: happens.alarms.get(trial),
@@ -144,6 +145,7 @@ struct Flight<'a, const N: usize> {
     setting: &'a Setting<'a>,
     guide: Guidance<'a>,
     planned: Option<&'a [f64]>,
+    target: [f64; 4],
     noise: &'a [f64],
     lost: &'a [f64],
     alarms: &'a [f64],
@@ -153,7 +155,7 @@ struct Flight<'a, const N: usize> {
 impl<const N: usize> Flight<'_, N> {
     fn fly(&mut self, out: &mut [[f64; PER_SAMPLE]]) {
         let setting = self.setting;
-        let truth: [f64; N] = core::array::from_fn(|i| setting.target[i]);
+        let truth: [f64; N] = core::array::from_fn(|i| self.target[i]);
         let mut at = setting.start;
         let mut estimate = [0.0; N];
         let mut covariance = None;
@@ -199,7 +201,7 @@ impl<const N: usize> Flight<'_, N> {
         covariance: Option<&[[f64; N]; N]>,
     ) -> Option<f64> {
         let setting = self.setting;
-        let whole = sight(at, moved(&setting.target, time));
+        let whole = sight(at, moved(&self.target, time));
         let seen = (sample == 0 || self.lost[sample] == 0.0)
             .then(|| wrapped(whole + setting.sigma * self.noise[sample]));
         if sample == 0 || !setting.gate.is_finite() {
@@ -426,8 +428,8 @@ fn spread<const N: usize>(covariance: &[[f64; N]; N], time: f64) -> f64 {
 mod tests {
     use super::*;
 
+    const TARGET: [f64; 4] = [0.0, 1000.0, 0.0, 0.0];
     const SETTING: Setting<'_> = Setting {
-        target: [0.0, 1000.0, 0.0, 0.0],
         start: [0.0, 0.0],
         dt: 1.0,
         length: 20.0,
@@ -451,6 +453,7 @@ mod tests {
             &SETTING,
             Guidance::Law(Law::Circle, Side::Right),
             Happens {
+                targets: Items::shared(&TARGET),
                 noise: Items::shared(&zeros),
                 lost: Items::shared(&zeros),
                 alarms: Items::shared(&[f64::MAX; 41]),
@@ -475,6 +478,7 @@ mod tests {
             &SETTING,
             Guidance::Law(Law::MaxDet, Side::Left),
             Happens {
+                targets: Items::shared(&TARGET),
                 noise: Items::shared(&[0.3; 41]),
                 lost: Items::shared(&lost),
                 alarms: Items::shared(&[f64::MAX; 41]),
@@ -495,8 +499,8 @@ mod tests {
 
     #[test]
     fn a_moving_target_is_found_among_false_alarms() {
+        let target = [0.0, 400.0, -5.0, 5.0];
         let setting = Setting {
-            target: [0.0, 400.0, -5.0, 5.0],
             steps: 60,
             sigma: 0.005,
             range: (500.0, 200.0),
@@ -520,6 +524,7 @@ mod tests {
             &setting,
             Guidance::Law(Law::MaxDet, Side::Right),
             Happens {
+                targets: Items::shared(&target),
                 noise: Items::shared(&zeros),
                 lost: Items::shared(&lost),
                 alarms: Items::shared(&alarms),
@@ -528,7 +533,7 @@ mod tests {
             &mut out,
         );
         let end = &out[60 * PER_SAMPLE..];
-        for (found, truth) in end[2..6].iter().zip(setting.target) {
+        for (found, truth) in end[2..6].iter().zip(target) {
             assert!((found - truth).abs() < 0.1 * end[6], "{found} {truth}");
         }
         assert!(end[7] < 0.1);

@@ -21,6 +21,8 @@ const MEMORY: usize = 14;
 const MARGIN: f64 = 1e-9;
 /// A limit this near is active.
 const ACTIVE: f64 = 1e-6;
+/// Limits that are kept this well, and no better by one more round, are well enough kept.
+const NEAR: f64 = 1e-6;
 /// A limit this near will soon be.
 const NEARLY: f64 = 1e-3;
 
@@ -61,6 +63,8 @@ pub(super) struct Effort {
     /// Whether to begin with the multipliers that hold the path best where it is, as is
     /// right near an optimum.
     pub warm: bool,
+    /// Rounds without better kept limits after which a path that nearly keeps them is done.
+    pub patience: usize,
 }
 
 impl<'a> Program<'a> {
@@ -195,6 +199,7 @@ impl<'a> Program<'a> {
             penalty = 100.0;
         }
         let mut before = f64::INFINITY;
+        let (mut least, mut idle) = (f64::INFINITY, 0);
         for round in 0..effort.rounds {
             let loose = if round == 0 { 30.0 } else { 1.0 };
             let old = x.clone();
@@ -213,6 +218,13 @@ impl<'a> Program<'a> {
                 *multiplier = (*multiplier - penalty * kept).max(0.0);
             }
             if slack < 1e-8 && gradient < effort.tolerance {
+                break;
+            }
+            // So near, a larger penalty makes the rounds worse and no longer better: the rest
+            // is what `restore` is for.
+            idle = if slack > 0.5 * least { idle + 1 } else { 0 };
+            least = least.min(slack);
+            if slack < NEAR && idle >= effort.patience {
                 break;
             }
             if slack > 0.3 * before {

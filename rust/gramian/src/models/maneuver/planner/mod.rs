@@ -28,6 +28,7 @@ mod limits;
 mod objective;
 mod paths;
 mod search;
+mod tuples;
 mod upper;
 
 use alloc::vec;

@@ -1,6 +1,7 @@
-//! What no path can exceed: an upper bound on the criterion by a method of its own.
+//! What no path can exceed: an upper bound on the criterion by methods of its own.
 //!
 //! # Algorithm
+//! The bound is the lesser of two: that of [`tuples`](super::tuples), and the following.
 //! Each criterion is a concave function of the information, homogeneous up to a power, so
 //! that its tangent at any matrix J0 bounds it. With M the largest value over all paths of
 //! tr(G J), G the gradient at J0:
@@ -123,7 +124,21 @@ pub fn upper_bound(
         objective: &*objective,
         n,
     };
-    Ok(solver.solve(mixture, utility(problem, value), effort, look))
+    let found = utility(problem, value);
+    let tuples = super::tuples::most(problem, look);
+    let most = solver
+        .solve(mixture, found, effort, look)
+        .map_or(tuples, |cells| cells.min(tuples));
+    if most == f64::INFINITY {
+        return Ok(None);
+    }
+    // Rounding must not put it below what is known to exist.
+    let most = most.max(found);
+    Ok(Some(match problem.aim.criterion {
+        Criterion::Determinant => most,
+        Criterion::Eigenvalue => most.exp(),
+        _ => (-most).exp(),
+    }))
 }
 
 /// What is large for a good path.
@@ -162,6 +177,7 @@ struct Tangents {
 }
 
 impl Solver<'_> {
+    /// The bound by cells on the utility; `None` without one.
     fn solve(
         &self,
         mixture: Vec<Vec<f64>>,
@@ -230,13 +246,7 @@ impl Solver<'_> {
         let bound = classes
             .iter()
             .fold(settled, |m: f64, class| m.max(class.bound));
-        // Rounding must not put it below what is known to exist.
-        let bound = bound.max(found);
-        Some(match self.problem.aim.criterion {
-            Criterion::Determinant => bound,
-            Criterion::Eigenvalue => bound.exp(),
-            _ => (-bound).exp(),
-        })
+        Some(bound)
     }
 
     /// Cells to a step, so that a pass takes about so many cells.
