@@ -264,7 +264,7 @@ MEANT_OF = {
     "choose.select": (".within",),
     "registration.select": (".within",),
     # A trial without degrees of freedom, or that did not converge.
-    "estimate_trials": (".p_values", ".states", ".chi2", ".chances"),
+    "estimate_trials": (".p_values", ".states", ".chi2", ".chances", ".alternatives{}"),
     # A disturbance has no first guess.
     "maneuver.plan": (".starts().guess",),
     "maneuver.soonest": (".plan.starts().guess",),

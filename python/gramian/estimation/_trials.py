@@ -56,7 +56,7 @@ class Trials(Answer):
     solves : ndarray, shape (trials,)
         Constrained solves an interval took.
     alternatives : mapping of str to ndarray, shape (trials,)
-        p of the score test of each.
+        p of the score test of each; NaN as `states`.
     """
 
     names: tuple[str, ...]

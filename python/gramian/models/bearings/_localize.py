@@ -374,7 +374,9 @@ def localize_many(
         max_iterations,
         weak_ratio,
     )
-    chi2, dof = found["chi2"], seen.shape[-1] + len(prior or {}) - n
+    # Beyond what float64 holds the sum of squares is infinite, whatever it went through.
+    chi2 = np.where(np.isnan(found["chi2"]), np.inf, found["chi2"])
+    dof = seen.shape[-1] + len(prior or {}) - n
     p_value = _core.chi_square_survival(chi2, dof) if dof > 0 else np.full(chi2.shape, np.nan)
     bad, faults = faulty(seen, sigma, channels(as_float_array(times, "times"), index), p_value)
     code = np.asarray(_judged(found["status"].astype(np.int8), p_value, bad, alpha))
