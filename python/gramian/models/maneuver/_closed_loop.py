@@ -644,7 +644,7 @@ def _headings(setting: _Setting, out: Array, lost: Array, bearings: int, belief:
         heading=None if before is None else float(np.arctan2(*before)),
         prior=(information + information.T) / 2,
         weights=weights[use],
-        starts=3,
+        starts=2,
         restarts=0,
         bound=False,
         max_iterations=15,
