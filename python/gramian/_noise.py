@@ -129,11 +129,10 @@ def as_noise(sigma: ArrayLike, count: int, *, is_complex: bool = False) -> Noise
     if noise.ndim == 1 and noise.shape != (whole,):
         raise InputError(f"sigma has {noise.shape[0]} entries: must have 1 or {whole}")
     each = np.broadcast_to(noise, (whole,))
+    if noise.ndim == 0 and not 0 <= noise < np.inf:
+        raise InputError(f"sigma = {noise}: must be > 0 (0: exact) and finite")
     if (bad := np.flatnonzero(~(each >= 0))).size:
-        place = f"[{bad[0]}]" if noise.ndim else ""
-        raise InputError(f"sigma{place} = {each[bad[0]]}: must be > 0 (0: exact, inf: missing)")
-    if noise.ndim == 0 and not 0 < noise < np.inf:
-        raise InputError(f"sigma = {noise}: must be > 0 and finite")
+        raise InputError(f"sigma[{bad[0]}] = {each[bad[0]]}: must be > 0 (0: exact, inf: missing)")
     if is_complex:
         each = np.tile(each, 2) / np.sqrt(2)
     with np.errstate(divide="ignore"):

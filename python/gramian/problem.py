@@ -345,7 +345,8 @@ class Problem(Value):
         # A column of rounding alone: not even a step as long as the state would show.
         step = None if self.accuracy is None else self.accuracy.step
         reach = errors * (1.0 if step is None else step)
-        nothing = hidden & (reach < 1e-6)
+        # One that is clearly there, as the mean of two slopes at a kink is, is no rounding.
+        nothing = hidden & (reach < 1e-6) & ~(errors < norms)
         vague = hidden & ~nothing
         with np.errstate(divide="ignore", invalid="ignore"):
             relative = np.where(hidden | (errors == 0), 0.0, errors / norms)

@@ -230,3 +230,129 @@ def test_a_span_without_end_ends_with_the_steps_that_were_allowed():
     # What converges in that many is as it was.
     few = gm.dynamics.from_ode(swing, angle, [0.5, 0.0], times[:5], max_steps=2000)
     assert few == gm.dynamics.from_ode(swing, angle, [0.5, 0.0], times[:5])
+
+
+SPAN = np.linspace(0, 10, 41)
+
+
+def kepler(t, x):
+    cube = (x[0] ** 2 + x[1] ** 2) ** 1.5
+    return [x[2], x[3], -x[0] / cube, -x[1] / cube]
+
+
+def invariants(t, x):
+    energy = (x[2] ** 2 + x[3] ** 2) / 2 - 1 / (x[0] ** 2 + x[1] ** 2) ** 0.5
+    return [energy, x[0] * x[3] - x[1] * x[2]]
+
+
+INVARIANTS = {
+    "pendulum": (
+        lambda t, x: [x[1], -9 * np.sin(x[0])],
+        lambda t, x: [x[1] ** 2 / 2 - 9 * np.cos(x[0])],
+        [1.0, 0.5],
+        1,
+    ),
+    "predator and prey": (
+        lambda t, x: [x[0] * (1 - x[1]), x[1] * (x[0] - 1)],
+        lambda t, x: [x[0] - np.log(x[0]) + x[1] - np.log(x[1])],
+        [1.5, 0.5],
+        1,
+    ),
+    "orbit": (kepler, invariants, [1.0, 0.0, 0.0, 1.2], 2),
+}
+
+
+@pytest.mark.parametrize("name", INVARIANTS)
+def test_what_is_conserved_tells_no_more_as_time_goes_by(name):
+    """The error of the integrator alone made all states observable, to 1e9."""
+    f, h, x0, rank = INVARIANTS[name]
+    path = gm.dynamics.from_ode(f, h, x0, SPAN)
+    answer = gm.analyze(path.problem())
+    assert answer.rank == rank
+    assert answer.status in {"unobservable", "undecided"}
+    assert set(path.windows(3.0).rank.tolist()) == {rank}
+
+
+def test_stated_errors_of_rows_cover_the_true_ones():
+    for f, h, x0, _ in INVARIANTS.values():
+        rows, errors = gm.dynamics.from_ode(f, h, x0, SPAN, rtol=1e-7).rows_and_errors()
+        exact = gm.dynamics.from_ode(f, h, x0, SPAN, rtol=1e-13).rows()
+        assert (np.abs(rows - exact) <= errors + 1e-11).all()
+
+
+def test_samples_at_half_the_period_hide_the_speed():
+    def oscillator(t, x):
+        return [x[1], -4 * np.pi**2 * x[0]]
+
+    path = gm.dynamics.from_ode(oscillator, lambda t, x: [x[0]], [1.0, 1.0], np.arange(0, 5, 0.5))
+    assert gm.analyze(path.problem()).null_combinations == ("x1 +1",)
+    quarter = gm.dynamics.from_map(
+        lambda t, x: [6e-17 * x[0] + x[1], -x[0] + 6e-17 * x[1]],
+        lambda t, x: [x[0]],
+        [1.0, 1.0],
+        np.arange(0, 9),
+    )
+    assert gm.analyze(quarter.problem()).status == "observable"
+
+
+def test_the_problem_knows_what_the_tangent_leaves_out():
+    """The length of a quaternion is no combination that is not measured."""
+
+    def spin(t, q):
+        w = [0.1, 0.2 * np.cos(t), -0.3]
+        return [
+            -(w[0] * q[1] + w[1] * q[2] + w[2] * q[3]) / 2,
+            (w[0] * q[0] + w[2] * q[2] - w[1] * q[3]) / 2,
+            (w[1] * q[0] - w[2] * q[1] + w[0] * q[3]) / 2,
+            (w[2] * q[0] + w[1] * q[1] - w[0] * q[2]) / 2,
+        ]
+
+    def down(t, q):
+        size = q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2
+        return [
+            2 * (q[1] * q[3] - q[0] * q[2]) / size,
+            2 * (q[2] * q[3] + q[0] * q[1]) / size,
+            (q[0] ** 2 - q[1] ** 2 - q[2] ** 2 + q[3] ** 2) / size,
+        ]
+
+    start = np.array([1, 0.2, -0.1, 0.3]) / np.linalg.norm([1, 0.2, -0.1, 0.3])
+    tangent = gm.dynamics.unit_norm([0, 1, 2, 3])
+    path = gm.dynamics.from_ode(spin, down, start, SPAN, ["w", "x", "y", "z"], tangent=tangent)
+    answer = gm.analyze(path.problem())
+    # The heading alone is not told: a turn about the vertical.
+    assert answer.nullity == 1
+    assert path.windows(3.0).free - path.windows(3.0).rank[0] == 1
+    assert abs(start @ answer.null_space[:, 0]) < 1e-9
+    free = gm.dynamics.from_ode(spin, down, start, SPAN, ["w", "x", "y", "z"])
+    assert gm.analyze(free.problem()).nullity == 2
+
+
+def test_detail_far_from_zero_is_not_stepped_over():
+    """A step made from the size of x, 5 km, gave -0.001 for -0.447."""
+
+    def range_(t, x):
+        return [np.hypot(x[0] - 5.3e6, 10.0)]
+
+    path = gm.dynamics.from_ode(
+        lambda t, x: [x[1], 0 * x[0]], range_, [5.3e6 + 5, -1.0], np.arange(0, 3, 0.25)
+    )
+    off = path.states[:, 0] - 5.3e6
+    assert np.abs(path.jacobians[:, 0, 0] - off / np.hypot(off, 10.0)).max() < 1e-4
+    with pytest.raises(
+        gm.InputError, match=r"h\[0\] at t = 0 .* bends within the step: give scale"
+    ):
+        gm.dynamics.from_ode(
+            lambda t, x: [x[1], 0 * x[0]],
+            range_,
+            [5.3e6 + 5, -1.0],
+            np.arange(0, 3, 0.25),
+            scale=[5.3e6, 1.0],
+        )
+
+
+def test_an_angle_that_wraps_is_an_error():
+    def heading(t, x):
+        return [np.arctan2(np.sin(x[0]), np.cos(x[0]))]
+
+    with pytest.raises(gm.InputError, match=r"h\[0\] jumps .* sine and cosine"):
+        gm.dynamics.from_ode(lambda t, x: [0 * x[0]], heading, [np.pi], [0.0, 1.0, 2.0])

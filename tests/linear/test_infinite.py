@@ -83,3 +83,31 @@ def test_bad_input_is_named():
         gm.linear.gramian_factor([[-1.0]], [[1.0]], time="often")
     with pytest.raises(gm.InputError, match="real part of an eigenvalue"):
         gm.linear.split_gramian([[0.0, 1.0], [0.0, 0.0]], [[1.0, 0.0]])
+
+
+def test_what_lasts_has_no_gramian_in_any_coordinates():
+    """Rounding made a decay of 1e-17 of it, and a Gramian of 1e16, in half of all cases."""
+    rng = np.random.default_rng(8)
+    oscillator = scipy.linalg.block_diag([[0.0, 1.0], [-1.0, 0.0]], -2.0)
+    for _ in range(20):
+        q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        for a in (oscillator, np.diag([0.0, -1.0, -2.0])):
+            with pytest.raises(gm.InputError, match="not stable"):
+                gm.linear.gramian_factor(q @ a @ q.T, [[1.0, 1.0, 1.0]])
+            with pytest.raises(gm.InputError, match="real part of an eigenvalue"):
+                gm.linear.split_gramian(q @ a @ q.T, [[1.0, 1.0, 1.0]])
+        step = scipy.linalg.expm(oscillator)
+        with pytest.raises(gm.InputError, match="not stable"):
+            gm.linear.gramian_factor(q @ step @ q.T, [[1.0, 1.0, 1.0]], time="discrete")
+    # A slow decay is one, and what lasts unseen does no harm.
+    slow = gm.linear.gramian_factor([[-1e-8]], [[1.0]])
+    assert abs(slow[0, 0] ** 2 / 5e7 - 1) < 1e-9
+    unseen = gm.linear.gramian_factor([[0.0, 0.0], [0.0, -1.0]], [[0.0, 1.0]])
+    assert np.allclose(unseen.T @ unseen, [[0, 0], [0, 0.5]])
+
+
+def test_no_order_keeps_the_error_below_nothing():
+    found = gm.linear.hankel(np.diag([-1.0, -2.0]), np.ones((2, 1)), np.ones((1, 2)))
+    assert found.order(0.0) == 2
+    with pytest.raises(gm.InputError, match=r"error = -1\.0: must be >= 0"):
+        found.order(-1.0)

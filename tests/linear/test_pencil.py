@@ -10,7 +10,7 @@ import scipy.signal
 
 import gramian as gm
 from gramian import _core
-from planted import planted
+from planted import exact_rank, planted, unimodular
 
 # Values from ../shared/reference/linear_large.json of the project's theory notes: distance
 # by dense search in double precision, dimension exact by construction.
@@ -239,7 +239,7 @@ BAD = [
     (lambda: gm.linear.distance(np.eye(2), [[1, 0]], certify=True, slack=0.0), "slack = 0"),
     (lambda: gm.linear.distance(np.eye(2), [[1, 0]], certify=True, most=0), "most = 0"),
     (lambda: gm.linear.distance(np.eye(2), [[1, np.inf]]), r"C\[0, 1\] = inf"),
-    (lambda: gm.linear.distance(1e200 * np.eye(2), [[1, 0]]), "norm of A and C"),
+    (lambda: gm.linear.distance(np.full((3, 3), 1e308), [[1, 0, 0]]), "norm of A and C"),
     (lambda: gm.linear.unobservable(np.zeros((2, 3)), [[1, 0]]), "A has shape"),
     (lambda: gm.linear.unobservable(np.eye(2), [[1, 0]], rtol=2.0), "rtol = 2"),
     (lambda: gm.linear.unobservable(np.eye(2), [[1, 0]], time="often"), "time = 'often'"),
@@ -252,3 +252,113 @@ BAD = [
 def test_bad_input_is_named(call, message):
     with pytest.raises(gm.InputError, match=message):
         call()
+
+
+def jordan(eigenvalues, sizes):
+    blocks = [
+        value * np.eye(size) + np.eye(size, k=1)
+        for value, size in zip(eigenvalues, sizes, strict=True)
+    ]
+    return scipy.linalg.block_diag(*blocks)
+
+
+def rank_of_powers(a, c):
+    """The exact rank of [C; CA; ..] of integers."""
+    a, block = a.astype(int).astype(object), c.astype(int).astype(object)
+    rows = []
+    for _ in range(len(a)):
+        rows += block.tolist()
+        block = block @ a
+    return exact_rank(rows)
+
+
+@pytest.mark.parametrize("kind", ["integer", "units", "orthogonal"])
+def test_chains_of_generalised_eigenvectors_are_found_whole(kind):
+    """Rounding spreads an eigenvalue of a chain of k to a ring of radius eps^(1/k)."""
+    rng = np.random.default_rng(24)
+    wrong = []
+    for _ in range(80):
+        sizes = rng.integers(1, 5, rng.integers(1, 4))
+        a = jordan(rng.integers(-2, 3, len(sizes)), sizes)
+        n = len(a)
+        c = rng.integers(-1, 2, (int(rng.integers(1, 3)), n)).astype(float)
+        if n > 1 and rng.random() < 0.5:
+            t, inverse = unimodular(rng, n)
+            a, c = t @ a @ inverse, c @ inverse
+        rank = rank_of_powers(a, c)
+        if kind == "units":
+            d = 2.0 ** rng.integers(-20, 21, n)
+            a, c = a * d / d[:, None] * 2.0**-40, c * d
+        elif kind == "orthogonal":
+            q, _ = np.linalg.qr(rng.normal(size=(n, n)))
+            a, c = q @ a @ q.T, c @ q.T
+        found = gm.linear.unobservable(a, c).rank, gm.linear.levels(a, c).rank
+        if found != (rank, rank):
+            wrong.append((n, rank, found))
+    assert wrong == []
+
+
+@pytest.mark.parametrize("hidden", [1, 3, 4])
+def test_all_but_the_seen_end_of_a_chain_is_hidden(hidden):
+    rng = np.random.default_rng(25)
+    for _ in range(20):
+        q, _ = np.linalg.qr(rng.normal(size=(5, 5)))
+        a, c = q @ jordan([-2], [5]) @ q.T, np.eye(5)[[hidden]] @ q.T
+        found = gm.linear.unobservable(a, c)
+        assert found.nullity == hidden
+        assert [mode.motion for mode in found.modes] == ["decays with time constant 0.5"]
+
+
+@pytest.mark.parametrize("sizes", [[1], [2], [3], [1, 1]])
+@pytest.mark.parametrize("time", ["continuous", "discrete"])
+def test_a_hidden_bias_never_decays_by_rounding(sizes, time):
+    """An integrator is not detectable in any coordinates, and no sign of 1e-17 makes it so."""
+    rng = np.random.default_rng(26)
+    m, value = sum(sizes), 0.0 if time == "continuous" else 1.0
+    for _ in range(12):
+        a = np.zeros((m + 3, m + 3))
+        a[:3, :3], a[3:, :3] = rng.normal(size=(3, 3)), rng.normal(size=(m, 3))
+        a[3:, 3:] = jordan([value] * len(sizes), sizes)
+        c = np.hstack([rng.normal(size=(1, 3)), np.zeros((1, m))])
+        q, _ = np.linalg.qr(rng.normal(size=(m + 3, m + 3)))
+        found = gm.linear.unobservable(q @ a @ q.T, c @ q.T, time=time)
+        assert found.nullity == m
+        assert not found.detectable
+        assert {mode.motion for mode in found.modes} == {"constant"}
+
+
+def test_an_undamped_motion_has_no_damping_and_does_not_decay():
+    rng = np.random.default_rng(27)
+    a = scipy.linalg.block_diag(-1.0, [[0, 1], [-4, 0]])
+    for _ in range(10):
+        q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        found = gm.linear.unobservable(q @ a @ q.T, [[1, 0, 0]] @ q.T)
+        assert [mode.motion for mode in found.modes] == ["oscillates with period 3.142, damping 0"]
+        assert not found.detectable
+
+
+def test_distance_far_from_normal():
+    """The nearest point may lie far from all eigenvalues, anywhere in the field of values."""
+    rng = np.random.default_rng(28)
+    for k in range(40):
+        n = int(rng.integers(3, 9))
+        a = np.diag(rng.normal(size=n)) + 5 * np.eye(n, k=1)
+        if k % 2:
+            a = 10 * np.triu(rng.normal(size=(n, n)))
+        c = rng.normal(size=(1, n))
+        found = gm.linear.distance(a, c).distance
+        x, y = np.linalg.eigvalsh((a + a.T) / 2), np.abs(np.linalg.eigvals((a - a.T) / 2)).max()
+        grid = np.linspace(x[0], x[-1], 40)[:, None] + 1j * np.linspace(0, y, 30)
+        stacks = [np.vstack([a - z * np.eye(n), c]) for z in grid.ravel()]
+        assert found <= np.linalg.svd(stacks, compute_uv=False)[:, -1].min() * (1 + 1e-12)
+
+
+def test_distance_of_nothing_and_of_tiny_numbers():
+    nothing = gm.linear.distance(np.zeros((2, 2)), np.zeros((1, 2)), certify=True)
+    assert (nothing.distance, nothing.at_least, nothing.complete) == (0.0, 0.0, True)
+    a, c = np.diag([1.0, 2.0]), np.ones((1, 2))
+    expected = gm.linear.distance(a, c)
+    for unit in (1e-300, 1e-160, 1e160, 1e250):
+        found = gm.linear.distance(unit * a, unit * c)
+        assert abs(found.distance / unit / expected.distance - 1) < 1e-9
+        assert abs(found.relative / expected.relative - 1) < 1e-9

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 import scipy.linalg
+import scipy.signal
 
 import gramian as gm
 
@@ -301,3 +302,62 @@ def test_a_matrix_that_changes_its_shape_or_is_not_finite_is_named():
         gm.linear.rows(lambda t: np.eye(2 if t < 0.3 else 3), [[1.0, 0]], times=[0, 1.0], rtol=1e-6)
     with pytest.raises(gm.InputError, match=r"A\(t = 0\)"):
         gm.linear.rows(lambda t: np.full((2, 2), np.nan), [[1.0, 0]], times=[0, 1.0])
+
+
+def test_a_hidden_state_is_the_one_that_is_named():
+    """Its column was rounding, 1e-74, and counted: position and speed were said to be lost."""
+    a = [[0, 1, 0], [0, 0, 0], [0, 0, 0]]
+    for window in (1.0, 100.0):
+        problem = gm.linear.problem(a, [[1, 0, 0]], window=window, dt=0.1, names=["x", "v", "b"])
+        assert not problem.rows[:, 2].any()
+        answer = gm.analyze(problem)
+        assert answer.null_combinations == ("b +1",)
+        assert np.isfinite(answer.crlb_std[:2]).all()
+
+
+@pytest.mark.parametrize("dt", [0.5, 1.0])
+def test_samples_at_the_period_hide_the_speed(dt):
+    a = [[0, 1], [-4 * np.pi**2, 0]]
+    answer = gm.analyze(gm.linear.problem(a, [[1, 0]], window=10.0, dt=dt))
+    assert (answer.status, answer.null_combinations) == ("unobservable", ("x1 +1",))
+    between = gm.analyze(gm.linear.problem(a, [[1, 0]], window=10.0, dt=0.3))
+    assert between.status == "observable"
+
+
+def test_a_combination_that_turns_and_is_never_seen():
+    def turn(t):
+        return np.array([[np.cos(t), -np.sin(t)], [np.sin(t), np.cos(t)]])
+
+    def a(t):
+        return (turn(t + np.pi / 2) + turn(t) @ np.diag([-1.0, -2.0])) @ turn(t).T
+
+    def c(t):
+        return turn(t).T[:1]
+
+    for window in (1.0, 5.0, 20.0):
+        answer = gm.analyze(gm.linear.problem(a, c, window=window, dt=0.1))
+        assert (answer.rank, answer.null_combinations) == (1, ("x1 +1",))
+
+
+def test_a_discrete_object_is_taken_as_one():
+    a, c = np.array([[0.5, 0.1], [0.0, 0.25]]), np.array([[1.0, 1.0]])
+    sampled = scipy.signal.StateSpace(a, [[1.0], [1.0]], c, [[0.0]], dt=0.1)
+    powers = np.vstack([c @ np.linalg.matrix_power(a, k) for k in range(11)])
+    assert np.allclose(gm.linear.rows(sampled, window=1.0), powers)
+    assert np.allclose(gm.linear.gramian(sampled, window=1.0), powers.T @ powers)
+    assert np.allclose(gm.linear.problem(sampled, window=1.0).rows, powers)
+    prior = gm.linear.degree(sampled, window=1.0, prior=[1.0, 1.0])
+    assert np.allclose(
+        prior.ratio,
+        gm.linear.degree(a, c, window=1.0, dt=0.1, prior=[1.0, 1.0], time="discrete").ratio,
+    )
+    factor = gm.linear.gramian_factor(sampled)
+    assert np.allclose(factor.T @ factor, scipy.linalg.solve_discrete_lyapunov(a.T, c.T @ c))
+    assert np.allclose(
+        gm.linear.hankel(sampled).values,
+        gm.linear.hankel(a, [[1.0], [1.0]], c, time="discrete").values,
+    )
+    with pytest.raises(gm.InputError, match=r"dt = 0.2: the system is sampled every 0.1"):
+        gm.linear.rows(sampled, window=1.0, dt=0.2)
+    with pytest.raises(gm.InputError, match="is a discrete system"):
+        gm.linear.split_gramian(sampled)

@@ -522,3 +522,93 @@ def test_linear_rows_with_few_decimals_are_not_rounded_ones(x):
     )
     assert (model.accuracy.noise < 1e-9).all()
     assert gm.analyze(model).status == "unobservable"
+
+
+@pytest.mark.parametrize(
+    "h",
+    [
+        lambda x: [x[0] ** 3],
+        lambda x: [x[0] * abs(x[0])],
+        lambda x: [x[0] ** 5],
+        lambda x: [x[0] ** 3 * np.cos(x[0])],
+    ],
+)
+def test_slopes_that_go_to_zero_are_zero(h):
+    """Straight at no step, but not noise: the error of x^3 at 0 was said to be 2e18."""
+    for scale in (None, [1.0]):
+        model = gm.from_function(h, [0.0], 1.0, ["x"], scale=scale)
+        assert abs(model.jacobian()[0, 0]) <= model.accuracy.error[0, 0] < 1e-9
+        assert gm.analyze(model).status == "unobservable"
+
+
+def test_a_corner_at_zero_is_a_kink_and_no_jump():
+    for h in (lambda x: [max(x[0], 0.0)], lambda x: [abs(x[0])], lambda x: [min(x[0], 3 * x[0])]):
+        with pytest.raises(gm.InputError, match=r"h\(x\)\[0\] has a kink where x = 0"):
+            gm.from_function(h, [0.0], 1.0, ["x"])
+
+
+@pytest.mark.parametrize(
+    ("h", "x"),
+    [
+        (lambda x: [np.tanh(x[0])], 20.0),
+        (lambda x: [1 / (1 + np.exp(-x[0]))], 40.0),
+        (lambda x: [np.interp(x[0], [0.0, 1.0, 2.0], [0.0, 3.0, 5.0])], 30.0),
+    ],
+)
+def test_a_saturated_output_alone_has_no_nan(h, x):
+    model = gm.from_function(h, [x], 1.0, ["x"])
+    assert abs(model.jacobian()[0, 0]) < 1e-15
+    assert gm.analyze(model).status in {"unobservable", "undecided"}
+
+
+def test_the_mean_of_two_slopes_is_not_nothing():
+    """At the edge of a clip the slope is 1 or 0: it was said to be unobservable."""
+    model = gm.from_function(lambda x: [np.clip(x[0], -1, 1), x[1]], [1.0, 1.0], 1.0, ["a", "b"])
+    assert gm.analyze(model).status == "undecided"
+
+
+@pytest.mark.parametrize("clocks", [[30.0, 100.0], [3e4, -5e3]])
+def test_a_second_bias_beside_the_clock_is_unobservable_without_a_scale(clocks):
+    satellites = np.array(
+        [
+            [15e6, 1e6, 2.1e7],
+            [-9e6, 1.2e7, 1.9e7],
+            [2e6, -1.5e7, 2e7],
+            [-1.2e7, -9e6, 2.0e7],
+            [1e6, 2e6, 2.6e7],
+        ]
+    )
+
+    def ranges(x):
+        return np.linalg.norm(satellites - x[:3], axis=1) + x[3] + x[4]
+
+    names = ["x", "y", "z", "clock", "bias"]
+    answer = gm.analyze(gm.from_function(ranges, [1e3, 2e3, 6.37e6, *clocks], 3.0, names))
+    assert answer.status == "unobservable"
+    assert answer.null_combinations == ("clock +1, bias -1",)
+
+
+@pytest.mark.parametrize("decimals", [2, 3])
+def test_ranges_of_two_or_three_decimals_are_decided(decimals):
+    def ranges(p):
+        off = p - np.array([[0.0, 0.0], [1e5, 1e5], [2e5, 0.0]])
+        return np.hypot(*off.T)
+
+    x = [1.2e5, 5e4]
+    rounded = gm.from_function(lambda p: np.round(ranges(p), decimals), x, 1.0, ["e", "n"])
+    exact = gm.from_function(ranges, x, 1.0, ["e", "n"]).jacobian()
+    assert gm.analyze(rounded).status == "observable"
+    off = np.abs(rounded.jacobian() - exact)
+    assert (off <= rounded.accuracy.error).all()
+    assert off.max() < 1e-4
+
+
+def test_one_deviation_of_zero_is_as_many():
+    def h(x):
+        return [x[0], x[0] + x[1]]
+
+    one, each = (gm.from_function(h, [1.0, 2.0], sigma, ["a", "b"]) for sigma in (0.0, [0.0, 0.0]))
+    assert np.array_equal(gm.analyze(one).crlb_std, gm.analyze(each).crlb_std)
+    assert gm.analyze(one).status == "observable"
+    with pytest.raises(gm.InputError, match=r"sigma = inf: must be > 0 \(0: exact\) and finite"):
+        gm.from_function(h, [1.0, 2.0], np.inf, ["a", "b"])

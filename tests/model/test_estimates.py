@@ -191,3 +191,23 @@ def test_redundant_measurements_must_agree():
     assert gm.estimate(model, z).status == "determined"
     with pytest.raises(gm.InputError, match="measurements contradict sigma"):
         gm.estimate(model, z + np.array([0, 0, 0.5]))
+
+
+def test_an_interval_takes_a_plain_function():
+    """By differences, the same as with its gradient."""
+    model = beacons()
+    found = gm.estimate(model, model.simulate([30.0, 40.0], seed=3))
+
+    def distance(x):
+        return np.hypot(x[0], x[1])
+
+    def both(x):
+        return distance(x), x / distance(x)
+
+    plain, given = found.interval(distance), found.interval(both)
+    assert plain.value == given.value
+    np.testing.assert_allclose(plain.pieces, given.pieces, rtol=1e-6)
+    coordinate = found.interval(lambda x: x[0])
+    np.testing.assert_allclose(coordinate.pieces, found.interval(model.names[0]).pieces, rtol=1e-6)
+    with pytest.raises(gm.InputError, match=r"must be a value, or \(value, gradient\)"):
+        found.interval(lambda x: [1.0, 2.0, 3.0])

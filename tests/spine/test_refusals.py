@@ -99,8 +99,8 @@ def changed(array, index, value):
             r"h\(x\)\[0\] = nan: must be finite",
         ),
         (
-            lambda: gm.from_function(lambda x: x, [1.0], 0.0, ["x"]),
-            "sigma = 0.0: must be > 0",
+            lambda: gm.from_function(lambda x: x, [1.0], -1.0, ["x"]),
+            "sigma = -1.0: must be > 0",
         ),
         (
             lambda: gm.from_function(lambda x: x, [1.0, 2.0], -np.eye(2), ["x", "y"]),

@@ -116,21 +116,25 @@ class _Distance:
 
 
 class _OwnFunction:
-    """A function of the caller's, x -> (value, gradient), whose answers are checked."""
+    """A function of the caller's, x -> value or (value, gradient), whose answers are checked."""
 
-    def __init__(self, function: Any, name: str, count: int) -> None:
-        self._function, self._name, self._count = function, name, count
+    def __init__(self, function: Any, name: str, names: Sequence[str]) -> None:
+        self._function, self._name, self._names = function, name, tuple(names)
+        self._count = len(names)
+        # Where the search for steps starts: with what was right before.
+        self._scale = np.full(self._count, np.nan)
 
     def __call__(self, x: Array) -> tuple[float, Array]:
-        try:
-            found: Any = self._function(x)
-        except TypeError as error:
-            raise InputError(f"{self._name} cannot be called with a state: {error}") from error
+        found = self._at(x)
+        if isinstance(found, (int, float)) or getattr(found, "ndim", None) == 0:
+            value = number(found, f"value of {self._name}")
+            return value, self._gradient(x, value)
         try:
             value, gradient = found
         except (TypeError, ValueError) as error:
             raise InputError(
-                f"{self._name} returned {options.given(found)}: must be (value, gradient)"
+                f"{self._name} returned {options.given(found)}: must be a value, or "
+                "(value, gradient)"
             ) from error
         slope = finite(gradient, f"gradient of {self._name}")
         if slope.shape != (self._count,):
@@ -138,6 +142,36 @@ class _OwnFunction:
                 f"gradient of {self._name} has shape {slope.shape}: must be ({self._count},)"
             )
         return number(value, f"value of {self._name}"), slope
+
+    def _at(self, x: Array) -> Any:
+        try:
+            return self._function(x.copy())
+        except TypeError as error:
+            raise InputError(f"{self._name} cannot be called with a state: {error}") from error
+
+    def _gradient(self, x: Array, value: float) -> Array:
+        """Return the gradient by differences, as that of the rows of a model."""
+
+        def values(points: Array) -> Array:
+            return np.array([[number(self._at(point), self._name)] for point in points])
+
+        unknown = np.full(1, np.nan)
+        found = _core.differences(
+            values,
+            x,
+            np.array([value]),
+            self._scale,
+            np.array([1 / abs(value) if value else 1.0]),
+            np.zeros(1),
+            unknown,
+            np.full(self._count, np.nan),
+            None,
+            self._names,
+        )
+        step = found.step()
+        self._scale = np.where(step > 0, 64 * step, np.nan)
+        gradient: Array = found.values()[0]
+        return gradient
 
 
 class _Partly:
@@ -382,7 +416,7 @@ class Estimate(Answer):
             return describe_combination(row, self.names), "", row, float(row @ self.state)
         if callable(what):
             name = getattr(what, "__name__", "function")
-            checked = _OwnFunction(what, name, len(self.names))
+            checked = _OwnFunction(what, name, self.names)
             return name, "", checked, checked(self.state.copy())[0]
         row = finite(what, "combination")
         if row.shape != self.state.shape:
@@ -394,7 +428,10 @@ class Estimate(Answer):
 
     def interval(
         self,
-        what: str | Mapping[str, float] | ArrayLike | Callable[[Array], tuple[float, Array]],
+        what: str
+        | Mapping[str, float]
+        | ArrayLike
+        | Callable[[Array], float | tuple[float, Array]],
         level: float = 0.95,
     ) -> Interval:
         """Return the values of a state or function that the measurements allow.
@@ -403,7 +440,8 @@ class Estimate(Answer):
         ----------
         what : str, mapping, array_like, shape (n,), or callable
             A state or a function of the model by its name; the coefficients of a
-            combination of states; or a function ``x -> (value, gradient)``.
+            combination of states; or a function of the state, ``x -> value`` (differentiated
+            by differences) or ``x -> (value, gradient)``.
         level : float
             Confidence, between 0 and 1.
 

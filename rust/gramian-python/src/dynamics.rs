@@ -1,6 +1,6 @@
 //! Nonlinear systems along a trajectory: the user's functions are called back.
 
-use gramian::dynamics::{self, Failure, System};
+use gramian::dynamics::{self, Failure, Path, System};
 use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn};
 use pyo3::prelude::*;
 
@@ -19,6 +19,7 @@ struct Functions<'py> {
     output_jacobian: Option<Bound<'py, PyAny>>,
     scale: Vec<f64>,
     outputs: usize,
+    names: Vec<String>,
 }
 
 fn call<'py>(
@@ -65,25 +66,57 @@ impl System for Functions<'_> {
             return call(py, function, t, x, out);
         }
         let f = |t: &[f64], x: &[f64], out: &mut [f64]| call(py, &self.rate, t, x, out);
-        dynamics::differences(f, t, x, n, &self.scale, out)
+        let mut error = vec![0.0; out.len()];
+        // A step that is tried may go anywhere: what f does there is not judged.
+        dynamics::differences(f, t, x, n, &self.scale, out, &mut error).map(|_| ())
     }
 
     fn output(&mut self, t: &[f64], x: &[f64], out: &mut [f64]) -> PyResult<()> {
         call(self.py, &self.output, t, x, out)
     }
 
-    fn output_jacobian(&mut self, t: &[f64], x: &[f64], out: &mut [f64]) -> PyResult<()> {
+    fn output_jacobian(
+        &mut self,
+        t: &[f64],
+        x: &[f64],
+        out: &mut [f64],
+        error: &mut [f64],
+    ) -> PyResult<()> {
         let py = self.py;
         if let Some(function) = &self.output_jacobian {
             return call(py, function, t, x, out);
         }
         let h = |t: &[f64], x: &[f64], out: &mut [f64]| call(py, &self.output, t, x, out);
-        dynamics::differences(h, t, x, self.outputs, &self.scale, out)
+        let bad = dynamics::differences(h, t, x, self.outputs, &self.scale, out, error)?;
+        let Some(bad) = bad else { return Ok(()) };
+        Err(InputError::new_err(format!(
+            "h[{}] at t = {} changes by {:.3e} for each unit of {} over a step of {:.1e}, and by \
+             {:.3e} over {:.1e}: it jumps there or bends within the step: give scale, a jacobian, \
+             or sine and cosine of an angle that wraps",
+            bad.value,
+            t[bad.point],
+            bad.slopes[0],
+            self.names[bad.state],
+            bad.steps[0],
+            bad.slopes[1],
+            bad.steps[1],
+        )))
     }
 }
 
-/// States (K, n), outputs (K, p), transitions (K - 1, n, n), output Jacobians (K, p, n) and
-/// the steps taken. Without `rtol` the system is a map.
+type Followed<'py> = (
+    Array<'py>,
+    Array<'py>,
+    Array<'py>,
+    Array<'py>,
+    Array<'py>,
+    Array<'py>,
+    usize,
+);
+
+/// States (K, n), outputs (K, p), transitions (K - 1, n, n), output Jacobians (K, p, n), what
+/// longer steps would change in the transitions, errors of the Jacobians, and the steps taken.
+/// Without `rtol` the system is a map.
 #[pyfunction]
 #[allow(clippy::too_many_arguments, clippy::needless_pass_by_value)] // Python's values.
 fn dynamics_follow<'py>(
@@ -98,7 +131,8 @@ fn dynamics_follow<'py>(
     times: Vec<f64>,
     rtol: Option<f64>,
     most: usize,
-) -> PyResult<(Array<'py>, Array<'py>, Array<'py>, Array<'py>, usize)> {
+    names: Vec<String>,
+) -> PyResult<Followed<'py>> {
     let n = scale.len();
     let mut system = Functions {
         py,
@@ -108,6 +142,7 @@ fn dynamics_follow<'py>(
         output_jacobian,
         scale,
         outputs,
+        names,
     };
     let found = match rtol {
         Some(rtol) => dynamics::integrate(&mut system, &x0, &times, rtol, most),
@@ -138,23 +173,75 @@ fn dynamics_follow<'py>(
         array(found.outputs, &[count, outputs])?,
         array(found.transitions, &[count - 1, n, n])?,
         array(found.jacobians, &[count, outputs, n])?,
+        array(found.transition_changes, &[count - 1, n, n])?,
+        array(found.jacobian_errors, &[count, outputs, n])?,
         found.steps,
     ))
 }
 
-/// Rows (samples p, n) about the state at sample `first`, of the samples before `last`.
+/// What a trajectory left behind, as Python holds it.
+struct Kept<'py> {
+    arrays: [Input<'py>; 4],
+    n: usize,
+    p: usize,
+}
+
+impl<'py> Kept<'py> {
+    fn new(arrays: [&Bound<'py, PyAny>; 4]) -> PyResult<Self> {
+        let transitions = Input::new(arrays[0], "transitions", 3)?;
+        let changes = Input::new(arrays[1], "transition_changes", 3)?;
+        let white = Input::new(arrays[2], "jacobians", 3)?;
+        let errors = Input::new(arrays[3], "jacobian_errors", 3)?;
+        let (count, p, n) = {
+            let shape = white.core_shape();
+            (shape[0], shape[1], shape[2])
+        };
+        let between = [Some(count.saturating_sub(1)), Some(n), Some(n)];
+        transitions.expect(&between, "one between each two samples")?;
+        changes.expect(&between, "one between each two samples")?;
+        errors.expect(&[Some(count), Some(p), Some(n)], "as jacobians")?;
+        Ok(Self {
+            arrays: [transitions, changes, white, errors],
+            n,
+            p,
+        })
+    }
+
+    fn path(&self) -> PyResult<Path<'_>> {
+        let [transitions, changes, jacobians, errors] = &self.arrays;
+        Ok(Path {
+            transitions: transitions.slice()?,
+            changes: changes.slice()?,
+            jacobians: jacobians.slice()?,
+            errors: errors.slice()?,
+            n: self.n,
+            p: self.p,
+        })
+    }
+}
+
+/// Rows (samples p, n) about the state at sample `first`, of the samples before `last`, and
+/// their errors.
 #[pyfunction]
 fn dynamics_rows<'py>(
     py: Python<'py>,
     transitions: &Bound<'py, PyAny>,
+    changes: &Bound<'py, PyAny>,
     white: &Bound<'py, PyAny>,
+    errors: &Bound<'py, PyAny>,
     first: usize,
     last: usize,
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    let (transitions, white, p, n) = matched(transitions, white)?;
-    let rows = dynamics::rows(transitions.slice()?, white.slice()?, n, p, first, last);
-    let count = rows.len() / n;
-    PyArray1::from_vec(py, rows).reshape([count, n])
+) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>)> {
+    let kept = Kept::new([transitions, changes, white, errors])?;
+    let rows = kept
+        .path()?
+        .rows(first, last)
+        .map_err(|error| errors::input_at("", error))?;
+    let (count, n) = (rows.values.len() / kept.n, kept.n);
+    Ok((
+        PyArray1::from_vec(py, rows.values).reshape([count, n])?,
+        PyArray1::from_vec(py, rows.errors).reshape([count, n])?,
+    ))
 }
 
 type Windows<'py> = (
@@ -170,25 +257,25 @@ type Windows<'py> = (
 fn dynamics_windows<'py>(
     py: Python<'py>,
     transitions: &Bound<'py, PyAny>,
+    changes: &Bound<'py, PyAny>,
     white: &Bound<'py, PyAny>,
+    errors: &Bound<'py, PyAny>,
     width: usize,
     rtol: Option<f64>,
     basis: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Windows<'py>> {
-    let (transitions, white, p, n) = matched(transitions, white)?;
+    let kept = Kept::new([transitions, changes, white, errors])?;
+    let (path, n) = (kept.path()?, kept.n);
     let basis = basis
         .map(|basis| Input::new(basis, "tangent", 3))
         .transpose()?;
     let m = basis.as_ref().map_or(n, |basis| basis.core_shape()[2]);
-    let (transitions, white) = (transitions.slice()?, white.slice()?);
     let basis = match &basis {
         Some(basis) => Some((basis.slice()?, m)),
         None => None,
     };
-    let found = run::detached(py, |_| {
-        dynamics::windows(transitions, white, n, p, width, rtol, basis)
-    })?
-    .map_err(|error| errors::input_at("", error))?;
+    let found = run::detached(py, |_| dynamics::windows(&path, width, rtol, basis))?
+        .map_err(|error| errors::input_at("", error))?;
     let count = found.len();
     let std: Vec<f64> = found.iter().flat_map(|look| look.std.clone()).collect();
     let values: Vec<f64> = found
@@ -207,24 +294,6 @@ fn dynamics_windows<'py>(
         PyArray1::from_vec(py, values).reshape([count, m])?,
         null_spaces,
     ))
-}
-
-/// Transitions (K - 1, n, n) and Jacobians (K, p, n).
-fn matched<'py>(
-    transitions: &Bound<'py, PyAny>,
-    white: &Bound<'py, PyAny>,
-) -> PyResult<(Input<'py>, Input<'py>, usize, usize)> {
-    let transitions = Input::new(transitions, "transitions", 3)?;
-    let white = Input::new(white, "jacobians", 3)?;
-    let (count, p, n) = {
-        let shape = white.core_shape();
-        (shape[0], shape[1], shape[2])
-    };
-    transitions.expect(
-        &[Some(count.saturating_sub(1)), Some(n), Some(n)],
-        "one between each two samples",
-    )?;
-    Ok((transitions, white, p, n))
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -573,14 +573,14 @@ impl LinearUnobservable {
         columns(py, self.inner.null_space(), self.n)
     }
 
-    /// Real and imaginary part of the eigenvalue, combinations (n, k).
-    fn modes<'py>(&self, py: Python<'py>) -> PyResult<Vec<(f64, f64, Matrix<'py>)>> {
+    /// Real and imaginary part of the eigenvalue, its error, combinations (n, k).
+    fn modes<'py>(&self, py: Python<'py>) -> PyResult<Vec<(f64, f64, f64, Matrix<'py>)>> {
         self.inner
             .modes()
             .iter()
             .map(|mode| {
                 let [re, im] = mode.eigenvalue;
-                Ok((re, im, columns(py, &mode.combinations, self.n)?))
+                Ok((re, im, mode.error, columns(py, &mode.combinations, self.n)?))
             })
             .collect()
     }

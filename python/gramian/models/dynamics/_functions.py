@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gramian import _core
 from gramian import _options as options
 from gramian._arrays import as_float_array
 from gramian.exceptions import InputError
 
-__all__ = ["Function", "complex_step", "derivative", "many", "real_array"]
+__all__ = ["Function", "complex_step", "derivative", "found_moves", "many", "real_array"]
 
 Array = NDArray[np.float64]
 Function = Callable[..., Any]
@@ -155,3 +156,51 @@ def derivative(
     size = np.abs(rough).max(initial=0.0) + np.abs(exact).max(initial=0.0)
     agrees = np.isfinite(exact).all() and np.abs(exact - rough).max(initial=0.0) <= 1e-4 * size
     return found if agrees else None
+
+
+def found_moves(
+    functions: Mapping[str, Many | None], t: float, x: Array, names: tuple[str, ...], most: Array
+) -> Array:
+    """Return over which moves (n,) functions bend at x: 500 of the best steps, or `most`.
+
+    Raises
+    ------
+    InputError
+        Where one jumps or has no derivative there.
+    """
+    moves = most
+    for name, function in functions.items():
+        if function is not None:
+            step = _steps(function, name, t, x, names)
+            moves = np.fmin(moves, np.where(step > 0, 500 * step, np.inf))
+    return moves
+
+
+def _steps(function: Many, name: str, t: float, x: Array, names: tuple[str, ...]) -> Array:
+    """Return the longest good step of each state."""
+
+    def values(points: Array) -> Array:
+        return function(np.full(len(points), t), points)
+
+    here = values(x[None])[0]
+    unknown = np.full(len(x), np.nan)
+    try:
+        with np.errstate(all="ignore"):
+            found = _core.differences(
+                values,
+                x,
+                here,
+                unknown,
+                1 / np.where(here == 0, 1.0, np.abs(here)),
+                np.zeros(here.size),
+                np.full(here.size, np.nan),
+                unknown,
+                None,
+                names,
+            )
+    except InputError as error:
+        told = str(error).replace("h(x)", name).split(": for an angle")[0]
+        wraps = " jumps " in told or " kink " in told
+        hint = ": give sine and cosine of an angle that wraps, or a jacobian" if wraps else ""
+        raise InputError(f"at t = {t:g} {told}{hint}") from None
+    return found.step()

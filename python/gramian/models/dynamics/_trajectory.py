@@ -16,7 +16,7 @@ from gramian._arrays import as_float_array, finite, number, real, whole
 from gramian._units import labelled
 from gramian.bounds import PosteriorBound, posterior
 from gramian.exceptions import InputError
-from gramian.models.dynamics._functions import Function, derivative, many
+from gramian.models.dynamics._functions import Function, derivative, found_moves, many
 from gramian.models.dynamics._windows import Windows
 from gramian.problem import Problem
 
@@ -42,6 +42,11 @@ class Trajectory(Answer):
         d x(t[k+1]) / d x(t[k]).
     jacobians : ndarray, shape (K, p, n)
         d h / d x.
+    transition_changes : ndarray, shape (K - 1, n, n)
+        What steps twice as long would change in the transitions: many times their error,
+        and never less than rounding.
+    jacobian_errors : ndarray, shape (K, p, n)
+        How wrong each entry may be, by differences and by the error of the state.
     sigma : ndarray, shape (p,)
         Standard deviation of each output.
     scale : ndarray, shape (n,)
@@ -59,6 +64,8 @@ class Trajectory(Answer):
     outputs: Array
     transitions: Array
     jacobians: Array
+    transition_changes: Array
+    jacobian_errors: Array
     sigma: Array
     scale: Array
     tangent: Array | None
@@ -66,6 +73,11 @@ class Trajectory(Answer):
 
     def _white(self) -> Array:
         return np.ascontiguousarray(self.jacobians / self.sigma[:, None])
+
+    def _path(self) -> tuple[Array, Array, Array, Array]:
+        """Return what rows are made of, as the extension takes it."""
+        errors = np.ascontiguousarray(self.jacobian_errors / self.sigma[:, None])
+        return self.transitions, self.transition_changes, self._white(), errors
 
     def _place(self, time: float | None, default: int, name: str) -> int:
         if time is None:
@@ -88,15 +100,35 @@ class Trajectory(Answer):
         -------
         ndarray, shape (samples p, n)
         """
+        return self.rows_and_errors(about, until)[0]
+
+    def rows_and_errors(
+        self, about: float | None = None, until: float | None = None
+    ) -> tuple[Array, Array]:
+        """Return the rows and how wrong each entry may be, both (samples p, n).
+
+        The errors are those of the integrator and of the derivatives of h. That of df/dx by
+        differences is not in them.
+        """
         first = self._place(about, 0, "about")
         last = self._place(until, len(self.times) - 1, "until") + 1
         if last <= first:
             raise InputError(f"until = {until}: must not be before about = {about}")
-        return _core.dynamics_rows(self.transitions, self._white(), first, last)
+        return _core.dynamics_rows(*self._path(), first, last)
 
     def problem(self, about: float | None = None, until: float | None = None) -> Problem:
-        """Return the problem of the state at one time, for `gramian.analyze`."""
-        return Problem(self.rows(about, until), self.names, units=self.units)
+        """Return the problem of the state at one time, for `gramian.analyze`.
+
+        Where the trajectory has a `tangent`, what it leaves out is known exactly. What the
+        errors of the rows cannot tell from zero makes the status "undecided".
+        """
+        rows, errors = self.rows_and_errors(about, until)
+        found = Problem(rows, self.names, units=self.units, row_error=errors)
+        if self.tangent is None:
+            return found
+        free = self.tangent[self._place(about, 0, "about")]
+        fixed = np.linalg.qr(free, mode="complete")[0][:, free.shape[1] :]
+        return found.constrain(fixed.T) if fixed.size else found
 
     def windows(self, width: float, *, rtol: float | None = None) -> Windows:
         """Say what a window of outputs tells of the state at its beginning, as it slides.
@@ -107,7 +139,8 @@ class Trajectory(Answer):
             How long outputs are taken, > 0; windows hold as many samples for every
             beginning as the first has.
         rtol : float, optional
-            Relative accuracy of the rows; by default rounding.
+            Relative accuracy of the rows; by default what `rows_and_errors` says. What it
+            cannot tell from zero is not counted in the ranks.
 
         Returns
         -------
@@ -118,9 +151,7 @@ class Trajectory(Answer):
         if not width > 0 or width > (self.times[-1] - self.times[0]) * (1 + 1e-9):
             span = self.times[-1] - self.times[0]
             raise InputError(f"width = {width}: must be > 0 and no longer than {span:g}")
-        rank, std, values, null = _core.dynamics_windows(
-            self.transitions, self._white(), count, rtol, self.tangent
-        )
+        rank, std, values, null = _core.dynamics_windows(*self._path(), count, rtol, self.tangent)
         return Windows(
             names=self.names,
             units=self.units,
@@ -196,7 +227,8 @@ def from_ode(
         Standard deviation of each output.
     scale : array_like, shape (n,), optional
         A typical move of each state, over which f and h bend: differences take steps of
-        a thousandth of it. By default the size of x0, at least 1.
+        a thousandth of it. By default what `gramian.from_function` finds at x0 serves
+        wherever differences are taken, and else the size of x0, at least 1.
     jacobian : {"auto", "complex", "differences", "jax"} or (callable, callable)
         Where df/dx and dh/dx come from: complex steps (exact where the code is analytic),
         central differences with extrapolation, JAX, or two functions of (t, x). "auto"
@@ -225,7 +257,8 @@ def from_ode(
     -----
     Gauss-Legendre steps of order six, each differentiated as it was computed (the
     variational equations); their number between two times is doubled until state and
-    transition agree to `rtol`.
+    transition agree to `rtol`. An h whose differences at two steps do not agree (an angle
+    that wraps there, detail within the step) is an error.
 
     Examples
     --------
@@ -331,17 +364,23 @@ def _follow(
     deviations = np.broadcast_to(given, (p,)).copy()
     if (bad := np.flatnonzero(~((deviations > 0) & np.isfinite(deviations)))).size:
         raise InputError(f"sigma[{bad[0]}] = {deviations[bad[0]]}: must be > 0 and finite")
-    states, outputs, transitions, jacobians, steps = _core.dynamics_follow(
+    by_rate = derivative(f, parts[0], "f", (n, n), vectorized, here, moves)
+    by_output = derivative(h, parts[1], "h", (p, n), vectorized, here, moves)
+    if scale is None:
+        taken = {"f": rate if by_rate is None else None, "h": output if by_output is None else None}
+        moves = found_moves(taken, at[0], start, labels, moves)
+    states, outputs, transitions, jacobians, changes, errors, steps = _core.dynamics_follow(
         rate,
-        derivative(f, parts[0], "f", (n, n), vectorized, here, moves),
+        by_rate,
         output,
-        derivative(h, parts[1], "h", (p, n), vectorized, here, moves),
+        by_output,
         p,
         moves.tolist(),
         start.tolist(),
         at.tolist(),
         rtol,
         most,
+        list(labels),
     )
     free = None
     if tangent is not None:
@@ -358,6 +397,8 @@ def _follow(
         outputs=outputs,
         transitions=transitions,
         jacobians=jacobians,
+        transition_changes=changes,
+        jacobian_errors=errors,
         sigma=deviations,
         scale=moves,
         tangent=free,

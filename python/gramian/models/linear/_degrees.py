@@ -17,7 +17,7 @@ from gramian._registry import draw
 from gramian._text import brief, describe_combination
 from gramian.exceptions import InputError
 from gramian.models.linear._levels import observability_matrix
-from gramian.models.linear._systems import SystemLike, system_of
+from gramian.models.linear._systems import SystemLike, sampled, system_of, time_of
 from gramian.models.linear._windows import gramian, rows
 
 if TYPE_CHECKING:
@@ -243,6 +243,7 @@ def degree(
     """
     options.choice(method, "method", ("information", "order", "eigenvalue", "singular_value"))
     if method == "information":
+        dt = sampled(A, dt)
         if window is None or dt is None:
             raise InputError(
                 'method = "information" needs window and dt: the span of the '
@@ -359,6 +360,7 @@ def information(
     >>> found.ratio.round(3)
     array([0.49 , 0.086])
     """
+    time = time_of(A, time)
     covariance = None
     if prior is not None and not isinstance(prior, Mapping):
         given = as_float_array(prior, "prior")

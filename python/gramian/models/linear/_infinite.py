@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,10 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from gramian import _core
 from gramian._answers import Answer, Columns
 from gramian._arrays import finite, number
-from gramian._options import choice
 from gramian._text import brief
 from gramian.exceptions import InputError
-from gramian.models.linear._systems import SystemLike, system_of, whitener
+from gramian.models.linear._systems import SystemLike, Time, system_of, time_of, whitener
 
 __all__ = ["Hankel", "SplitGramian", "gramian_factor", "hankel", "split_gramian"]
 
@@ -27,7 +25,7 @@ def gramian_factor(
     *,
     R: ArrayLike | None = None,
     discount: float = 0.0,
-    time: Literal["continuous", "discrete"] = "continuous",
+    time: Time = "continuous",
 ) -> Array:
     """Return the triangular factor of the observability Gramian over an infinite window.
 
@@ -41,6 +39,7 @@ def gramian_factor(
         Outputs at time t count with weight e^(-discount t), per unit of time or sample:
         what an unstable system needs is twice its fastest growth.
     time : {"continuous", "discrete"}
+        A state-space object with a nonzero attribute ``dt`` is discrete.
 
     Returns
     -------
@@ -50,7 +49,8 @@ def gramian_factor(
     Raises
     ------
     InputError
-        A system that is not stable after the discount: there is no such Gramian.
+        A system that is not stable after the discount, or by no more than rounding, and
+        shows it: there is no such Gramian.
 
     Notes
     -----
@@ -65,6 +65,7 @@ def gramian_factor(
     array([[0.5   , 0.3333],
            [0.3333, 0.25  ]])
     """
+    time = time_of(A, time)
     system = system_of(A, C, R=R)
     white = whitener(R, len(system.C), system.noise) @ system.C
     a = _discounted(system.A, discount, time)
@@ -75,7 +76,7 @@ def _discounted(a: Array, discount: float, time: str) -> Array:
     discount = number(discount, "discount")
     if discount < 0:
         raise InputError(f"discount = {discount}: must be >= 0")
-    if choice(time, "time", ("continuous", "discrete")) == "discrete":
+    if time == "discrete":
         smaller: Array = a * np.exp(-discount / 2)
         return smaller
     shifted: Array = a - discount / 2 * np.eye(len(a))
@@ -131,6 +132,8 @@ def split_gramian(
     >>> float(abs(parts.antistable_factor[0, 0]).round(4))
     0.5
     """
+    if time_of(A) == "discrete":
+        raise InputError("A is a discrete system: split_gramian takes x' = A x")
     system = system_of(A, C, R=R)
     white = whitener(R, len(system.C), system.noise) @ system.C
     (s, sf), (u, uf) = _core.linear_parts(system.A, white)
@@ -155,7 +158,10 @@ class Hankel(Answer):
 
     def order(self, error: float) -> int:
         """Return how many balanced states keep the error of the response below `error`."""
-        return int(np.argmax(self.bounds <= number(error, "error")))
+        allowed = number(error, "error")
+        if allowed < 0:
+            raise InputError(f"error = {allowed}: must be >= 0")
+        return int(np.argmax(self.bounds <= allowed))
 
     def summary(self) -> str:
         """Return the orders that keep 10, 1 and 0.1 % of the largest bound, as text."""
@@ -172,20 +178,22 @@ class Hankel(Answer):
 
 
 def hankel(
-    A: ArrayLike,
-    B: ArrayLike,
-    C: ArrayLike,
+    A: SystemLike,
+    B: ArrayLike | None = None,
+    C: ArrayLike | None = None,
     *,
-    time: Literal["continuous", "discrete"] = "continuous",
+    time: Time = "continuous",
 ) -> Hankel:
     """Return the Hankel singular values of a stable system.
 
     Parameters
     ----------
-    A : array_like, shape (n, n)
+    A : array_like, shape (n, n), or state-space object
+        An object has its own B and C.
     B : array_like, shape (n, m)
     C : array_like, shape (p, n)
     time : {"continuous", "discrete"}
+        A state-space object with a nonzero attribute ``dt`` is discrete.
 
     Returns
     -------
@@ -210,6 +218,16 @@ def hankel(
     >>> found.order(0.01)
     1
     """
+    time = time_of(A, time)
+    if hasattr(A, "A") and hasattr(A, "C") and not isinstance(A, np.ndarray):
+        if B is not None:
+            raise InputError("B was given beside a state-space object, which has its own")
+        B = getattr(A, "B", None)
+    if B is None:
+        raise InputError(
+            "B is missing: give A, B and C, or an object with all three, "
+            "as scipy.signal.StateSpace and control.StateSpace have"
+        )
     b = finite(B, "B")
     system = system_of(A, C)
     if b.ndim != 2 or len(b) != system.n or not b.size:

@@ -17,7 +17,7 @@ from gramian._arrays import finite, number, whole
 from gramian._registry import draw
 from gramian._text import describe_combination, describe_direction
 from gramian.exceptions import InputError
-from gramian.models.linear._systems import System, SystemLike, matrices, system_of
+from gramian.models.linear._systems import System, SystemLike, dense, matrices, system_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -67,7 +67,7 @@ def observability_matrix(
         # Beyond, the extension says how much memory would be needed.
         if 10**7 < order < 10**9:
             raise InputError(f"order = {order}: must be at most 10000000; n - 1 is enough")
-    a, c = matrices(A, C)
+    a, c = (dense(part, name) for part, name in zip(matrices(A, C), "AC", strict=True))
     return _core.observability_matrix(a, c, order)
 
 
@@ -344,7 +344,7 @@ def batch_levels(
     >>> found.rank
     array([1, 1, 1, 1])
     """
-    a, c = matrices(A, C)
+    a, c = (dense(part, name) for part, name in zip(matrices(A, C), "AC", strict=True))
     if rtol is not None:
         rtol = options.fraction(rtol, "rtol")
     both = _core.linear_levels(a, c, rtol)

@@ -18,12 +18,18 @@ from gramian._arrays import finite, number, whole
 from gramian._text import brief, describe_direction
 from gramian.exceptions import InputError
 from gramian.models.linear._levels import coefficients
-from gramian.models.linear._systems import System, SystemLike, system_of, whitener
+from gramian.models.linear._systems import (
+    System,
+    SystemLike,
+    Time,
+    system_of,
+    time_of,
+    whitener,
+)
 
 __all__ = ["Distance", "Mode", "Unobservable", "distance", "unobservable"]
 
 Array = NDArray[np.float64]
-Time = Literal["continuous", "discrete"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -94,48 +100,53 @@ class Mode(Answer):
     ----------
     eigenvalue : complex
         With imaginary part >= 0; of a cluster, the mean. Per unit of time, or a factor
-        per sample for a discrete system.
+        per sample for a discrete system. A part that is not told from zero is zero.
     combinations : ndarray, shape (n, k)
         The combinations of states that it moves, in physical units, one a column.
     names : tuple of str, length n
     time : {"continuous", "discrete"}
+    error : float
+        How wrong the eigenvalue may be by rounding.
     """
 
     eigenvalue: complex
     combinations: Array
     names: tuple[str, ...]
     time: Time = "continuous"
+    error: float = 0.0
 
     _more_in_dict = ("motion", "texts")
 
     @property
     def decays(self) -> bool:
-        """Whether the motion dies out by itself."""
+        """Whether the motion dies out by itself, beyond what rounding may have done."""
         if self.time == "discrete":
-            return abs(self.eigenvalue) < 1 - 1e-12
-        return self.eigenvalue.real < -1e-12 * abs(self.eigenvalue) and self.eigenvalue.real < 0
+            return abs(self.eigenvalue) < 1 - max(self.error, 1e-15)
+        return self.eigenvalue.real < -self.error
 
     @property
     def motion(self) -> str:
         """The motion in words: its time constant, or its frequency and damping."""
-        z = self.eigenvalue
+        z, error = self.eigenvalue, self.error
         unit = ""
         if self.time == "discrete":
-            if abs(z) == 0:
+            if abs(z) <= error:
                 return "gone after one sample"
-            unit = " samples"
+            unit, error = " samples", max(error / abs(z), 1e-15)
             z = complex(np.log(abs(z)), abs(atan2(z.imag, z.real)))
+        # What is not told from zero is none.
+        z = complex(*(0.0 if abs(part) <= error else part for part in (z.real, z.imag)))
         size = hypot(z.real, z.imag)
-        if size == 0 or (self.time == "discrete" and size < 1e-15):
+        if size == 0:
             return "constant"
         if z.imag == 0:
             word = "decays" if z.real < 0 else "grows"
             return f"{word} with time constant {brief(1 / abs(z.real), 4)}{unit}"
-        damping = -z.real / size
+        damping = 0.0 - z.real / size
         shape = (
             f"oscillates with period {brief(2 * pi / z.imag, 4)}{unit}, damping {brief(damping)}"
         )
-        return shape if damping > -1e-12 else f"{shape}: grows"
+        return shape if damping >= 0 else f"{shape}: grows"
 
     @property
     def texts(self) -> tuple[str, ...]:
@@ -404,10 +415,8 @@ def unobservable(
     >>> found.left_by()
     {'first': 0, 'second': 0}
     """
-    options.choice(time, "time", ("continuous", "discrete"))
+    time = time_of(A, time)
     rtol = options.tolerance(rtol)
-    if not isinstance(A, System) and getattr(A, "dt", None) not in (None, 0, False):
-        time = "discrete"
     system = system_of(A, C, names)
     found = _core.LinearUnobservable(system.A, system.C, rtol)
     rejected, weakest, used = found.margins
@@ -416,8 +425,8 @@ def unobservable(
         names=system.names,
         null_space=found.null_space(),
         modes=tuple(
-            Mode(complex(re, im), combinations, system.names, time)
-            for re, im, combinations in found.modes()
+            Mode(complex(re, im), combinations, system.names, time, error)
+            for re, im, error, combinations in found.modes()
         ),
         margins=(weakest, rejected),
         rtol=used,

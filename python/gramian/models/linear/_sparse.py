@@ -17,8 +17,8 @@ from gramian.exceptions import InputError
 from gramian.large import SparseProblem
 from gramian.large._analysis import reduced
 from gramian.large._problem import compressed
-from gramian.models.linear._pencil import Mode, Time
-from gramian.models.linear._systems import SystemLike, matrices
+from gramian.models.linear._pencil import Mode
+from gramian.models.linear._systems import SystemLike, Time, matrices, time_of
 
 __all__ = ["Modes", "modes"]
 
@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 _ALIKE = 1e-9
 #: Below this part of the norm a mode may be hidden, and its eigenvalue is improved.
 _NEAR = 1e-6
+#: An eigenvalue is no more accurate than this part of the norm of A.
+_ROUNDING = 1e-14
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -146,12 +148,10 @@ def modes(
     >>> found.hidden[0].motion
     'decays with time constant 263.6'
     """
-    options.choice(time, "time", ("continuous", "discrete"))
+    time = time_of(A, time)
     tolerance = options.tolerance(rtol)
     number = whole(count, "count", 1)
     z0 = _point(near)
-    if getattr(A, "dt", None) not in (None, 0, False):
-        time = "discrete"
     a, c, labels = _system(A, C, names)
     n = a.shape[0]
     used = 1024 * float(np.finfo(float).eps) * np.sqrt(n) if tolerance is None else tolerance
@@ -166,7 +166,8 @@ def modes(
         distances.append(value)
         each.append(vectors.shape[1])
         if vectors.shape[1]:
-            hidden.append(Mode(at, vectors, labels, time))
+            # As accurate as the singular value that was taken for zero.
+            hidden.append(Mode(at, vectors, labels, time, max(value, _ROUNDING * size)))
     return Modes(
         near=z0,
         eigenvalues=np.array(values),

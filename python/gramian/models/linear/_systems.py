@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,9 +15,22 @@ from gramian._arrays import as_float_array, finite
 from gramian._values import Value
 from gramian.exceptions import InputError
 
-__all__ = ["StateSpace", "System", "SystemLike", "matrices", "system_of", "whitener"]
+__all__ = [
+    "StateSpace",
+    "System",
+    "SystemLike",
+    "Time",
+    "dense",
+    "matrices",
+    "sampled",
+    "system_of",
+    "time_of",
+    "whitener",
+]
 
 Array = NDArray[np.float64]
+
+Time = Literal["continuous", "discrete"]
 
 #: States of a system that is worked out densely.
 _MOST_DENSE = 3000
@@ -87,6 +100,34 @@ def matrices(A: SystemLike, C: ArrayLike | None) -> tuple[Any, Any]:
     return A, C
 
 
+def time_of(A: Any, time: str = "continuous") -> Time:
+    """Return whether a system is continuous or discrete: a state-space object knows."""
+    chosen = options.choice(time, "time", ("continuous", "discrete"))
+    return "discrete" if chosen == "discrete" or _step(A) is not None else "continuous"
+
+
+def _step(A: Any) -> Any:
+    """Return the attribute ``dt`` of a discrete state-space object, None of others."""
+    if isinstance(A, (System, np.ndarray)) or not (hasattr(A, "A") and hasattr(A, "C")):
+        return None
+    dt = getattr(A, "dt", None)
+    return None if dt is None or dt is False or (dt is not True and dt == 0) else dt
+
+
+def sampled(A: Any, dt: float | None) -> float | None:
+    """Return the time between samples: that of a discrete state-space object by default."""
+    own = _step(A)
+    if own is None:
+        return dt
+    own = 1.0 if own is True else float(own)
+    if dt is None:
+        return own
+    # An object that is discrete at unknown times (dt = True) takes any.
+    if getattr(A, "dt", None) is not True and not np.isclose(dt, own, rtol=1e-9, atol=0.0):
+        raise InputError(f"dt = {dt}: the system is sampled every {own}")
+    return dt
+
+
 def system_of(
     A: SystemLike,
     C: ArrayLike | None,
@@ -97,7 +138,7 @@ def system_of(
 ) -> System:
     """Return one system with its matrices checked and its names filled in."""
     a, c = matrices(A, C)
-    a, c = _numbers(_dense(a, "A"), "A"), _numbers(_dense(c, "C"), "C")
+    a, c = _numbers(dense(a, "A"), "A"), _numbers(dense(c, "C"), "C")
     if a.ndim != 2 or a.shape[0] != a.shape[1] or a.size == 0:
         raise InputError(f"A has shape {a.shape}: must be square, a row and a column a state")
     n = len(a)
@@ -178,7 +219,7 @@ def _names(names: Sequence[str] | None, n: int) -> tuple[str, ...]:
     return checked
 
 
-def _dense(value: Any, name: str) -> Any:
+def dense(value: Any, name: str) -> Any:
     """Return a sparse matrix as an array where that is small."""
     if not hasattr(value, "tocsr"):
         return value

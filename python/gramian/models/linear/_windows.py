@@ -16,7 +16,15 @@ from gramian._arrays import as_float_array, finite, number
 from gramian._text import describe_direction
 from gramian.exceptions import InputError
 from gramian.models.linear._levels import observability_matrix
-from gramian.models.linear._systems import System, SystemLike, matrices, system_of, whitener
+from gramian.models.linear._systems import (
+    System,
+    SystemLike,
+    matrices,
+    sampled,
+    system_of,
+    time_of,
+    whitener,
+)
 from gramian.problem import Problem
 
 __all__ = ["Piecewise", "gramian", "piecewise", "problem", "rows", "transition"]
@@ -73,7 +81,7 @@ def gramian(
         How long outputs are taken, > 0, in the unit of time of the system.
     dt : float, optional
         Time between samples of a discrete system; there are
-        floor(window / dt) + 1 of them, from 0 on.
+        floor(window / dt) + 1 of them, from 0 on. A discrete state-space object has its own.
     times : array_like, shape (K,), optional
         In place of `window`: samples of a continuous system at these times, at any
         intervals.
@@ -121,6 +129,7 @@ def gramian(
         if dt is not None or Q is not None:
             raise InputError("a system that varies goes without dt and Q")
         return _integral(A, C, number(window, "window"), R)
+    dt = sampled(A, dt)
     constant: tuple[Any, Any] = (A, C)
     a, c = matrices(*constant)
     c = as_float_array(c, "C")
@@ -199,7 +208,7 @@ def rows(
         Covariance of the outputs of one sample.
     time : {"continuous", "discrete"}
         Whether A is that of x' = A x, or of x[k+1] = A x[k] with step `dt`; with `times`
-        it is continuous.
+        it is continuous. A state-space object with a nonzero attribute ``dt`` is discrete.
     rtol : float
         Accuracy of the transition between two times where A is a function.
 
@@ -224,26 +233,37 @@ def rows(
            [1., 1.],
            [1., 9.]])
     """
-    options.choice(time, "time", ("continuous", "discrete"))
-    constant: tuple[Any, Any] = (A, C)
+    return _sampled_rows(A, C, window, dt, times, R, time, rtol)[0]
+
+
+def _sampled_rows(
+    A: Any,
+    C: Any,
+    window: float | None,
+    dt: float | None,
+    times: ArrayLike | None,
+    R: ArrayLike | None,
+    time: str,
+    rtol: float = 1e-12,
+) -> tuple[Array, Array | None]:
+    """Return rows, and their errors where they are worse than rounding."""
+    time = time_of(A, time)
     if times is None:
+        dt = sampled(A, dt)
         if window is None or dt is None:
             raise InputError("window and dt are missing: give both, or times")
-        if _varies(A) or _varies(C):
-            count = _samples(window, number(dt, "dt [-]"))
-            assert count is not None
-            _require_few(count, window, dt)
-            times = dt * np.arange(count)
-        else:
-            return _regular(*constant, window, dt, R, time)
+        if not (_varies(A) or _varies(C)):
+            return _regular(A, C, window, dt, R, time), None
+        at = _times(window, dt)
     elif window is not None or dt is not None:
         raise InputError("times was given beside window and dt: give one or the other")
+    else:
+        at = _increasing(times)
     if time == "discrete":
         raise InputError('time = "discrete" goes with window and dt of a constant A')
-    at = _increasing(times)
     if _varies(A) or _varies(C):
         return _varying(A, C, at, R, rtol)
-    system = system_of(*constant, R=R)
+    system = system_of(A, C, R=R)
     block = whitener(R, len(system.C), system.noise) @ system.C
     steps = {span: transition(system.A, span) for span in set(np.diff(at).tolist())}
     out = [block]
@@ -251,7 +271,15 @@ def rows(
         for span in np.diff(at).tolist():
             block = block @ steps[span]
             out.append(block)
-    return _stacked(out, f"times to {at[-1]}")
+    return _stacked(out, f"times to {at[-1]}"), None
+
+
+def _times(window: float, dt: float) -> Array:
+    """Return the times of the samples of a window."""
+    count = _samples(window, number(dt, "dt [-]"))
+    assert count is not None
+    _require_few(count, window, dt)
+    return dt * np.arange(float(count))
 
 
 def _increasing(times: ArrayLike) -> Array:
@@ -308,15 +336,17 @@ def _at(given: Any, t: float, name: str, shape: tuple[int, ...] | None) -> Array
     return value
 
 
-def _varying(A: Any, C: Any, at: Array, R: ArrayLike | None, rtol: float) -> Array:
+def _varying(A: Any, C: Any, at: Array, R: ArrayLike | None, rtol: float) -> tuple[Array, Array]:
+    """Return the rows of a system that varies, and their errors."""
     from gramian.models.dynamics import from_ode
 
     if C is None:
         raise InputError("C is missing: give A and C")
     first = system_of(_at(A, at[0], "A", None), _at(C, at[0], "C", None))
     a_shape, c_shape = first.A.shape, first.C.shape
+    white = whitener(R, c_shape[0])
     if len(at) == 1:
-        return whitener(R, c_shape[0]) @ first.C
+        return white @ first.C, np.zeros_like(first.C)
     path = from_ode(
         lambda t, x: _at(A, t, "A", a_shape) @ x,
         lambda t, x: _at(C, t, "C", c_shape) @ x,
@@ -326,9 +356,8 @@ def _varying(A: Any, C: Any, at: Array, R: ArrayLike | None, rtol: float) -> Arr
         jacobian=(lambda t, x: _at(A, t, "A", a_shape), lambda t, x: _at(C, t, "C", c_shape)),
         rtol=rtol,
     )
-    seen = path.rows().reshape(len(at), *c_shape)
-    white: Array = (whitener(R, c_shape[0]) @ seen).reshape(-1, first.n)
-    return white
+    seen, error = (part.reshape(len(at), *c_shape) for part in path.rows_and_errors())
+    return (white @ seen).reshape(-1, first.n), (np.abs(white) @ error).reshape(-1, first.n)
 
 
 def problem(
@@ -367,8 +396,8 @@ def problem(
     >>> answer.status
     'observable'
     """
-    sampled = rows(A, C, window=window, dt=dt, times=times, R=R, time=time)
     varies = _varies(A) or _varies(C)
+    seen, error = _sampled_rows(A, C, window, dt, times, R, time)
     if varies:
         start = float(_increasing(times)[0]) if times is not None else 0.0
         system = system_of(
@@ -380,12 +409,18 @@ def problem(
         # What no output shows is zero in the rows but for rounding, which would count.
         hidden = _core.LinearUnobservable(system.A, system.C, None)
         if hidden.null_space().size:
-            sampled = hidden.project(sampled)
+            seen = hidden.project(seen)
+        if times is None and time_of(A, time) == "continuous":
+            hidden = _core.LinearUnobservable(
+                _step(system, sampled(A, dt), np.array(hidden.scales[0])), system.C, None
+            )
+            if hidden.null_space().size:
+                seen = hidden.project(seen)
     found = Problem(
-        sampled,
+        seen,
         system.names,
         # As accurate as the transitions are.
-        rtol=1e-10 if varies else None,
+        row_error=error,
         units=system.units,
         scale=system.prior,
         combinations=dict(system.combinations),
@@ -394,6 +429,23 @@ def problem(
     return found.prior(
         {name: s for name, s, k in zip(system.names, system.prior, known, strict=True) if k}
     )
+
+
+def _step(system: System, dt: float | None, scales: Array) -> Array:
+    """Return the transition from sample to sample, for what samples cannot show.
+
+    Those at a period of the system may hide what the outputs between them would show. In
+    the balanced states of A rounding is told from couplings.
+    """
+    dt = number(dt, "dt [-]")
+    # A fast growth over a step would hide the rest of the pencil.
+    if np.linalg.eigvals(system.A).real.max() * dt > np.log(1e3):
+        return system.A
+    balance = scales / scales[:, None]
+    step = transition(system.A, dt) * balance
+    step[np.abs(step) <= 64 * np.finfo(float).eps * np.abs(step).max()] = 0.0
+    cleaned: Array = step / balance
+    return cleaned
 
 
 @dataclass(frozen=True, eq=False, repr=False)

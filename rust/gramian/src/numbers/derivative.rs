@@ -676,7 +676,7 @@ impl<'a> Column<'a> {
         for (k, i) in self.each(noise.len()).enumerate() {
             let above = |p: &&Pair| p.finite && p.even[k].abs() > 100.0 * noise[i];
             let seen: Vec<&Pair> = self.pairs.iter().filter(above).collect();
-            if self.shrunk > 1 && seen.len() > 2 && kinked(&seen, k, noise[i]) {
+            if self.shrunk > 1 && seen.len() > 2 && kinked(&seen, k, noise[i], 4.0) {
                 return Err(Error::Kink {
                     output: i,
                     state: self.state,
@@ -714,7 +714,8 @@ impl<'a> Column<'a> {
         let [odd, even, _] = self.sizes(pair, weight, noise);
         let own = PARTS[self.state % PARTS.len()];
         let part = if wide {
-            let bent = even / odd;
+            // Where nothing moved nothing is bent.
+            let bent = if odd > 0.0 { even / odd } else { 0.0 };
             own * power((0.02 / bent).clamp(2.0_f64.powi(-20), 1.0))
         } else {
             own / 8192.0
@@ -756,6 +757,12 @@ impl<'a> Column<'a> {
                 .filter(|&k| self.pairs[k].finite && size(&self.pairs[k].odd) > local)
                 .min_by(|&a, &b| self.pairs[a].step.total_cmp(&self.pairs[b].step))
                 .unwrap_or(longest);
+            if self.falls_to_nothing(weight, m) {
+                // As x^3 at 0: straight nowhere, but with a slope that goes to zero.
+                self.anchor = longest;
+                self.phase = Phase::Done;
+                return Ok(());
+            }
             let first = self.pairs[best].step;
             let swept: f64 = self
                 .pairs
@@ -788,6 +795,13 @@ impl<'a> Column<'a> {
             }
         }
         let output = self.each(m).nth(place).unwrap_or(0);
+        if self.turns(weight, m) {
+            return Err(Error::Kink {
+                output,
+                state: self.state,
+                step: pair.step,
+            });
+        }
         Err(Error::Jump {
             output,
             state: self.state,
@@ -811,13 +825,37 @@ impl<'a> Column<'a> {
         };
         let none = vec![0.0; a.odd.len()];
         let apart = size(&a.odd, &b.odd) + size(&a.even, &b.even);
-        let turned = {
-            // A kink: the even part falls with the step, as fast as it is long.
-            let ratio = b.step / a.step;
-            let scaled: Vec<f64> = a.even.iter().map(|e| e * ratio).collect();
-            size(&scaled, &b.even) < 0.05 * size(&none, &b.even)
+        apart < 0.05 * (size(&none, &b.odd) + size(&none, &b.even)) || self.turns(weight, m)
+    }
+
+    /// Whether the even part falls with the step, as fast as it is long, down to the shortest
+    /// steps: a kink.
+    fn turns(&self, weight: &[f64], m: usize) -> bool {
+        let Some([a, b]) = self.pairs.get(self.pairs.len().saturating_sub(2)..) else {
+            return false;
         };
-        apart < 0.05 * (size(&none, &b.odd) + size(&none, &b.even)) || turned
+        let ratio = b.step / a.step;
+        let (mut off, mut whole) = (0.0, 0.0);
+        for (k, i) in self.each(m).enumerate() {
+            off = crate::scalar::hypot(off, weight[i] * (a.even[k] * ratio - b.even[k]));
+            whole = crate::scalar::hypot(whole, weight[i] * b.even[k]);
+        }
+        off < 0.05 * whole
+    }
+
+    /// Whether slope and bend fall all along, by half the decades of the steps or more: that
+    /// of noise, of a jump or of a kink does not.
+    fn falls_to_nothing(&self, weight: &[f64], m: usize) -> bool {
+        let size = |x: &[f64]| norm(self.each(m).zip(x).map(|(i, x)| weight[i] * x));
+        let mut pairs: Vec<&Pair> = self.pairs.iter().filter(|p| p.finite).collect();
+        pairs.sort_by(|a, b| b.step.total_cmp(&a.step));
+        pairs.len() > 3
+            && pairs.windows(2).all(|w| {
+                let least = (w[1].step / w[0].step).sqrt();
+                let slope = |x: &[f64], p: &Pair| size(x) / p.step;
+                slope(&w[1].odd, w[1]) <= least * slope(&w[0].odd, w[0])
+                    && slope(&w[1].even, w[1]) <= least * slope(&w[0].even, w[0])
+            })
     }
 
     /// What to do after the last pair.
@@ -1042,6 +1080,14 @@ impl<'a> Column<'a> {
             self.phase = Phase::Done;
             return;
         }
+        // Where short steps have all the noise, the longest one wants others beside it.
+        for k in 0..2 {
+            let share = random * steps[0] / steps[k + 1];
+            if steps[k] > 2.5 * steps[k + 1] && !odd_one && rest <= 4.0 * share {
+                self.next = 0.5 * steps[k];
+                return;
+            }
+        }
         let shortest = steps[steps.len() - 1];
         if odd_one && self.detail.is_none() && self.pairs.len() + 3 <= self.room {
             // Noise that the table of differences did not show, or detail far finer.
@@ -1187,14 +1233,18 @@ impl<'a> Column<'a> {
                 ) * core::f64::consts::FRAC_1_SQRT_2;
                 let seen = (start + width).max(3).min(pairs.len());
                 let error = (gap + COVERAGE * random).max(slow(&pairs[..seen], k, noise, value));
-                if error < best.1 {
+                if error < best.1 && value.is_finite() {
                     best = (value, error);
                 }
             }
         }
-        if kinked(&pairs, k, noise) {
+        // Where short steps show noise alone, or what is taken for it, the long ones tell.
+        let clear = |p: &&&Pair| p.even[k].abs() > 20.0 * level(p);
+        let seen: Vec<&Pair> = pairs.iter().filter(clear).copied().collect();
+        if let Some(p) = seen.last()
+            && kinked(&seen, k, noise, 2.0)
+        {
             // Between the slopes on either side there is no telling.
-            let p = pairs[pairs.len() - 1];
             best.1 = best.1.max(p.even[k].abs() / p.step);
         }
         if self.reach > 0.0 {
@@ -1259,13 +1309,14 @@ fn irregular(a: &Pair, b: &Pair, c: &Pair, k: usize, noise: f64) -> bool {
 }
 
 /// Whether the even part of an output is proportional to the step, from the longest to the
-/// shortest, where that of a smooth function falls with its square.
-fn kinked(pairs: &[&Pair], k: usize, noise: f64) -> bool {
+/// shortest, where that of a smooth function falls with its square. The steps must differ by
+/// the factor `span`.
+fn kinked(pairs: &[&Pair], k: usize, noise: f64, span: f64) -> bool {
     let (Some(long), Some(short)) = (pairs.first(), pairs.last()) else {
         return false;
     };
     let least = 20.0 * (noise + f64::EPSILON * long.even[k].abs());
-    long.step >= 4.0 * short.step
+    long.step >= span * short.step
         && short.even[k].abs() > least
         && pairs.windows(2).all(|w| {
             let ratio = w[0].even[k] / w[0].step * (w[1].step / w[1].even[k]);

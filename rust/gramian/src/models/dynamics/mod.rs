@@ -8,5 +8,5 @@
 mod trajectory;
 mod windows;
 
-pub use trajectory::{Failure, System, Trajectory, differences, integrate, iterate};
-pub use windows::{Look, rows, windows};
+pub use trajectory::{Disagreement, Failure, System, Trajectory, differences, integrate, iterate};
+pub use windows::{Look, Path, Rows, windows};

@@ -30,12 +30,18 @@ pub trait System {
     /// # Errors
     /// Whatever the function reports.
     fn output(&mut self, t: &[f64], x: &[f64], out: &mut [f64]) -> Result<(), Self::Error>;
-    /// dh / dx: k x p x n.
+    /// dh / dx: k x p x n; `error` receives how wrong each entry may be, where it is not
+    /// exact.
     ///
     /// # Errors
     /// Whatever the function reports.
-    fn output_jacobian(&mut self, t: &[f64], x: &[f64], out: &mut [f64])
-    -> Result<(), Self::Error>;
+    fn output_jacobian(
+        &mut self,
+        t: &[f64],
+        x: &[f64],
+        out: &mut [f64],
+        error: &mut [f64],
+    ) -> Result<(), Self::Error>;
 }
 
 /// Why there is no trajectory.
@@ -90,6 +96,12 @@ pub struct Trajectory {
     pub transitions: Vec<f64>,
     /// dh / dx: K x p x n.
     pub jacobians: Vec<f64>,
+    /// How far each transition is from that of steps twice as long, K - 1 x n x n: many
+    /// times its error, and never less than rounding.
+    pub transition_changes: Vec<f64>,
+    /// How wrong each entry of `jacobians` may be: by differences, and by the error of the
+    /// state where it was taken.
+    pub jacobian_errors: Vec<f64>,
     /// Steps of the integrator, all in all.
     pub steps: usize,
 }
@@ -149,6 +161,7 @@ pub fn integrate<S: System>(
         .into());
     }
     let (mut states, mut transitions) = (x0.to_vec(), Vec::new());
+    let mut changes = Changes::new(n);
     let (mut substeps, mut steps, mut tried) = (1_usize, 0, 0_usize);
     for pair in times.windows(2) {
         let from = states.len() - n;
@@ -182,6 +195,7 @@ pub fn integrate<S: System>(
             {
                 states.extend_from_slice(&b.0);
                 transitions.extend_from_slice(&b.1);
+                changes.add(a, b);
                 // The difference is that of the coarse one: these were enough.
                 substeps /= 2;
                 break;
@@ -189,7 +203,44 @@ pub fn integrate<S: System>(
             coarse = fine;
         }
     }
-    look(system, states, transitions, times, steps)
+    look(system, states, transitions, &changes, times, steps)
+}
+
+/// What steps twice as long would have changed.
+struct Changes {
+    transitions: Vec<f64>,
+    /// Of the states, carried on by the transitions.
+    states: Vec<f64>,
+}
+
+impl Changes {
+    fn new(n: usize) -> Self {
+        Self {
+            transitions: Vec::new(),
+            states: vec![0.0; n],
+        }
+    }
+
+    /// One more interval: state and transition at its end by long steps, and by short ones.
+    fn add(&mut self, long: &(Vec<f64>, Vec<f64>), short: &(Vec<f64>, Vec<f64>)) {
+        let n = short.0.len();
+        let before = self.states[self.states.len() - n..].to_vec();
+        for i in 0..n {
+            let carried: f64 = (0..n).map(|j| short.1[i * n + j] * before[j]).sum();
+            self.states.push(carried + long.0[i] - short.0[i]);
+        }
+        for (x, y) in long.1.iter().zip(&short.1) {
+            // A few units in the last place, up and down without a pattern.
+            let place = self.transitions.len() as u64;
+            let sign = if place.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 63 == 0 {
+                1.0
+            } else {
+                -1.0
+            };
+            self.transitions
+                .push(x - y + sign * 4.0 * f64::EPSILON * y.abs());
+        }
+    }
 }
 
 /// Follows `x[k+1] = f(t[k], x[k])`.
@@ -219,7 +270,15 @@ pub fn iterate<S: System>(
     system
         .rate_jacobian(&times[..count], &states[..count * n], &mut transitions)
         .map_err(Failure::System)?;
-    look(system, states, transitions, times, count)
+    let mut changes = Changes::new(n);
+    for (x, phi) in states[n..]
+        .chunks_exact(n)
+        .zip(transitions.chunks_exact(n * n))
+    {
+        let end = (x.to_vec(), phi.to_vec());
+        changes.add(&end, &end);
+    }
+    look(system, states, transitions, &changes, times, count)
 }
 
 fn check<S: System>(system: &S, x0: &[f64], times: &[f64]) -> Result<usize, NumberError> {
@@ -235,6 +294,7 @@ fn look<S: System>(
     system: &mut S,
     states: Vec<f64>,
     transitions: Vec<f64>,
+    changes: &Changes,
     times: &[f64],
     steps: usize,
 ) -> Result<Trajectory, Failure<S::Error>> {
@@ -247,25 +307,61 @@ fn look<S: System>(
     }
     let mut outputs = vec![0.0; times.len() * p];
     let mut jacobians = vec![0.0; times.len() * p * n];
+    let mut errors = vec![0.0; times.len() * p * n];
     system
         .output(times, &states, &mut outputs)
-        .and_then(|()| system.output_jacobian(times, &states, &mut jacobians))
+        .and_then(|()| system.output_jacobian(times, &states, &mut jacobians, &mut errors))
         .map_err(Failure::System)?;
     check_finite("h", &outputs)?;
     check_finite("dh/dx", &jacobians)?;
     check_finite("df/dx", &transitions)?;
+    if changes.states.iter().any(|x| *x != 0.0) {
+        // What the error of the states makes of the Jacobians.
+        let moved: Vec<f64> = states
+            .iter()
+            .zip(&changes.states)
+            .map(|(x, d)| x + d)
+            .collect();
+        let (mut there, mut off) = (vec![0.0; errors.len()], vec![0.0; errors.len()]);
+        system
+            .output_jacobian(times, &moved, &mut there, &mut off)
+            .map_err(Failure::System)?;
+        for ((error, x), y) in errors.iter_mut().zip(&there).zip(&jacobians) {
+            let change = (x - y).abs();
+            *error += if change.is_finite() { change } else { 0.0 };
+        }
+    }
     Ok(Trajectory {
         states,
         outputs,
         transitions,
         jacobians,
+        transition_changes: changes.transitions.clone(),
+        jacobian_errors: errors,
         steps,
     })
 }
 
+/// A derivative that differences at two steps do not agree on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Disagreement {
+    /// Which point, value and state.
+    pub point: usize,
+    /// Which of the values.
+    pub value: usize,
+    /// Which of the states.
+    pub state: usize,
+    /// The two slopes.
+    pub slopes: [f64; 2],
+    /// The two steps.
+    pub steps: [f64; 2],
+}
+
 /// The derivative (k x m x n) of a function of k points (k x n) with m values each, by
 /// central differences at two steps, extrapolated: steps of `scale`/1000 and twice that,
-/// all points in one call.
+/// all points in one call. `error` receives how wrong each may be by rounding and by the
+/// next term. Returns the first derivative on which the two steps do not agree at all: the
+/// function jumps there, or bends within the step.
 ///
 /// # Errors
 /// What the function reports.
@@ -276,7 +372,8 @@ pub fn differences<E>(
     values: usize,
     scale: &[f64],
     out: &mut [f64],
-) -> Result<(), E> {
+    error: &mut [f64],
+) -> Result<Option<Disagreement>, E> {
     let n = scale.len();
     let count = t.len();
     let moves = [-2.0, -1.0, 1.0, 2.0];
@@ -295,6 +392,7 @@ pub fn differences<E>(
     }
     let mut results = vec![0.0; times.len() * values];
     f(&times, &points, &mut results)?;
+    let mut disagreement = None;
     for k in 0..count {
         for j in 0..n {
             let first = (k * n + j) * moves.len();
@@ -304,11 +402,26 @@ pub fn differences<E>(
             for i in 0..values {
                 let y = |m: usize| results[(first + m) * values + i];
                 let (near, far) = ((y(2) - y(1)) / narrow, (y(3) - y(0)) / wide);
-                out[(k * values + i) * n + j] = near + (near - far) / 3.0;
+                let size = (0..moves.len()).fold(0.0_f64, |top, m| top.max(y(m).abs()));
+                let rounding = 4.0 * f64::EPSILON * size / narrow.abs();
+                let place = (k * values + i) * n + j;
+                out[place] = near + (near - far) / 3.0;
+                error[place] = 0.01 * (near - far).abs() + rounding;
+                // What a longer step does not see makes the short one's slope the larger: a
+                // jump, or detail between the two. Third derivatives do the opposite.
+                if disagreement.is_none() && near.abs() > 1.2 * far.abs() + 1e3 * rounding {
+                    disagreement = Some(Disagreement {
+                        point: k,
+                        value: i,
+                        state: j,
+                        slopes: [near, far],
+                        steps: [narrow / 2.0, wide / 2.0],
+                    });
+                }
             }
         }
     }
-    Ok(())
+    Ok(disagreement)
 }
 
 /// Whether all differences are below `rtol` of the largest entry.
@@ -517,6 +630,7 @@ mod tests {
             _: &[f64],
             _: &[f64],
             out: &mut [f64],
+            _: &mut [f64],
         ) -> Result<(), Self::Error> {
             for out in out.chunks_exact_mut(2) {
                 out.copy_from_slice(&[1.0, 0.0]);

@@ -20,37 +20,106 @@ pub struct Look {
     pub null_space: Vec<Vec<f64>>,
 }
 
-/// Rows about the state at sample `first`: those of the samples up to `last`.
-pub fn rows(
-    transitions: &[f64],
-    white: &[f64],
-    n: usize,
-    p: usize,
-    first: usize,
-    last: usize,
-) -> Vec<f64> {
-    let mut phi = vec![0.0; n * n];
-    for i in 0..n {
-        phi[i * n + i] = 1.0;
-    }
-    let mut rows = Vec::with_capacity((last - first) * p * n);
-    let mut next = vec![0.0; n * n];
-    for k in first..last {
-        for line in white[k * p * n..(k + 1) * p * n].chunks_exact(n) {
-            let from = rows.len();
-            rows.resize(from + n, 0.0);
-            through(line, &phi, &mut rows[from..]);
+/// What a trajectory of K samples, n states and p outputs leaves behind, outputs whitened.
+#[derive(Clone, Copy, Debug)]
+pub struct Path<'a> {
+    /// K - 1 x n x n.
+    pub transitions: &'a [f64],
+    /// What steps twice as long would have changed in them; empty where they are exact.
+    pub changes: &'a [f64],
+    /// K x p x n.
+    pub jacobians: &'a [f64],
+    /// How wrong they may be; empty where they are exact.
+    pub errors: &'a [f64],
+    /// Number of states.
+    pub n: usize,
+    /// Number of outputs.
+    pub p: usize,
+}
+
+/// Rows, and how wrong each entry may be.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rows {
+    /// samples p x n.
+    pub values: Vec<f64>,
+    /// The same shape.
+    pub errors: Vec<f64>,
+}
+
+impl Path<'_> {
+    fn check(&self) -> Result<usize, NumberError> {
+        let (n, p) = (self.n, self.p);
+        let count = self.jacobians.len().checked_div(n * p).unwrap_or(0);
+        let between = count.saturating_sub(1) * n * n;
+        check_length("transitions", self.transitions.len(), between)?;
+        if !self.changes.is_empty() {
+            check_length("changes", self.changes.len(), between)?;
         }
-        if k + 1 < last {
-            let step = &transitions[k * n * n..(k + 1) * n * n];
-            for (line, out) in step.chunks_exact(n).zip(next.chunks_exact_mut(n)) {
-                out.fill(0.0);
-                through(line, &phi, out);
+        if !self.errors.is_empty() {
+            check_length("errors", self.errors.len(), self.jacobians.len())?;
+        }
+        Ok(count)
+    }
+
+    /// Rows about the state at sample `first`: those of the samples before `last`.
+    ///
+    /// # Errors
+    /// [`NumberError`] for lengths that do not fit.
+    pub fn rows(&self, first: usize, last: usize) -> Result<Rows, NumberError> {
+        let count = self.check()?;
+        check_length("last", last, last.clamp(first, count))?;
+        let (n, p) = (self.n, self.p);
+        let mut phi = vec![0.0; n * n];
+        for i in 0..n {
+            phi[i * n + i] = 1.0;
+        }
+        // The same by longer steps, by products that round otherwise.
+        let mut other = phi.clone();
+        let mut found = Rows {
+            values: Vec::with_capacity((last - first) * p * n),
+            errors: Vec::with_capacity((last - first) * p * n),
+        };
+        let (mut next, mut moved) = (vec![0.0; n * n], vec![0.0; n]);
+        for k in first..last {
+            for o in k * p..(k + 1) * p {
+                let line = &self.jacobians[o * n..(o + 1) * n];
+                let from = found.values.len();
+                found.values.resize(from + n, 0.0);
+                through(line, &phi, &mut found.values[from..]);
+                moved.fill(0.0);
+                through(line, &other, &mut moved);
+                for (j, (x, y)) in moved.iter().zip(&found.values[from..]).enumerate() {
+                    let mut error = (x - y).abs();
+                    for (i, value) in line.iter().enumerate() {
+                        let off = self.errors.get(o * n + i).copied().unwrap_or(0.0);
+                        error += (off + 4.0 * f64::EPSILON * value.abs()) * phi[i * n + j].abs();
+                    }
+                    found.errors.push(error);
+                }
             }
-            core::mem::swap(&mut phi, &mut next);
+            if k + 1 < last {
+                let range = k * n * n..(k + 1) * n * n;
+                let step = &self.transitions[range.clone()];
+                advance(step, n, &mut phi, &mut next);
+                if let Some(change) = self.changes.get(range) {
+                    let longer: Vec<f64> = step.iter().zip(change).map(|(x, d)| x + d).collect();
+                    advance(&longer, n, &mut other, &mut next);
+                } else {
+                    other.copy_from_slice(&phi);
+                }
+            }
         }
+        Ok(found)
     }
-    rows
+}
+
+/// phi = step phi.
+fn advance(step: &[f64], n: usize, phi: &mut Vec<f64>, next: &mut Vec<f64>) {
+    for (line, out) in step.chunks_exact(n).zip(next.chunks_exact_mut(n)) {
+        out.fill(0.0);
+        through(line, phi, out);
+    }
+    core::mem::swap(phi, next);
 }
 
 /// out += line M
@@ -65,49 +134,46 @@ fn through(line: &[f64], matrix: &[f64], out: &mut [f64]) {
     }
 }
 
-/// Windows of `width` samples that begin at each sample, from K transitions (K - 1 x n x n)
-/// and whitened output Jacobians (K x p x n). `basis` (K x n x m), where given, holds the
-/// directions that a constraint leaves free at each sample: answers are about them.
+/// Windows of `width` samples that begin at each sample. `basis` (K x n x m), where given,
+/// holds the directions that a constraint leaves free at each sample: answers are about
+/// them. Without `rtol`, ranks are decided above the errors of the rows.
 ///
 /// # Errors
 /// [`NumberError`] for lengths that do not fit, or rows that exceed the numbers.
 pub fn windows(
-    transitions: &[f64],
-    white: &[f64],
-    n: usize,
-    p: usize,
+    path: &Path<'_>,
     width: usize,
     rtol: Option<f64>,
     basis: Option<(&[f64], usize)>,
 ) -> Result<Vec<Look>, NumberError> {
-    let count = white.len().checked_div(n * p).unwrap_or(0);
-    check_length(
-        "transitions",
-        transitions.len(),
-        count.saturating_sub(1) * n * n,
-    )?;
+    let (count, n) = (path.check()?, path.n);
     check_length("width", width, width.clamp(1, count.max(1)))?;
     let mut out = Vec::with_capacity(count + 1 - width);
     for first in 0..=count - width {
-        let mut rows = rows(transitions, white, n, p, first, first + width);
+        let seen = path.rows(first, first + width)?;
+        let (mut rows, mut errors) = (seen.values, seen.errors);
         let mut m = n;
         if let Some((basis, columns)) = basis {
             m = columns;
             let here = &basis[first * n * m..(first + 1) * n * m];
-            rows = rows
-                .chunks_exact(n)
-                .flat_map(|row| {
-                    let mut free = vec![0.0; m];
-                    for (&factor, line) in row.iter().zip(here.chunks_exact(m)) {
-                        for (y, x) in free.iter_mut().zip(line) {
-                            *y += factor * x;
+            let turned = |rows: &[f64], of: &dyn Fn(f64) -> f64| -> Vec<f64> {
+                rows.chunks_exact(n)
+                    .flat_map(|row| {
+                        let mut free = vec![0.0; m];
+                        for (&factor, line) in row.iter().zip(here.chunks_exact(m)) {
+                            for (y, &x) in free.iter_mut().zip(line) {
+                                *y += factor * of(x);
+                            }
                         }
-                    }
-                    free
-                })
-                .collect();
+                        free
+                    })
+                    .collect()
+            };
+            rows = turned(&rows, &|x| x);
+            errors = turned(&errors, &f64::abs);
         }
         check_finite("rows", &rows)?;
+        let rtol = rtol.or_else(|| accuracy(&mut rows, &errors, m));
         let found = Observability::new(&rows, m, rtol)?;
         let lift = |v: Vec<f64>| match basis {
             None => v,
@@ -138,4 +204,26 @@ pub fn windows(
         });
     }
     Ok(out)
+}
+
+/// The relative accuracy of rows (k x m) with unit columns, where it is worse than rounding.
+/// Columns that are no larger than their errors become zero.
+fn accuracy(rows: &mut [f64], errors: &[f64], m: usize) -> Option<f64> {
+    let mut total = 0.0;
+    for j in 0..m {
+        let length = |x: &[f64]| x.iter().skip(j).step_by(m).map(|x| x * x).sum::<f64>();
+        let (size, off) = (length(rows), length(errors));
+        if off <= 0.0 {
+            continue;
+        }
+        if off < size / 9.0 {
+            total += off / size;
+        } else {
+            rows.iter_mut().skip(j).step_by(m).for_each(|x| *x = 0.0);
+        }
+    }
+    let relative = nalgebra::ComplexField::sqrt(total);
+    let longest = m.max(rows.len() / m.max(1)) as f64;
+    let rounding = 32.0 * f64::EPSILON * nalgebra::ComplexField::sqrt(longest);
+    (relative > rounding).then_some(relative.min(0.5))
 }

@@ -14,7 +14,6 @@ use alloc::vec;
 use alloc::vec::Vec;
 
 use super::Error;
-use super::pencil::Pencil;
 use super::scaling::{self, Systems, Work};
 use super::staircase::{self, Found, Staircase};
 use crate::numbers::algebra::dot_slices as dot;
@@ -122,8 +121,8 @@ impl<T: Real> Analysis<T> {
     /// Rank and kernel where the staircase cannot be relied on.
     fn decide_on_the_pencil(&mut self, a: &[T], c: &[T]) -> Result<(), Error> {
         let double = |x: &[T]| x.iter().map(|x| x.double()).collect::<Vec<f64>>();
-        let decided =
-            Pencil::new(&double(a), &double(c), self.n)?.unobservable(Some(self.rtol.double()))?;
+        let rtol = Some(self.rtol.double());
+        let decided = super::unobservable::deflated(&double(a), &double(c), self.n, rtol)?;
         self.rank = self.n - decided.dimension();
         self.basis = decided
             .row_space

@@ -40,6 +40,9 @@ pub fn factor(a: &[f64], c: &[f64], n: usize, discrete: bool) -> Result<Vec<f64>
     check_length("C", c.len(), p.saturating_mul(n))?;
     check_finite("A", a)?;
     check_finite("C", c)?;
+    if n > 0 && lasts(a, c, n, discrete)? {
+        return Err(Error::Unstable);
+    }
     let (mut phi, mut rows) = (a.to_vec(), c.to_vec());
     if !discrete {
         // Phi = (A + s)(s - A)^-1 with s near the middle of the rates; the rows are
@@ -95,6 +98,30 @@ pub fn factor(a: &[f64], c: &[f64], n: usize, discrete: bool) -> Result<Vec<f64>
         phi = multiply(&phi, &phi, n);
     }
     Err(Error::Unstable)
+}
+
+/// Whether a motion that is seen neither decays nor grows, but for rounding. Doubling would
+/// take rounding for its decay.
+fn lasts(a: &[f64], c: &[f64], n: usize, discrete: bool) -> Result<bool, Error> {
+    let (mut a, mut c) = (a.to_vec(), c.to_vec());
+    let scales = super::analysis::balance(&mut a, &mut c, n);
+    let (time, center) = (scales.time, scales.centers[0]);
+    let pencil = super::pencil::Pencil::new(&a, &c, n)?;
+    let size = pencil.norm() / time + center.abs();
+    for z in pencil.eigenvalues() {
+        let physical = [z[0] / time + center, z[1] / time];
+        let off = if discrete {
+            super::schur::root(physical[0] * physical[0] + physical[1] * physical[1]) - 1.0
+        } else {
+            physical[0]
+        };
+        if off.abs() <= 64.0 * f64::EPSILON * size
+            && pencil.sigma(z) > super::default_rtol::<f64>(n) * pencil.norm()
+        {
+            return Ok(true);
+        }
+    }
+    Ok(false)
 }
 
 /// Hankel singular values, descending: of the factors of the observability Gramian and

@@ -79,6 +79,8 @@ pub struct Certificate {
 pub struct Mode {
     /// Real and imaginary part (not negative) of their mean.
     pub eigenvalue: [f64; 2],
+    /// How wrong that may be by rounding.
+    pub error: f64,
     /// Dimension of the real subspace: both members of a complex pair count.
     pub dimension: usize,
     /// Orthonormal basis of it, `dimension` rows.
@@ -121,6 +123,9 @@ pub struct Pencil {
     c: Matrix,
     norm: f64,
     symmetric_part: Vec<f64>,
+    skew_part: Vec<f64>,
+    /// What A and C were divided by, a power of two: their squares are numbers then.
+    unit: f64,
 }
 
 /// The smallest singular value at a point.
@@ -157,36 +162,45 @@ impl Pencil {
         check_length("C", c.len(), p.saturating_mul(n))?;
         check_finite("A", a)?;
         check_finite("C", c)?;
-        let norm = root(a.iter().chain(c).map(|x| x * x).sum());
-        if !norm.is_finite() || norm > 1e150 {
+        let largest = a.iter().chain(c).fold(0.0_f64, |top, x| top.max(x.abs()));
+        let unit = power_of_two_near(largest);
+        let scaled = |x: &[f64]| x.iter().map(|x| x / unit).collect::<Vec<f64>>();
+        let (a, c) = (scaled(a), scaled(c));
+        let norm = root(a.iter().chain(&c).map(|x| x * x).sum());
+        if !(norm * unit).is_finite() {
             return Err(NumberError::Overflow {
                 result: "norm of A and C",
             }
             .into());
         }
-        let form = Schur::new(a, n)?;
-        let seen = compressed(c, n);
+        let form = Schur::new(&a, n)?;
+        let seen = compressed(&c, n);
         let c = product_with_vectors(&seen, &form.vectors);
-        let symmetric_part = (0..n * n)
-            .map(|k| 0.5 * (a[k] + a[k % n * n + k / n]))
-            .collect();
+        let part = |sign: f64| {
+            (0..n * n)
+                .map(|k| 0.5 * (a[k] + sign * a[k % n * n + k / n]))
+                .collect()
+        };
+        let (symmetric_part, skew_part) = (part(1.0), part(-1.0));
         Ok(Self {
             form,
             c,
             norm,
             symmetric_part,
+            skew_part,
+            unit,
         })
     }
 
     /// The Frobenius norm of [A; C].
     pub fn norm(&self) -> f64 {
-        self.norm
+        self.norm * self.unit
     }
 
     /// Eigenvalues of A, real and imaginary parts.
     pub fn eigenvalues(&self) -> Vec<[f64; 2]> {
         (0..self.form.n())
-            .map(|i| self.form.eigenvalue(i))
+            .map(|i| self.form.eigenvalue(i) * self.unit)
             .map(|z| [z.re, z.im])
             .collect()
     }
@@ -194,7 +208,8 @@ impl Pencil {
     /// The smallest singular value of [A - z I; C].
     pub fn sigma(&self, z: [f64; 2]) -> f64 {
         let mut space = Space::default();
-        self.at(C64::new(z[0], z[1]), &mut space).sigma
+        let z = C64::new(z[0] / self.unit, z[1] / self.unit);
+        self.at(z, &mut space).sigma * self.unit
     }
 
     fn at(&self, z: C64, space: &mut Space) -> Point {
@@ -227,8 +242,8 @@ impl Pencil {
             }
         }
         Distance {
-            distance: best.sigma,
-            z: [best.z.re, best.z.im],
+            distance: best.sigma * self.unit,
+            z: [best.z.re * self.unit, best.z.im * self.unit],
             direction: direction.iter().map(|z| [z.re, z.im]).collect(),
             evaluations: space.evaluations,
         }
@@ -236,6 +251,18 @@ impl Pencil {
 
     fn search(&self, space: &mut Space) -> Point {
         let n = self.form.n();
+        if self.norm == 0.0 {
+            // Nothing is seen, and every state is an eigenvector.
+            let mut v = vec![C64::default(); n];
+            v[0] = C64::new(1.0, 0.0);
+            let (z, slope) = (C64::default(), C64::default());
+            return Point {
+                z,
+                sigma: 0.0,
+                v,
+                slope,
+            };
+        }
         let mut starts: Vec<C64> = (0..n).map(|i| self.form.eigenvalue(i)).collect();
         if let Ok(symmetric) = Schur::new(&self.symmetric_part, n) {
             starts.extend((0..n).map(|i| symmetric.eigenvalue(i)));
@@ -245,12 +272,17 @@ impl Pencil {
             (low, high) = (low.min(z.re), high.max(z.re));
             top = top.max(z.im.abs());
         }
+        // The box around the field of values: that of a matrix far from normal reaches
+        // far beyond its eigenvalues, and the nearest point may be there.
+        if let Ok(skew) = Schur::new(&self.skew_part, n) {
+            top = (0..n).fold(top, |top, i| top.max(skew.eigenvalue(i).im.abs()));
+        }
         // The distance is the same at conjugate points: the upper half will do.
         starts.retain(|z| z.im >= 0.0);
-        for i in 0..8 {
-            for j in 0..4 {
-                let x = low + (high - low) * (f64::from(i) + 0.5) / 8.0;
-                starts.push(C64::new(x, top * f64::from(j) / 3.0));
+        for i in 0..10 {
+            for j in 0..8 {
+                let x = low + (high - low) * (f64::from(i) + 0.5) / 10.0;
+                starts.push(C64::new(x, top * f64::from(j) / 7.0));
             }
         }
         let mut points: Vec<Point> = starts
@@ -355,7 +387,7 @@ impl Pencil {
         at_least = at_least.min(best.sigma);
         Ok(Certificate {
             found: self.report(&best, &space),
-            at_least: (at_least - rounding).max(0.0),
+            at_least: (at_least - rounding).max(0.0) * self.unit,
             complete,
         })
     }
@@ -402,23 +434,30 @@ impl Pencil {
 }
 
 /// The modes of A (n x n) in the invariant subspace that the orthonormal rows of `kernel`
-/// span, clusters of eigenvalues together.
+/// span, clusters of eigenvalues together: those that rounding alone may have put apart, as
+/// it does those of a chain of generalised eigenvectors. `rounding` is how wrong A may be,
+/// in its own units.
 ///
 /// # Errors
 /// [`Error::NoConvergence`].
-pub fn modes(a: &[f64], n: usize, kernel: &[f64]) -> Result<Vec<Mode>, Error> {
+pub fn modes(a: &[f64], n: usize, kernel: &[f64], rounding: f64) -> Result<Vec<Mode>, Error> {
     let m = kernel.len() / n.max(1);
     let restricted = restricted(a, n, kernel);
     let form = Schur::new(&restricted, m)?;
-    let near = 1e-6 * form.t.norm().max(f64::MIN_POSITIVE);
+    let size = form.t.norm().max(f64::MIN_POSITIVE);
+    let near = 1e-6 * size;
     // Single linkage, each value with its conjugate.
     let folded = |z: C64| C64::new(z.re, z.im.abs());
     let values: Vec<C64> = (0..m).map(|i| folded(form.eigenvalue(i))).collect();
+    let apart: Vec<f64> = (0..m)
+        .map(|i| 4.0 * rounding * condition(&form.t, i, rounding))
+        .map(|error| error.clamp(0.5 * near, 1e-3 * size))
+        .collect();
     let mut cluster: Vec<usize> = (0..m).collect();
     for i in 0..m {
         for j in 0..i {
             let (from, to) = (cluster[i].max(cluster[j]), cluster[i].min(cluster[j]));
-            if from != to && abs(values[i] - values[j]) <= near {
+            if from != to && abs(values[i] - values[j]) <= apart[i] + apart[j] {
                 for x in &mut cluster {
                     if *x == from {
                         *x = to;
@@ -453,9 +492,19 @@ pub fn modes(a: &[f64], n: usize, kernel: &[f64]) -> Result<Vec<Mode>, Error> {
                 super::scaling::add(out, factor, line);
             }
         }
-        let im = if mean.im <= near { 0.0 } else { mean.im };
+        // Both members of a pair count, and both of their means.
+        let error = rounding * projector(&sorted.t, count);
+        let alone = (0..m)
+            .filter(|&i| members[i])
+            .all(|i| form.eigenvalue(i).im.abs() <= 2.0 * apart[i]);
+        let im = if alone || mean.im <= error {
+            0.0
+        } else {
+            mean.im
+        };
         out.push(Mode {
             eigenvalue: [mean.re, im],
+            error,
             dimension: count,
             basis,
         });
@@ -465,6 +514,78 @@ pub fn modes(a: &[f64], n: usize, kernel: &[f64]) -> Result<Vec<Mode>, Error> {
             .then(a.eigenvalue[1].total_cmp(&b.eigenvalue[1]))
     });
     Ok(out)
+}
+
+/// The condition of the eigenvalue at place i of a triangular matrix: by how much it changes
+/// for each unit of change of the matrix. Eigenvalues nearer to each other than `tiny` count
+/// as so far apart; where it exceeds 1e40 it is infinite.
+fn condition(t: &Matrix, i: usize, tiny: f64) -> f64 {
+    let m = t.columns;
+    let z = t.get(i, i);
+    let solve = |sum: C64, k: usize| {
+        let below = z - t.get(k, k);
+        sum / if abs(below) > tiny {
+            below
+        } else {
+            C64::new(tiny.max(f64::MIN_POSITIVE), 0.0)
+        }
+    };
+    // Right and left eigenvector, each 1 in place i; huge ones stay as they are.
+    let (mut right, mut left) = (0.0, 0.0);
+    let mut x = vec![C64::default(); m];
+    x[i] = C64::new(1.0, 0.0);
+    for k in (0..i).rev() {
+        let sum = (k + 1..=i).fold(C64::default(), |sum, j| sum + t.get(k, j) * x[j]);
+        x[k] = solve(sum, k);
+        right += x[k].norm_sqr();
+        if right > 1e40 {
+            return f64::INFINITY;
+        }
+    }
+    for k in i + 1..m {
+        let sum = (i..k).fold(C64::default(), |sum, j| sum + x[j] * t.get(j, k));
+        x[k] = solve(sum, k);
+        left += x[k].norm_sqr();
+        if left > 1e40 {
+            return f64::INFINITY;
+        }
+    }
+    root((1.0 + right) * (1.0 + left))
+}
+
+/// The norm of the projector on the invariant subspace of the first `count` eigenvalues of
+/// a triangular matrix: by how much their mean changes for each unit of change of it.
+fn projector(t: &Matrix, count: usize) -> f64 {
+    let m = t.columns;
+    let mut x = Matrix::zeros(count, m);
+    let mut squared = 1.0;
+    // T11 X - X T22 = T12, column by column.
+    for j in count..m {
+        for i in (0..count).rev() {
+            let mut sum = t.get(i, j);
+            for k in count..j {
+                sum += x.get(i, k) * t.get(k, j);
+            }
+            for k in i + 1..count {
+                sum -= t.get(i, k) * x.get(k, j);
+            }
+            let value = sum / (t.get(i, i) - t.get(j, j));
+            squared += value.norm_sqr();
+            x.set(i, j, value);
+        }
+    }
+    // Where two clusters coincide nothing is known of their mean but what they are part of.
+    if squared < 1e24 { root(squared) } else { 1e12 }
+}
+
+/// The power of two at or below a number; 1 for zero.
+fn power_of_two_near(x: f64) -> f64 {
+    let bits = x.to_bits() & 0x7ff0_0000_0000_0000;
+    if bits == 0 {
+        if x > 0.0 { f64::MIN_POSITIVE } else { 1.0 }
+    } else {
+        f64::from_bits(bits)
+    }
 }
 
 /// V^T A V with the rows of `kernel` for the columns of V.
@@ -487,11 +608,21 @@ pub(super) fn restricted(a: &[f64], n: usize, kernel: &[f64]) -> Vec<f64> {
 /// of the imaginary axis.
 pub(super) fn halves(a: &[f64], n: usize) -> Result<[Vec<f64>; 2], Error> {
     let form = Schur::new(a, n)?;
+    // An eigenvalue that is on the axis but for rounding belongs to neither.
+    let axis = 64.0 * f64::EPSILON * form.t.norm();
+    if (0..n).any(|i| form.eigenvalue(i).re.abs() <= axis) {
+        return Err(NumberError::OutOfRange {
+            name: "real part of an eigenvalue of A",
+            given: 0.0,
+            allowed: "different from 0 by more than rounding",
+        }
+        .into());
+    }
     let half = |sign: f64| {
         let mut sorted = form.clone();
         let mut none = Matrix::zeros(0, n);
         let chosen: Vec<usize> = (0..n)
-            .filter(|&i| sign * form.eigenvalue(i).re >= 0.0)
+            .filter(|&i| sign * form.eigenvalue(i).re > 0.0)
             .collect();
         for (place, &i) in chosen.iter().enumerate() {
             for k in (place..i).rev() {
@@ -503,15 +634,6 @@ pub(super) fn halves(a: &[f64], n: usize) -> Result<[Vec<f64>; 2], Error> {
         basis
     };
     let (stable, antistable) = (half(-1.0), half(1.0));
-    if stable.len() + antistable.len() != n * n {
-        // An eigenvalue of which the real part is exactly zero counts in both.
-        return Err(NumberError::OutOfRange {
-            name: "real part of an eigenvalue of A",
-            given: 0.0,
-            allowed: "different from 0",
-        }
-        .into());
-    }
     Ok([stable, antistable])
 }
 
@@ -723,6 +845,42 @@ fn normalize(re: &mut [f64], im: &mut [f64]) -> f64 {
     norm
 }
 
+/// Newton's steps towards a zero of sigma, which near one is the size of an analytic
+/// function: of z where several eigenvalues meet its slope is tiny, and a search that does
+/// not know where it goes stands still there.
+fn towards_zero(
+    start: Point,
+    norm: f64,
+    mut at: impl FnMut(C64, &mut Space) -> Point,
+    space: &mut Space,
+) -> Point {
+    let floor = f64::EPSILON * norm;
+    let mut best = start;
+    for _ in 0..60 {
+        let slope = abs(best.slope);
+        if best.sigma <= floor || slope == 0.0 {
+            break;
+        }
+        let mut step = best.slope * (best.sigma / slope) * (best.sigma / slope);
+        if !(abs(step) <= norm) {
+            break;
+        }
+        let mut next = at(best.z + step, space);
+        for _ in 0..2 {
+            if next.sigma < 0.75 * best.sigma {
+                break;
+            }
+            step *= 0.25;
+            next = at(best.z + step, space);
+        }
+        if !(next.sigma < 0.9 * best.sigma) {
+            break;
+        }
+        best = next;
+    }
+    best
+}
+
 /// Quasi-Newton descent of sigma^2, whose gradient is -2 `slope`: a step by `slope` never
 /// goes up, so it is what is taken where the model of second order fails.
 fn descend(
@@ -813,7 +971,9 @@ impl Deflation {
         while let Some(i) = self.shown.iter().position(Option::is_none) {
             let z = self.form.eigenvalue(i);
             let mut found = self.at(z, 8, &mut space);
-            if found.sigma > self.tolerance && found.sigma <= self.error_of(i) {
+            // One that is below the tolerance but not rounding would leave a change of that
+            // size behind, which what is split off next could not stand beside its own.
+            if found.sigma > self.tolerance / 32.0 && found.sigma <= self.error_of(i) {
                 found = self.nearby(found, &mut space);
             }
             if found.sigma > self.tolerance {
@@ -840,39 +1000,8 @@ impl Deflation {
     /// the singular value exceeds that, it is not zero near by, for it changes by no more
     /// than z does.
     fn error_of(&self, i: usize) -> f64 {
-        let t = &self.form.t;
-        let m = self.form.n();
-        let z = t.get(i, i);
         let tiny = f64::EPSILON * self.norm;
-        let solve = |sum: C64, k: usize| {
-            let below = z - t.get(k, k);
-            sum / if abs(below) > tiny {
-                below
-            } else {
-                C64::new(tiny, 0.0)
-            }
-        };
-        // Right and left eigenvector, each 1 in place i; huge ones stay as they are.
-        let (mut right, mut left) = (0.0, 0.0);
-        let mut x = vec![C64::default(); m];
-        x[i] = C64::new(1.0, 0.0);
-        for k in (0..i).rev() {
-            let sum = (k + 1..=i).fold(C64::default(), |sum, j| sum + t.get(k, j) * x[j]);
-            x[k] = solve(sum, k);
-            right += x[k].norm_sqr();
-            if right > 1e40 {
-                return f64::INFINITY;
-            }
-        }
-        for k in i + 1..m {
-            let sum = (i..k).fold(C64::default(), |sum, j| sum + x[j] * t.get(j, k));
-            x[k] = solve(sum, k);
-            left += x[k].norm_sqr();
-            if left > 1e40 {
-                return f64::INFINITY;
-            }
-        }
-        1e3 * m as f64 * tiny * root((1.0 + right) * (1.0 + left))
+        1e3 * self.form.n() as f64 * tiny * condition(&self.form.t, i, tiny)
     }
 
     /// An eigenvalue of a long chain is found with a large error; its neighbours' mean is
@@ -880,7 +1009,7 @@ impl Deflation {
     fn nearby(&self, start: Point, space: &mut Space) -> Point {
         let z = start.z;
         let mut best = start;
-        for radius in [1e-6, 1e-4, 1e-2] {
+        for radius in [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1] {
             let close = |x: &C64| abs(*x - z) <= radius * self.norm;
             let (mut sum, mut count) = (C64::default(), 0_u32);
             for x in (0..self.form.n())
@@ -898,6 +1027,10 @@ impl Deflation {
             }
         }
         let at = |z: C64, space: &mut Space| self.at(z, 8, space);
+        let best = towards_zero(best, self.norm, at, space);
+        if best.sigma <= self.tolerance {
+            return best;
+        }
         descend(best, self.tolerance, self.norm, at, space)
     }
 
@@ -912,7 +1045,9 @@ impl Deflation {
     /// eigenvalues nearest to its z: these come first, as many as it takes.
     fn split_off(&mut self, found: &Point, space: &mut Space) -> Result<(), NoConvergence> {
         let m = self.form.n();
-        let accept = self.tolerance.max(4.0 * found.sigma);
+        // No more is given away than was found: what is left of a direction that is only
+        // nearly right counts against those that come after it.
+        let accept = (self.tolerance / 32.0).max(4.0 * found.sigma);
         let mut count = 0;
         let local = loop {
             let nearest = (count..m).min_by(|&i, &j| {

@@ -21,6 +21,7 @@ use super::analysis::{balance, reduced_null_space};
 use super::pencil::{self, Pencil};
 use super::scaling::{self, add};
 use super::schur::root;
+use super::staircase::Staircase;
 use crate::numbers::algebra::dot_slices as dot;
 use crate::scalar::{NumberError, all_finite, check_finite, check_length};
 use crate::spectrum::check_rtol;
@@ -29,8 +30,10 @@ use crate::spectrum::check_rtol;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mode {
     /// Real and imaginary part (not negative), per unit of time; of a discrete system, a
-    /// factor per step.
+    /// factor per step. Zero where it is not told from zero.
     pub eigenvalue: [f64; 2],
+    /// How wrong it may be by rounding.
+    pub error: f64,
     /// Combinations of the states that it moves, in their units: each has a state with
     /// coefficient 1 that the others do not have.
     pub combinations: Vec<Vec<f64>>,
@@ -47,6 +50,8 @@ pub struct Unobservable {
     time: f64,
     /// A in the subspace, balanced.
     restricted: Vec<f64>,
+    /// States of which no output shows anything, not even beside others.
+    blind: Vec<bool>,
 }
 
 impl Unobservable {
@@ -71,16 +76,22 @@ impl Unobservable {
         let scales = balance(&mut a, &mut c, n);
         scaling::check(&a, &c, n)?;
         let (states, time, center) = (scales.states, scales.time, scales.centers[0]);
-        let found = Pencil::new(&a, &c, n)?.unobservable(rtol)?;
+        let found = deflated(&a, &c, n, rtol)?;
         let touch = found.touch();
         let null_space = reduced_null_space(&found.kernel, &states, touch).0;
         let mut modes = Vec::new();
-        for mode in pencil::modes(&a, n, &found.kernel)? {
+        // A is that close to one of which exactly this is not shown.
+        let size = root(dot(&a, &a) + dot(&c, &c));
+        let rounding = size * (64.0 * f64::EPSILON + 4.0 * found.rejected);
+        for mode in pencil::modes(&a, n, &found.kernel, rounding)? {
+            let error = mode.error / time + 4.0 * f64::EPSILON * center.abs();
+            let told = |x: f64| if x.abs() <= error { 0.0 } else { x };
             modes.push(Mode {
                 eigenvalue: [
-                    mode.eigenvalue[0] / time + center,
-                    mode.eigenvalue[1] / time,
+                    told(mode.eigenvalue[0] / time + center),
+                    told(mode.eigenvalue[1] / time),
                 ],
+                error,
                 combinations: reduced_null_space(&mode.basis, &states, touch).0,
             });
         }
@@ -96,6 +107,9 @@ impl Unobservable {
             .into());
         }
         let restricted = pencil::restricted(&a, n, &found.kernel);
+        let blind = (0..n)
+            .map(|i| found.row_space.chunks_exact(n).all(|v| v[i].abs() <= touch))
+            .collect();
         Ok(Self {
             n,
             found,
@@ -104,6 +118,7 @@ impl Unobservable {
             states,
             time,
             restricted,
+            blind,
         })
     }
 
@@ -132,7 +147,9 @@ impl Unobservable {
         self.time
     }
 
-    /// Takes from rows (k x n, about the state) what rounding says of the subspace.
+    /// Takes from rows (k x n, about the state) what rounding says of the subspace. The
+    /// columns of states of which nothing is shown become exactly zero: the least that was
+    /// left there would be all that is known of them, and count.
     pub fn project(&self, rows: &mut [f64]) {
         let n = self.n;
         for row in rows.chunks_exact_mut(n) {
@@ -141,8 +158,13 @@ impl Unobservable {
                 let along = dot(v, &balanced);
                 add(&mut balanced, -along, v);
             }
-            for ((x, b), d) in row.iter_mut().zip(balanced).zip(&self.states) {
-                *x = b / d;
+            for (((x, b), d), &blind) in row
+                .iter_mut()
+                .zip(balanced)
+                .zip(&self.states)
+                .zip(&self.blind)
+            {
+                *x = if blind { 0.0 } else { b / d };
             }
         }
     }
@@ -176,14 +198,108 @@ impl Unobservable {
                 .map(|v| factor * dot(v, &balanced))
                 .collect();
             let rtol = Some(self.found.rtol.max(super::default_rtol(n)));
-            left.push(
-                Pencil::new(&self.restricted, &seen, m)?
-                    .unobservable(rtol)?
-                    .dimension(),
-            );
+            left.push(deflated(&self.restricted, &seen, m, rtol)?.dimension());
         }
         Ok(left)
     }
+}
+
+/// From so many states on what both ways found is not asked again.
+const SMALL: usize = 40;
+
+/// The unobservable subspace of a balanced system, by the pencil or by the staircase,
+/// whichever finds more: a subspace that A does not lead out of and C does not see, but for
+/// rounding, is one, however it was found. Each misses some: the staircase where a product
+/// of its steps is small, the pencil where a long chain of generalised eigenvectors spreads
+/// an eigenvalue. What is left is asked again.
+pub(super) fn deflated(
+    a: &[f64],
+    c: &[f64],
+    n: usize,
+    rtol: Option<f64>,
+) -> Result<pencil::Unobservable, Error> {
+    let mut found = Pencil::new(a, c, n)?.unobservable(rtol)?;
+    let rtol = found.rtol;
+    let mut again = found.dimension() > 0 && n <= SMALL;
+    let steps = by_steps(a, c, n, rtol);
+    if steps[1].len() > found.kernel.len() {
+        [found.row_space, found.kernel] = steps;
+        again = true;
+    }
+    while again && !found.row_space.is_empty() {
+        let rows = &found.row_space;
+        let m = rows.len() / n;
+        let inner = pencil::restricted(a, n, rows);
+        let seen: Vec<f64> = c
+            .chunks_exact(n)
+            .flat_map(|line| rows.chunks_exact(n).map(move |v| dot(line, v)))
+            .collect();
+        let more = Pencil::new(&inner, &seen, m)?.unobservable(Some(rtol))?;
+        let steps = by_steps(&inner, &seen, m, rtol);
+        found.weakest = more.weakest;
+        found.rejected = found.rejected.max(more.rejected);
+        let [left, hidden] = if steps[1].len() > more.kernel.len() {
+            steps
+        } else {
+            [more.row_space, more.kernel]
+        };
+        again = !hidden.is_empty();
+        let hidden = lifted(&hidden, rows, n);
+        let left = lifted(&left, rows, n);
+        found.kernel.extend(hidden);
+        found.row_space = left;
+    }
+    Ok(found)
+}
+
+/// Row space and kernel by the staircase form; no kernel where it leads out of itself, or is
+/// seen, by more than its tolerance allows.
+fn by_steps(a: &[f64], c: &[f64], n: usize, rtol: f64) -> [Vec<f64>; 2] {
+    let outputs = c.len() / n.max(1);
+    let mut basis = vec![0.0; n * n];
+    let mut ranks = vec![0; n];
+    let mut rows = vec![0.0; n.max(outputs) * n];
+    let (mut v, mut w) = (vec![0.0; n], vec![0.0; n]);
+    let form = Staircase {
+        n,
+        stride: n,
+        a,
+        c,
+        basis: &mut basis,
+        rows: &mut rows,
+    };
+    form.reduce(rtol, &mut v, &mut w, &mut ranks);
+    let rank = ranks.last().copied().unwrap_or(0);
+    let kernel = basis.split_off(rank * n);
+    let size = root(dot(a, a) + dot(c, c));
+    let mut leaves = 0.0;
+    for v in kernel.chunks_exact(n) {
+        let image: Vec<f64> = a.chunks_exact(n).map(|line| dot(line, v)).collect();
+        for line in basis.chunks_exact(n) {
+            leaves += dot(line, &image) * dot(line, &image);
+        }
+        for line in c.chunks_exact(n) {
+            leaves += dot(line, v) * dot(line, v);
+        }
+    }
+    if root(leaves) <= 4.0 * rtol * size {
+        [basis, kernel]
+    } else {
+        basis.extend(kernel);
+        [basis, Vec::new()]
+    }
+}
+
+/// Rows (k x m) in coordinates of the rows of a basis (m x n).
+fn lifted(rows: &[f64], basis: &[f64], n: usize) -> Vec<f64> {
+    let m = basis.len() / n.max(1);
+    let mut out = vec![0.0; rows.len() / m.max(1) * n];
+    for (row, out) in rows.chunks_exact(m.max(1)).zip(out.chunks_exact_mut(n)) {
+        for (&factor, line) in row.iter().zip(basis.chunks_exact(n)) {
+            add(out, factor, line);
+        }
+    }
+    out
 }
 
 /// A and C centered and balanced: powers of two for states, outputs and time with which
