@@ -220,6 +220,8 @@ impl<'py> Kept<'py> {
     }
 }
 
+type RowsAndErrors<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>);
+
 /// Rows (samples p, n) about the state at sample `first`, of the samples before `last`, and
 /// their errors.
 #[pyfunction]
@@ -231,7 +233,7 @@ fn dynamics_rows<'py>(
     errors: &Bound<'py, PyAny>,
     first: usize,
     last: usize,
-) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>)> {
+) -> PyResult<RowsAndErrors<'py>> {
     let kept = Kept::new([transitions, changes, white, errors])?;
     let rows = kept
         .path()?
@@ -254,6 +256,7 @@ type Windows<'py> = (
 /// Ranks, deviations (windows, n), singular values (windows, m), null spaces (k, n) of
 /// windows of `width` samples. `basis` (K, n, m): the free directions.
 #[pyfunction]
+#[allow(clippy::too_many_arguments)] // Python's values.
 fn dynamics_windows<'py>(
     py: Python<'py>,
     transitions: &Bound<'py, PyAny>,
