@@ -1238,11 +1238,10 @@ impl<'a> Column<'a> {
                 }
             }
         }
-        // Where short steps show noise alone, or what is taken for it, the long ones tell.
-        let clear = |p: &&&Pair| p.even[k].abs() > 20.0 * level(p);
-        let seen: Vec<&Pair> = pairs.iter().filter(clear).copied().collect();
-        if let Some(p) = seen.last()
-            && kinked(&seen, k, noise, 2.0)
+        // Over many steps that is no noise, which a kink passes for where noise is measured.
+        let wide = pairs.len() > 3 && kinked(&pairs, k, 0.0, 16.0);
+        if let Some(p) = pairs.last()
+            && (wide || kinked(&pairs, k, noise, 4.0))
         {
             // Between the slopes on either side there is no telling.
             best.1 = best.1.max(p.even[k].abs() / p.step);
