@@ -834,6 +834,7 @@ METHODS: dict[str, tuple[Callable[[], Any], dict[str, Any]]] = {
     ),
     "Trajectory.windows": (_path, {"width": 2.0, "rtol": 1e-9}),
     "Trajectory.rows": (_path, {"about": 0.0, "until": 2.0}),
+    "Trajectory.rows_and_errors": (_path, {"about": 0.0, "until": 2.0}),
     "Trajectory.posterior": (_path, {"Q": np.eye(2), "prior": np.eye(2)}),
     "Track.at": (
         lambda: next(iter(gm.io.read(BAY).tracks.values())),
