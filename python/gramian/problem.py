@@ -346,7 +346,7 @@ class Problem(Value):
         step = None if self.accuracy is None else self.accuracy.step
         reach = errors * (1.0 if step is None else step)
         # One that is clearly there, as the mean of two slopes at a kink is, is no rounding.
-        nothing = hidden & (reach < 1e-6) & ~(errors < norms)
+        nothing = hidden & (reach < 1e-6) & ~(errors < 1.5 * norms)
         vague = hidden & ~nothing
         with np.errstate(divide="ignore", invalid="ignore"):
             relative = np.where(hidden | (errors == 0), 0.0, errors / norms)

@@ -1244,7 +1244,9 @@ impl<'a> Column<'a> {
             && (wide || kinked(&pairs, k, noise, 4.0))
         {
             // Between the slopes on either side there is no telling.
-            best.1 = best.1.max(p.even[k].abs() / p.step);
+            let largest = at.abs() + p.odd[k].abs() + p.even[k].abs();
+            let rounding = 4.0 * f64::EPSILON * largest;
+            best.1 = best.1.max((p.even[k].abs() + rounding) / p.step);
         }
         if self.reach > 0.0 {
             // Unresolved: there may be detail as short as the shortest step.
