@@ -345,8 +345,10 @@ class Problem(Value):
         # A column of rounding alone: not even a step as long as the state would show.
         step = None if self.accuracy is None else self.accuracy.step
         reach = errors * (1.0 if step is None else step)
-        # One that is clearly there, as the mean of two slopes at a kink is, is no rounding.
-        nothing = hidden & (reach < 1e-6) & ~(errors < 1.5 * norms)
+        # One as large as its error, as the mean of two slopes at a kink is, is no rounding
+        # where only tiny steps were taken.
+        there = (errors < 1.5 * norms) & (reach > 1e-10)
+        nothing = hidden & (reach < 1e-6) & ~there
         vague = hidden & ~nothing
         with np.errstate(divide="ignore", invalid="ignore"):
             relative = np.where(hidden | (errors == 0), 0.0, errors / norms)
