@@ -12,6 +12,7 @@ from gramian import _core
 from gramian.exceptions import InputError
 
 __all__ = [
+    "ITERATIONS_MOST",
     "SEED_MOST",
     "above_rounding",
     "as_float_array",
@@ -28,6 +29,8 @@ __all__ = [
 Array = NDArray[np.float64]
 
 SEED_MOST = 2**64 - 1
+#: Steps of an estimator: one that has not come to rest after so many never does.
+ITERATIONS_MOST = 10_000
 
 
 # The gate itself, `convert` in the extension: dtype, masks, finiteness, layout.

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from gramian import _core
 from gramian import _options as options
 from gramian._answers import Answer, Columns, columns_of_states
-from gramian._arrays import SEED_MOST, finite, number, whole
+from gramian._arrays import ITERATIONS_MOST, SEED_MOST, finite, number, whole
 from gramian._handle import EstimationModel, as_model, handle_of
 from gramian._noise import Knowledge, as_box, as_known
 from gramian._registry import draw
@@ -870,7 +870,7 @@ def estimate(
     search = options.flag(search, "search")
     starts = whole(starts, "starts", 0, 2**31)
     seed = whole(seed, "seed", 0, SEED_MOST)
-    max_iterations = whole(max_iterations, "max_iterations", 1, 2**31)
+    max_iterations = whole(max_iterations, "max_iterations", 1, ITERATIONS_MOST)
     handle = informed(model, z, before, known)
     spread = spread_of(names, before, box, tuple(model.names))
     first = starts_of(model, z, start, free, spread, before, names)

@@ -12,7 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 from gramian import _core
 from gramian import _options as options
 from gramian._answers import Answer, Columns, columns_of_states
-from gramian._arrays import SEED_MOST, as_float_array, finite, number, whole, wrap_angles
+from gramian._arrays import (
+    ITERATIONS_MOST,
+    SEED_MOST,
+    as_float_array,
+    finite,
+    number,
+    whole,
+    wrap_angles,
+)
 from gramian._noise import as_pair
 from gramian._text import brief, plain
 from gramian.estimation import Estimate, estimate
@@ -551,7 +559,7 @@ def _check_options(weak_ratio: float, max_iterations: int, rtol: float | None) -
         raise InputError(f"weak_ratio = {weak_ratio}: must be > 0")
     if rtol is not None:
         options.fraction(rtol, "rtol")
-    return whole(max_iterations, "max_iterations", 1, 2**31)
+    return whole(max_iterations, "max_iterations", 1, ITERATIONS_MOST)
 
 
 def _prior(

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian import _options as options
-from gramian._arrays import SEED_MOST, as_float_array, finite, number, whole
+from gramian._arrays import ITERATIONS_MOST, SEED_MOST, as_float_array, finite, number, whole
 from gramian._noise import as_pair
 from gramian._text import brief, describe_null_space
 from gramian._units import labelled
@@ -186,7 +186,7 @@ def localize(
     setup = _Setup(known, prior, sensors, background, loss, sigma, starts, drift=True)
     wanted = _descriptions(sources, motion, background == "drift", attitude, scale, earth_field)
     limits = levels(alpha, chance, weak_ratio)
-    setup.max_iterations = whole(max_iterations, "max_iterations", 1, 1_000_000)
+    setup.max_iterations = whole(max_iterations, "max_iterations", 1, ITERATIONS_MOST)
     fitted = isinstance(correlation, str) and correlation == "fit"
     if not fitted:
         correlation = number(correlation, "correlation")

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from gramian import _core
 from gramian import _options as options
 from gramian._answers import Answer, Columns
-from gramian._arrays import SEED_MOST, number, whole, wrap_angles
+from gramian._arrays import ITERATIONS_MOST, SEED_MOST, number, whole, wrap_angles
 from gramian._text import brief, plain
 from gramian._values import Value
 from gramian.exceptions import InputError, UnobservableError
@@ -566,7 +566,7 @@ def plan(
         task.problem(),
         whole(starts, "starts", 1, 10_000),
         whole(restarts, "restarts", 0, 10**6),
-        whole(max_iterations, "max_iterations", 1, 10**6),
+        whole(max_iterations, "max_iterations", 1, ITERATIONS_MOST),
         whole(seed, "seed", 0, SEED_MOST),
     )
     began = monotonic()

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian._answers import Answer, Columns, columns_of_states
-from gramian._arrays import number, whole
+from gramian._arrays import ITERATIONS_MOST, number, whole
 from gramian._noise import as_known, as_pair
 from gramian._options import choice, mapping, tolerance
 from gramian.estimation._channels import faulty
@@ -224,7 +224,7 @@ def estimate_many(
         mean,
         sigma,
         begin,
-        whole(max_iterations, "max_iterations", 1, 2**31),
+        whole(max_iterations, "max_iterations", 1, ITERATIONS_MOST),
         loss,
         tuned,
         whole(polish, "polish", 1, 1000),
