@@ -347,7 +347,7 @@ def cost(proofs: bool) -> Iterator[Line]:
             calls = [
                 lambda h, n=truth[None]: h.minimize(n, squares, 200),
                 lambda h, b=best, e=ends, o=none: h.interval(b, o, e, 3.841459),
-                lambda h, b=best, s=spread: h.others(b, s, 64, 0),
+                lambda h, b=best, o=none, s=spread: h.others(b, o, s, 64, 0),
                 lambda h, n=point[None]: h.minimize(n, squares, 200),
             ]
             counted = Counted(handle, len(names), len(model.times))
@@ -455,11 +455,11 @@ def others_contest() -> Contest:
         lambda p: model.residuals(p, model.h(x)), [20.0, -80.0], xtol=1e-15, ftol=1e-15, gtol=1e-15
     ).x
     handle = gm.estimate.__globals__["handle_of"](model, model.h(x))
-    spread = ("box", [-200.0, -200.0], [200.0, 200.0])
+    spread, none = ("box", [-200.0, -200.0], [200.0, 200.0]), np.empty((0, 2))
     starts = np.random.default_rng(1).uniform(-200, 200, (64, 2))
 
     def ours(_: object) -> Callable[[], object]:
-        return lambda: [np.asarray(o["x"]) for o in handle.others(x, spread, 64, 0)["others"]]
+        return lambda: [np.asarray(o["x"]) for o in handle.others(x, none, spread, 64, 0)["others"]]
 
     def scipy(_: object) -> Callable[[], object]:
         def work() -> list[np.ndarray]:

@@ -245,6 +245,12 @@ impl<E: Display> Outcome for Result<(), (usize, E)> {
     }
 }
 
+impl Outcome for PyResult<()> {
+    fn result(self, _: impl Fn(usize) -> String) -> PyResult<()> {
+        self
+    }
+}
+
 /// A new array, not written to yet where it is large.
 pub fn array<'py>(py: Python<'py>, shape: &[usize]) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let bytes = shape

@@ -145,22 +145,30 @@ pub fn in_pieces(
     mut kernel: impl FnMut(Range<usize>, Threads) -> PyResult<()> + Send,
 ) -> PyResult<()> {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-    let piece = ((PIECE / cost.max(1.0)) as usize).max(1);
+    let most = ((PIECE / cost.max(1.0)) as usize).max(1);
     let work = cost * trials as f64;
     if work <= BRIEF {
         return kernel(0..trials, Threads::One);
     }
     // Entering the pool would take longer than it saves, or than the work.
     let small = work <= Threads::LEAST_WORK;
+    // What a trial costs is a guess, and a function of the user's own may take any time: a
+    // short piece first, and from then on as long as the one before says.
+    let mut piece = most.div_ceil(16);
     let mut first = 0;
     while first < trials {
         let range = first..trials.min(first + piece);
+        let (count, begun) = (range.len(), Instant::now());
         first = range.end;
         if small {
             py.detach(|| kernel(range, Threads::One))?;
         } else {
             detached(py, |threads| kernel(range, threads))??;
         }
+        let took = begun.elapsed().as_nanos() as f64;
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let next = (count as f64 * PIECE / took.max(1.0)) as usize;
+        piece = next.clamp(1, most);
         look(py)?;
     }
     Ok(())

@@ -825,7 +825,7 @@ impl PyModel {
         let cost = once * (10.0 + 5.0 * starts.len() as f64);
         let head = Trials::<dyn Model<Error = String> + Send + Sync>::HEAD;
         let size = head + truth.len() + columns.len();
-        let out = Batch::trials(first, trials).fill(py, &[size], cost, |range, threads, out| {
+        Batch::trials(first, trials).fill(py, &[size], cost, |range, threads, out| {
             let trials = Trials {
                 model: &*self.model,
                 truth: &truth,
@@ -839,13 +839,11 @@ impl PyModel {
                 first: first + range.start as u64,
             };
             trials.run(threads, cost, out);
-        })?;
-        let raised = self
-            .raised
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .take();
-        raised.map_or(Ok(out), Err)
+            // What Python raised, Ctrl-C among it, ends the rest.
+            let raised = self.raised.lock();
+            let raised = raised.unwrap_or_else(PoisonError::into_inner).take();
+            raised.map_or(Ok(()), Err)
+        })
     }
 
     /// How many other places there are, by `many` starts, and how many of them a search of

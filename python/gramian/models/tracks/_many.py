@@ -199,7 +199,7 @@ def estimate_many(
     >>> ship = gm.tracks.Carrier([[0, 0], [1500, 0], [1500, 1500]], [0.0, 300.0, 600.0])
     >>> sensor = gm.tracks.Sensor.bearing(ship, times, sigma=0.005)
     >>> scene = gm.tracks.Scene(gm.tracks.Motion.constant_velocity(), [sensor])
-    >>> seen = gm.tracks.simulate(scene, [3000.0, 4000.0, -4.0, 2.0], trials=20, seed=1)
+    >>> seen = gm.tracks.simulate(scene, [3000.0, 4000.0, -4.0, 2.0], trials=20, seed=2)
     >>> gm.tracks.estimate_many(scene, seen).summary()
     '20 trials: 20 determined'
     """
