@@ -335,3 +335,10 @@ def test_the_global_minimum_with_other_knowledge(known_of):
         y = simulate(r0, v, m, TIMES, 1e-9, seed=i)
         answer = localize_many(TIMES, y, known_of(r0, v, m), sigma=1e-9)
         assert answer.costs <= ((y - measure(r0, v, m, TIMES)) ** 2).sum() / 1e-18 * (1 + 1e-9)
+
+
+def test_times_beyond_float64_are_refused_by_many_too():
+    """A last time of 1e308 s did not return."""
+    times = np.append(np.arange(0.0, 20.0, 0.5), 1e308)
+    with pytest.raises(gm.InputError, match="their span overflows float64"):
+        gm.dipole.localize_many(times, np.ones((2, times.size, 3)), {"vz": 0.0}, sigma=1e-9)

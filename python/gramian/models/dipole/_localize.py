@@ -54,6 +54,10 @@ _UNITS = dict(zip(KNOWABLE, (*UNITS, "m/s", "A m^2"), strict=True))
 _REACH = 4.0
 
 
+#: Beyond this a span of times, or a multiple of it, overflows.
+_FAR_TIME = 1e300
+
+
 @dataclass(frozen=True)
 class _Options:
     background: str
@@ -529,7 +533,10 @@ def localize_many(
     if background == "median":
         offsets = np.median(y, axis=-3, keepdims=True)
         y = y - offsets
-    setup.enough(np.empty((*as_float_array(times, "times").shape[-1:], *y.shape[-2:])))
+    when = as_float_array(times, "times")
+    if (np.abs(when) > _FAR_TIME).any():
+        raise InputError(f"times reaches beyond +-{_FAR_TIME:g} s: their span overflows float64")
+    setup.enough(np.empty((*when.shape[-1:], *y.shape[-2:])))
     out = setup.run(times, y, setup.options("none" if background is None else "fit", None))
     return Localizations(
         states=out["state"],
