@@ -78,6 +78,22 @@ def _path() -> Any:
     return gm.dynamics.from_map(_decay, _seen, [1.0, 2.0], np.arange(4.0), ["a", "b"])
 
 
+#: What both estimators of tracks take.
+TRACK_ESTIMATE = {
+    "scene": SCENE,
+    "measurements": [SEEN],
+    "prior": {"x0": (2000.0, 500.0)},
+    "known": {},
+    "loss": "huber",
+    "constant": 1.5,
+    "start": STATE,
+    "alpha": 0.001,
+    "weak_ratio": 0.25,
+    "max_iterations": 20,
+    "polish": 1,
+    "rtol": 1e-9,
+}
+
 #: By the name under `gramian`: what is called, and its arguments.
 CALLS: dict[str, dict[str, Any]] = {
     "Problem": {
@@ -719,34 +735,8 @@ CALLS: dict[str, dict[str, Any]] = {
         "reference": 0.0,
     },
     "tracks.choose_legs": {"scene": SCENE, "measurements": [SEEN], "most": 1, "penalty": 5.0},
-    "tracks.estimate": {
-        "scene": SCENE,
-        "measurements": [SEEN],
-        "prior": {"x0": (2000.0, 500.0)},
-        "known": {},
-        "loss": "huber",
-        "constant": 1.5,
-        "start": STATE,
-        "alpha": 0.001,
-        "weak_ratio": 0.25,
-        "max_iterations": 20,
-        "polish": 1,
-        "rtol": 1e-9,
-    },
-    "tracks.estimate_many": {
-        "scene": SCENE,
-        "measurements": [SEEN],
-        "prior": {"x0": (2000.0, 500.0)},
-        "known": {},
-        "loss": "huber",
-        "constant": 1.5,
-        "start": STATE,
-        "alpha": 0.001,
-        "weak_ratio": 0.25,
-        "max_iterations": 20,
-        "polish": 1,
-        "rtol": 1e-9,
-    },
+    "tracks.estimate": TRACK_ESTIMATE,
+    "tracks.estimate_many": TRACK_ESTIMATE,
     "tracks.leg_penalty": {
         "scene": SCENE.with_motion(gm.tracks.Motion.legs(count=1)),
         "state": STATE,

@@ -340,5 +340,21 @@ def test_the_global_minimum_with_other_knowledge(known_of):
 def test_times_beyond_float64_are_refused_by_many_too():
     """A last time of 1e308 s did not return."""
     times = np.append(np.arange(0.0, 20.0, 0.5), 1e308)
-    with pytest.raises(gm.InputError, match="their span overflows float64"):
-        gm.dipole.localize_many(times, np.ones((2, times.size, 3)), {"vz": 0.0}, sigma=1e-9)
+    field = np.ones((2, times.size, 3))
+    for call in (
+        lambda: gm.dipole.localize_many(times, field, {"vz": 0.0}, sigma=1e-9),
+        lambda: gm.dipole.localize(times, field[0], {"vz": 0.0}, sigma=1e-9),
+        lambda: gm.dipole.localize_trials(
+            [-10.0, -10, 5], [1.0, 1, 0], [10.0, 20, 10], times, sigma=1e-9, known={"vz": 0.0},
+            trials=2, seed=1,
+        ),
+    ):  # fmt: skip
+        with pytest.raises(gm.InputError, match=r"times\[40\] = 1e\+308 s: must be at most"):
+            call()
+
+
+def test_times_whose_steps_are_lost_in_them_do_not_hang():
+    """Nanoseconds of an epoch: half a step is no larger than their rounding."""
+    field = 1e-9 * np.random.default_rng(0).normal(size=(2, 40, 3))
+    for times in (1e17 + 16.0 * np.arange(40), 5e-324 * np.arange(40)):
+        gm.dipole.localize_many(times, field, {"vz": 0.0}, sigma=1e-9)

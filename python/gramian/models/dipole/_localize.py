@@ -54,10 +54,6 @@ _UNITS = dict(zip(KNOWABLE, (*UNITS, "m/s", "A m^2"), strict=True))
 _REACH = 4.0
 
 
-#: Beyond this a span of times, or a multiple of it, overflows.
-_FAR_TIME = 1e300
-
-
 @dataclass(frozen=True)
 class _Options:
     background: str
@@ -533,11 +529,9 @@ def localize_many(
     if background == "median":
         offsets = np.median(y, axis=-3, keepdims=True)
         y = y - offsets
-    when = as_float_array(times, "times")
-    if (np.abs(when) > _FAR_TIME).any():
-        raise InputError(f"times reaches beyond +-{_FAR_TIME:g} s: their span overflows float64")
+    when = _as_times(times)
     setup.enough(np.empty((*when.shape[-1:], *y.shape[-2:])))
-    out = setup.run(times, y, setup.options("none" if background is None else "fit", None))
+    out = setup.run(when, y, setup.options("none" if background is None else "fit", None))
     return Localizations(
         states=out["state"],
         costs=out["cost"],
@@ -597,7 +591,7 @@ def localize_trials(
     seed, first = whole(seed, "seed", 0, SEED_MOST), whole(first, "first")
     trials = whole(trials, "trials", 1)
     setup = _Setup(known, prior, sensors, None, "gaussian", sigma, starts)
-    times = as_float_array(times, "times")
+    times = _as_times(times)
     setup.enough(np.empty((times.size, len(setup.sensors), 3)))
     state = np.concatenate([_three(r0, "r0"), _three(v, "v"), _three(m, "m")])
     out = _core.dipole_localize_trials(
@@ -714,7 +708,7 @@ class _Setup:
 
         Numbers that are not used are NaN.
         """
-        t, y = as_float_array(times, "times").copy(), as_float_array(field, "field").copy()
+        t, y = _as_times(times).copy(), as_float_array(field, "field").copy()
         wanted = "(K, 3)" if self.one_sensor else f"(K, {len(self.sensors)}, 3)"
         if self.one_sensor and y.ndim == 2:
             y = y[:, None, :]
@@ -724,11 +718,6 @@ class _Setup:
                 "three components for each time" + ("" if self.one_sensor else " and sensor")
             )
         options.choice(missing, "missing", ("raise", "drop"))
-        if not np.isfinite(t).all():
-            raise InputError(f"times[{np.argmin(np.isfinite(t))}] must be finite")
-        if (far := np.abs(t) > LARGEST).any():
-            place = int(np.argmax(far))
-            raise InputError(f"times[{place}] = {t[place]:g} s: must be at most {LARGEST} s")
         wrong = ~np.isfinite(y)
         if use is not None:
             unused = ~_used(use, y.shape)
@@ -774,6 +763,18 @@ class _Setup:
         return _core.dipole_localize(
             times, field, self.sensors.tolist(), self.exact, self.priors, options
         )
+
+
+def _as_times(times: ArrayLike) -> Array:
+    """Return times (..., K), finite and so large at most that their spans are."""
+    when = as_float_array(times, "times")
+    if (far := ~(np.abs(when) <= LARGEST)).any():
+        at = np.unravel_index(int(np.argmax(far)), far.shape)
+        place = ", ".join(map(str, at))
+        if not np.isfinite(when[at]):
+            raise InputError(f"times[{place}] must be finite")
+        raise InputError(f"times[{place}] = {when[at]:g} s: must be at most {LARGEST} s")
+    return when
 
 
 @dataclass(frozen=True)

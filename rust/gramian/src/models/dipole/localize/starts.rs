@@ -102,7 +102,8 @@ impl Trace {
             return Vec::new();
         };
         let duration = last - first;
-        if !(duration > 0.0) {
+        // Up to four times as long is looked at.
+        if !(duration > 0.0 && (4.0 * duration).is_finite()) {
             return Vec::new();
         }
         let spacing = duration / (self.times.len() - 1) as f64;
@@ -112,8 +113,11 @@ impl Trace {
             let step = (0.5 * tau).min(duration / 8.0);
             let beyond = (2.5 * tau).min(1.5 * duration);
             let mut before: Option<[(f64, f64); 2]> = None;
-            let mut tc = first - beyond;
-            while tc <= last + beyond {
+            // By number, as a step may be lost in a time that counts from long ago.
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+            let steps = ((duration + 2.0 * beyond) / step) as usize;
+            for index in 0..=steps {
+                let tc = first - beyond + index as f64 * step;
                 let misfit = self.misfit(tc, tau);
                 // Local minima along the time of the closest point.
                 match &mut before {
@@ -126,7 +130,6 @@ impl Trace {
                         *middle = (misfit, tc);
                     }
                 }
-                tc += step;
             }
             if let Some([earlier, middle]) = before
                 && middle.0 <= earlier.0
@@ -207,7 +210,8 @@ impl Trace {
 }
 
 fn levels(spacing: f64, duration: f64) -> Vec<f64> {
-    let mut levels = vec![(0.5 * spacing).max(duration / 500.0)];
+    let least = (0.5 * spacing).max(duration / 500.0);
+    let mut levels = vec![least.max(f64::MIN_POSITIVE)];
     let mut tau = levels[0];
     while tau < 3.0 * duration {
         tau *= 1.5;
