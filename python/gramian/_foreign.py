@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,20 @@ from gramian.exceptions import InputError
 __all__ = ["FOREIGN"]
 
 Array = NDArray[np.float64]
+
+
+def parts(value: Any) -> Iterator[Any]:
+    """Yield the numbers and arrays of lists in lists, in order."""
+    for part in value:
+        if isinstance(part, (list, tuple)):
+            yield from parts(part)
+        else:
+            yield part
+
+
+def lines(value: Any, flat: Callable[[Any], Any], stack: Callable[[Any], Any]) -> Any:
+    """Return what a vectorized function returns for each point as an array."""
+    return stack([flat(line) for line in value]) if isinstance(value, (list, tuple)) else value
 
 
 class JaxFunction:
@@ -28,8 +42,12 @@ class JaxFunction:
     def _value(self, x: Any) -> Any:
         from jax import numpy
 
-        value = self._h(x)
-        return numpy.stack(value) if isinstance(value, (list, tuple)) else value
+        def flat(value: Any) -> Any:
+            if isinstance(value, (list, tuple)):
+                return numpy.concatenate([numpy.ravel(part) for part in parts(value)])
+            return value
+
+        return lines(self._h(x), flat, numpy.stack) if x.ndim > 1 else flat(self._h(x))
 
     def __call__(self, x: Array) -> NDArray[Any]:
         from jax import numpy
@@ -38,8 +56,14 @@ class JaxFunction:
 
     def jacobian_of(self, x: Array, *, vectorized: bool) -> NDArray[Any]:
         import jax
+        from jax import numpy
 
-        h: Any = (lambda state: self._value(state[None])[0]) if vectorized else self._value
+        def h(state: Any) -> Any:
+            value = numpy.ravel(self._value(state[None])[0] if vectorized else self._value(state))
+            if numpy.iscomplexobj(value):
+                return numpy.concatenate([value.real, value.imag])
+            return value
+
         return np.asarray(jax.jacfwd(h)(x)).reshape(-1, x.size)
 
 
@@ -56,8 +80,17 @@ class TorchFunction:
     def _value(self, x: Any) -> Any:
         import torch
 
-        value = self._h(x)
-        return torch.stack(tuple(value)) if isinstance(value, (list, tuple)) else value
+        def tensor(part: Any) -> Any:
+            return part if isinstance(part, torch.Tensor) else torch.as_tensor(np.asarray(part))
+
+        def flat(value: Any) -> Any:
+            if isinstance(value, (list, tuple)):
+                return torch.cat([tensor(part).reshape(-1) for part in parts(value)])
+            if not isinstance(value, torch.Tensor):
+                raise InputError(f"h returns a {type(value).__name__}: must be a tensor, or a list")
+            return value
+
+        return lines(self._h(x), flat, torch.stack) if x.ndim > 1 else flat(self._h(x))
 
     def __call__(self, x: Array) -> NDArray[Any]:
         import torch
@@ -68,7 +101,11 @@ class TorchFunction:
     def jacobian_of(self, x: Array, *, vectorized: bool) -> NDArray[Any]:
         import torch
 
-        h: Any = (lambda state: self._value(state[None])[0]) if vectorized else self._value
+        def h(state: Any) -> Any:
+            value = self._value(state[None])[0] if vectorized else self._value(state)
+            value = value.reshape(-1)
+            return torch.cat([value.real, value.imag]) if value.is_complex() else value
+
         found = torch.autograd.functional.jacobian(h, torch.tensor(x, dtype=torch.float64))
         return np.asarray(found.detach().cpu().numpy()).reshape(-1, x.size)
 

@@ -443,24 +443,38 @@ class Model(ProblemSource, Value):
             raise InputError(
                 f"the Jacobian has shape {values.shape}: must be ({at.size}, {self.n}){hint}"
             )
-        # What rounding inside leaves: second differences over a few units in the last place.
-        error = precision * np.abs(values)
-        if precision > np.finfo(float).eps:
-            error = precision * np.maximum(np.abs(values), np.abs(values).max(axis=0))
+        # What rounding inside leaves: second differences over a few units in the last place;
+        # also of single precision, where all that was returned may be such numbers.
+        largest = np.abs(values).max(axis=0, initial=0.0)
+        single = float(np.finfo(np.float32).eps)
+        error = precision * np.maximum(np.abs(values), largest if precision >= single else 0.0)
         size = np.where(state == 0, np.where(np.isnan(self.scale), 1.0, self.scale), state)
-        for signs in (1.0, np.where(np.arange(self.n) % 2, 1.0, -1.0)):
-            step = 8 * np.spacing(np.abs(size)) * signs
-            try:
-                bent = derivative(state + step) - 2 * values + derivative(state - step)
-            except (InputError, ArithmeticError, ValueError):
-                continue
-            error = np.maximum(error, np.abs(bent))
-        self._check(state, values, error, at)
-        return values, error, {"evaluations": 5, "step": None, "noise": None, "groups": self.n}
+        with np.errstate(over="ignore"):
+            maybe_single = precision < single and bool((values == values.astype(np.float32)).all())
+        calls = 1
+        for unit in (precision, single)[: 1 + maybe_single]:
+            for signs in (1.0, np.where(np.arange(self.n) % 2, 1.0, -1.0)):
+                step = 8 * unit * np.abs(size) * signs
+                calls += 2
+                try:
+                    bent = derivative(state + step) - 2 * values + derivative(state - step)
+                except (InputError, ArithmeticError, ValueError):
+                    continue
+                bent = np.abs(bent)
+                if unit >= single and (bent > 1e-2 * single * largest).any():
+                    error = np.maximum(error, single * largest)
+                error = np.maximum(error, bent)
+        # A complex step takes an evaluation a state, and one more.
+        calls *= self.n + 1 if self._options["method"] == "complex" else 1
+        calls += 1 + self._check(state, values, error, at)
+        return values, error, {"evaluations": calls, "step": None, "noise": None, "groups": self.n}
 
-    def _check(self, state: Array, values: Array, error: Array, at: Array) -> None:
-        """Compare derivatives with differences along two directions."""
-        nothing = np.zeros(1)
+    def _check(self, state: Array, values: Array, error: Array, at: Array) -> int:
+        """Compare derivatives with differences along two directions.
+
+        Returns how often h was evaluated.
+        """
+        nothing, calls = np.zeros(1), 0
         known = np.where(np.isnan(self.scale), np.where(state == 0, 1.0, np.abs(state)), self.scale)
         for turn in (0, 1):
             direction = known * np.cos(1.0 + 2.4 * np.arange(self.n) + turn)
@@ -484,7 +498,8 @@ class Model(ProblemSource, Value):
                     )
                 except InputError:
                     # Differences that do not exist check nothing.
-                    return
+                    return calls
+            calls += found.evaluations
             slope, allowed = found.values()[:, 0], found.error()[:, 0]
             expected = values @ direction
             slack = 3 * allowed + 3 * (error @ np.abs(direction)) + 1e-6 * np.abs(slope).max()
@@ -496,6 +511,7 @@ class Model(ProblemSource, Value):
                     f"{slope[i]:.6g}, by the Jacobian {expected[i]:.6g}"
                     + self._guess(values, expected, slope, direction)
                 )
+        return calls
 
     def _guess(self, values: Array, expected: Array, slope: Array, direction: Array) -> str:
         if self._options["method"] == "complex":

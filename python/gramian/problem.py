@@ -40,7 +40,7 @@ class Accuracy(Value):
     step : ndarray, shape (n,), or None
         The longest step by which each state was moved.
     evaluations : int
-        How often h (or its Jacobian) was evaluated.
+        How often h and its Jacobian were evaluated.
     groups : int
         Groups of states that were moved together.
     """

@@ -30,6 +30,19 @@ class TestHeavyRows:
         np.testing.assert_allclose(gm.crlb_std(rows), exact, rtol=1e-12)
         np.testing.assert_allclose(gm.analyze(rows).crlb_std, exact, rtol=1e-12)
 
+    @pytest.mark.parametrize("weight", [1e4, 1e6, 1e10, 1e14])
+    @pytest.mark.parametrize("n", [2, 4, 5, 20, 70])
+    def test_in_a_batch_as_alone(self, weight, n):
+        """In lanes one row of weight 1e14 beside others cost 1e-2 of the bounds."""
+        rng = np.random.default_rng(n)
+        rows = rng.standard_normal((19, n + 3, n))
+        for k, trial in enumerate(rows[:-1]):
+            trial[rng.permutation(n + 3)[: k % n]] *= weight
+        wanted = [gm.analyze(trial).crlb_std for trial in rows]
+        np.testing.assert_allclose(gm.crlb_std(rows), wanted, rtol=1e-11 * n)
+        for given in (rows[1].tolist(), tuple(map(tuple, rows[1])), rows[1][:, ::-1][:, ::-1]):
+            np.testing.assert_allclose(gm.crlb_std(given), wanted[1], rtol=1e-11 * n)
+
     def test_a_tight_prior_of_a_sum(self):
         problem = gm.Problem(np.eye(3), ["a", "b", "c"], combinations={"sum": [1, 1, 1]})
         std = gm.crlb_std(problem.prior({"sum": 1e-14}))

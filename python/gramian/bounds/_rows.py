@@ -97,7 +97,7 @@ def crlb_std(
             return analyze(problem).crlb_std
         if problem.row_error is None and problem.row_sigma is None and not len(problem.constraints):
             known = at_least_one_row(problem.all_rows)
-            return _std(known, problem.rtol)
+            return _core.crlb_std(known, problem.rtol)
         return problem.factor().crlb_std()
     rows: ArrayLike = rows_or_problem
     if prior is None and isinstance(rows, list):
@@ -117,17 +117,7 @@ def crlb_std(
             return np.array(std).reshape(*rows.shape[:-2], rows.shape[-1])
         extra = np.broadcast_to(extra, (*rows.shape[:-2], *extra.shape))
         rows = np.concatenate([rows, extra], axis=-2)
-    return _std(rows, None)
-
-
-def _std(rows: ArrayLike, rtol: float | None) -> Array:
-    """Return the bounds; of one problem whose rows differ much in weight level by level."""
-    if isinstance(rows, np.ndarray) and rows.ndim == 2 and rows.dtype == np.float64:
-        sizes = np.abs(rows).max(axis=1, initial=0.0)
-        sizes = sizes[sizes > 0]
-        if sizes.size and np.isfinite(sizes).all() and sizes.max() > 1e4 * sizes.min():
-            return _core.Analysis(rows, rtol, None).crlb_std()
-    return _core.crlb_std(rows, rtol)
+    return _core.crlb_std(rows, None)
 
 
 def crlb(

@@ -7,7 +7,7 @@ use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
 use faer::{Mat, MatRef, Par};
 
 use super::NoConvergence;
-use crate::observability::Observability;
+use crate::observability::{GRADED, Observability, grade};
 use crate::scalar::{NumberError, check_finite, check_length};
 use crate::spectrum::{check_rtol, default_rtol, unit_columns};
 
@@ -109,7 +109,9 @@ pub fn crlb_std(rows: &[f64], n: usize, rtol: Option<f64>) -> Result<Vec<f64>, E
     let (r, scale) = factor(rows, n)?;
     let tolerance = rtol.unwrap_or_else(|| default_rtol(rows.len() / n, n));
     let unit = Mat::from_fn(n, n, |i, j| r[i * n + j] * scale[j]);
-    if (0..n).all(|k| unit[(k, k)].abs() > f64::MIN_POSITIVE) {
+    // Rows of very different size keep their digits only in the whole answer.
+    let even = grade(rows, n) <= GRADED;
+    if even && (0..n).all(|k| unit[(k, k)].abs() > f64::MIN_POSITIVE) {
         let mut inverse = Mat::<f64>::identity(n, n);
         solve_upper_triangular_in_place(unit.as_ref(), inverse.as_mut(), Par::Seq);
         let whole = inverse.norm_l2();

@@ -764,8 +764,7 @@ fn determined<T: Real>(a: &[T], errors: &[T], n: usize, rtol: T, units: &[T]) ->
     // With a tolerance of next to nothing rounding counts too, but no more than the rows.
     let rank = spectrum::rank(&s, rtol).min(count);
     let mut parts = if rank == n {
-        let graded = grade(a, n);
-        if graded > T::of(1e3) {
+        if grade(a, n) > T::of(GRADED) {
             pivoted(a, n, rtol, n, &s).unwrap_or_else(|| plain(n, rtol, &s, &v, n))
         } else {
             let mut parts = plain(n, rtol, &s, &v, rank);
@@ -784,8 +783,11 @@ fn determined<T: Real>(a: &[T], errors: &[T], n: usize, rtol: T, units: &[T]) ->
     parts
 }
 
+/// Rows that differ more in size lose digits in a factorisation without pivots.
+pub(crate) const GRADED: f64 = 1e3;
+
 /// Largest over smallest size of the rows that are not zero.
-fn grade<T: Real>(a: &[T], n: usize) -> T {
+pub(crate) fn grade<T: Real>(a: &[T], n: usize) -> T {
     let (mut least, mut most) = (T::MAX, T::zero());
     for row in a.chunks_exact(n) {
         let size = row.iter().fold(T::zero(), |m, x| m.max(x.abs()));
@@ -987,7 +989,7 @@ fn levels<T: Real>(
         |vector: &[T]| -> Vec<T> { vector.iter().zip(scale).map(|(&x, &d)| x * d).collect() };
     if !found || rank == 0 {
         if rank > 0
-            && grade(a, n) > T::of(1e3)
+            && grade(a, n) > T::of(GRADED)
             && let Some(parts) = pivoted(a, n, rtol, rank, s)
         {
             return parts;

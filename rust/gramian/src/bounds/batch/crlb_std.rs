@@ -14,7 +14,7 @@ use crate::batch::simd::Path;
 use crate::batch::transpose::{Aligned, buffers, into_lanes, out_of_lanes};
 use crate::batch::{Items, Threads};
 use crate::bound::standard_deviations;
-use crate::observability::Observability;
+use crate::observability::{GRADED, Observability, grade};
 use crate::posterior::Form;
 use crate::spectrum::{decompose, default_rtol, rank, unit_columns};
 use crate::square_root::triangularize;
@@ -25,6 +25,9 @@ const BLOCK: usize = 32;
 const MOST_STATES: usize = 16;
 /// Squares in this range, and what is added to them, are held with all digits.
 const SQUARES: (f64, f64) = (1e-280, 1e280);
+/// Below this variance inflation rows of very different size cost the lanes no digits that
+/// matter: either they tell of all states, or of states of their own.
+const MILD: f64 = GRADED * GRADED;
 
 /// Bounds (trials, n) on the standard deviation of each state, from rows
 /// (trials, K, n); infinite where a state is not determined.
@@ -96,6 +99,9 @@ impl Kernel<'_> {
     /// Trial `index` of the group, with the decision on its rank.
     fn by_singular_values(&mut self, index: usize) {
         let (n, rows) = (self.n, self.rows.get(self.first + index));
+        if self.is_graded(index) && self.by_levels(index) {
+            return;
+        }
         let padded = (rows.len()).max(n * n);
         // The rows, then work, scale, singular values, vectors.
         let mut space = vec![0.0; padded + 3 * n + 2 * n * n];
@@ -108,20 +114,34 @@ impl Kernel<'_> {
         triangularize(a, n, work);
         unit_columns(a, n, scale);
         decompose(a, n, scale, s, v, w);
-        let out = &mut self.out[index * n..(index + 1) * n];
         let found = rank(s, self.rtol);
-        if found < n
-            && let Ok(whole) = Observability::new(rows, n, Some(self.rtol))
-        {
+        if found < n && self.by_levels(index) {
             // Rows of very different weight may determine more than is seen at once.
-            out.copy_from_slice(&whole.crlb_std());
             return;
         }
+        let out = &mut self.out[index * n..(index + 1) * n];
         standard_deviations(s, v, scale, found, self.rtol, out);
     }
 
+    /// Whether the rows of a trial differ so much in size that a plain factorisation of them
+    /// all loses digits.
+    fn is_graded(&self, index: usize) -> bool {
+        grade(self.rows.get(self.first + index), self.n) > GRADED
+    }
+
+    /// Trial `index` of the group, each row with all its digits; false for what is refused.
+    fn by_levels(&mut self, index: usize) -> bool {
+        let (n, rows) = (self.n, self.rows.get(self.first + index));
+        let Ok(whole) = Observability::new(rows, n, Some(self.rtol)) else {
+            return false;
+        };
+        self.out[index * n..(index + 1) * n].copy_from_slice(&whole.crlb_std());
+        true
+    }
+
     /// The bounds, as many as there are lanes from trial `start` of the group on;
-    /// 0 for what they cannot be trusted.
+    /// 0 for what they cannot be trusted, 1 for what they can where the rows are of about one
+    /// size, 2 in any case.
     #[inline(always)]
     fn by_lanes<S: Simd, const N: usize>(
         &mut self,
@@ -155,11 +175,13 @@ impl Kernel<'_> {
             update::<S, N>(simd, Form::Information, rows, factor, space, line);
         }
         let mut sure = bound(simd, Form::Information, factor, space.work, line, packed);
+        let mut mild = Lanes::splat(simd, 1.0);
         for i in 0..n {
             sure = sure * factor.weight[i].inside(SQUARES.0, SQUARES.1);
+            mild = mild * (line[i] * space.work[i]).inside(0.5, MILD);
         }
         out_of_lanes(simd, packed, n, n, &mut self.out[start * n..]);
-        sure.put(packed);
+        (sure + sure * mild).put(packed);
         let mut trusted = [0.0; LANES];
         out_of_lanes(simd, packed, 1, 1, &mut trusted);
         trusted
@@ -209,7 +231,8 @@ impl pulp::WithSimd for Kernel<'_> {
                 self.by_lanes::<S, 0>(simd, start, &mut factor, &mut space, line, packed)
             };
             for index in start..trials.min(start + S::F64_LANES) {
-                if trusted[index - start] == 0.0 {
+                let trusted = trusted[index - start];
+                if trusted == 0.0 || (trusted == 1.0 && self.is_graded(index)) {
                     self.by_singular_values(index);
                 }
             }
