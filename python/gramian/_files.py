@@ -68,8 +68,26 @@ def _size(count: int) -> str:
 _CONTROL = re.compile(r"[\x01-\x08\x0e-\x1a\x1c-\x1f]")
 
 
+def _unpacked(raw: bytes, limit: int) -> bytes:
+    """Return what gzip has packed, of at most `limit` bytes."""
+    import gzip  # not before it is needed: `import gramian` stays light
+    import io
+    import zlib
+
+    try:
+        content = gzip.GzipFile(fileobj=io.BytesIO(raw)).read(limit + 1)
+    except (EOFError, OSError, zlib.error) as error:
+        raise OSError(f"is packed by gzip, and damaged: {error}") from error
+    if len(content) > limit:
+        raise OSError(
+            f"has more than {_size(limit)} once it is unpacked: raise the limit to read the file "
+            "(size_limit, --size-limit)"
+        )
+    return content
+
+
 def read_text(path: Path, limit: int | None = None) -> str:
-    """Return the text of a file: UTF-8 or UTF-16 with or without its mark, or cp1252.
+    """Return the text of a file, packed by gzip or not: UTF-8, UTF-16 with its mark, or cp1252.
 
     Raises
     ------
@@ -77,6 +95,13 @@ def read_text(path: Path, limit: int | None = None) -> str:
         As `read_whole`; and a file that is no text.
     """
     raw = read_whole(path, limit)
+    if raw[:2] == b"\x1f\x8b":
+        raw = _unpacked(raw, _LIMIT.get() if limit is None else limit)
+    if raw[:4] == b"PK\x03\x04":
+        raise OSError(
+            "is a zip archive, as workbooks (.xlsx, .ods) and .kmz are: save the sheet as CSV, or "
+            "unpack it"
+        )
     wide = raw[:2] in (b"\xff\xfe", b"\xfe\xff")
     for encoding in ("utf-8-sig", "utf-16") if wide else ("utf-8-sig", "cp1252"):
         try:

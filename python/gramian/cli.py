@@ -33,7 +33,7 @@ from gramian.report import Report
 from gramian.reproduce import PAPERS
 
 if TYPE_CHECKING:
-    from gramian.scenario import Scenario
+    from gramian.scenario import Choices, Scenario
 
 __all__ = ["main"]
 
@@ -106,6 +106,17 @@ Dates = Annotated[
         rich_help_panel=_FROM_FILES,
     ),
 ]
+Named = Annotated[
+    list[str],
+    typer.Option(
+        "--column",
+        metavar="WHAT=HEADING",
+        help="What a column of a table holds, where its heading does not say it (time=Zeit): "
+        "once for each.",
+        show_default=False,
+        rich_help_panel=_FROM_FILES,
+    ),
+]
 SizeLimit = Annotated[
     int,
     typer.Option(metavar="MIB", min=1, help="Files beyond this size are refused, MiB."),
@@ -146,13 +157,18 @@ def analyze(
     duration: Duration = None,
     step: Step = None,
     dates: Dates = None,
+    column: Named = [],  # noqa: B006  (typer copies it)
     size_limit: SizeLimit = 512,
     out: Out = None,
     json: Json = False,
     strict: Strict = False,
 ) -> None:
     """Say what the measurements of a scenario, or the edges of a g2o graph, determine."""
-    chosen = (observer, target, sensor, sigma_deg, start, duration, step, dates)
+    from gramian.scenario import Choices
+
+    chosen = Choices(
+        observer, target, sensor, sigma_deg, start, duration, step, dates, _columns(column)
+    )
 
     def ask() -> Report:
         if [path.suffix.lower() for path in file] == [".g2o"]:
@@ -178,13 +194,18 @@ def localize(
     duration: Duration = None,
     step: Step = None,
     dates: Dates = None,
+    column: Named = [],  # noqa: B006  (typer copies it)
     size_limit: SizeLimit = 512,
     out: Out = None,
     json: Json = False,
     strict: Strict = False,
 ) -> None:
     """Estimate from the recorded measurements of a scenario."""
-    chosen = (observer, target, sensor, sigma_deg, start, duration, step, dates)
+    from gramian.scenario import Choices
+
+    chosen = Choices(
+        observer, target, sensor, sigma_deg, start, duration, step, dates, _columns(column)
+    )
 
     def ask() -> Report:
         scenario = _scenario(file, chosen)
@@ -356,6 +377,7 @@ def import_(
     duration: Duration = None,
     step: Step = None,
     dates: Dates = None,
+    column: Named = [],  # noqa: B006  (typer copies it)
     pass_: Annotated[
         str | None, typer.Option("--pass", help="The pass in a table of a magnetic field.")
     ] = None,
@@ -384,12 +406,15 @@ def import_(
         raise StorageError(f"{scenario}: is there already; choose another name or remove it")
     with files_up_to(size_limit << 20), _spinner("reading"):
         field = field_table(file[0]) if len(file) == 1 else None
-        recording = None if field is not None else read(*file, dates=dates)
+        named = _columns(column)
+        recording = None if field is not None else read(*file, columns=named, dates=dates)
     if scenario is not None:
         if field is not None:
             text = draft_of_field(field, pass_, [_place(at) for at in sensor_at], scenario.parent)
         elif recording is not None:
-            choices = Choices(observer, target, sensor, sigma_deg, start, duration, step, dates)
+            choices = Choices(
+                observer, target, sensor, sigma_deg, start, duration, step, dates, named
+            )
             text = draft(recording, choices, scenario.parent)
         try:
             write_whole(scenario, text.encode())
@@ -423,22 +448,18 @@ def schema(
     sys.stdout.write(reference(model) if markdown else dumps(of(model), indent=2) + "\n")
 
 
-def _scenario(
-    paths: Sequence[Path],
-    choices: tuple[
-        str | None,
-        str | None,
-        str | None,
-        float | None,
-        str | None,
-        float | None,
-        float | None,
-        str | None,
-    ],
-) -> Scenario:
-    from gramian.scenario import Choices, from_files, load
+def _columns(given: Sequence[str]) -> dict[str, str] | None:
+    """Return what columns hold, given as WHAT=HEADING."""
+    pairs = [text.partition("=") for text in given]
+    for text, (what, _, heading) in zip(given, pairs, strict=True):
+        if not what or not heading:
+            raise InputError(f"--column {text}: must be what it holds and its heading: time=Zeit")
+    return {what: heading for what, _, heading in pairs} or None
 
-    chosen = Choices(*choices)
+
+def _scenario(paths: Sequence[Path], chosen: Choices) -> Scenario:
+    from gramian.scenario import from_files, load
+
     scenarios = [path for path in paths if path.suffix.lower() == ".toml"]
     if not scenarios:
         return from_files(paths, chosen)

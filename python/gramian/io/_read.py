@@ -14,7 +14,7 @@ from gramian._files import read_text, read_whole
 from gramian.exceptions import InputError
 from gramian.io import _gpx, _kml, _nmea, _rep, _slips, _table
 from gramian.io._recording import Recording, merged
-from gramian.io._table import Table
+from gramian.io._table import Table, named
 from gramian.io._times import unix
 
 __all__ = ["FORMATS", "joined", "read", "table", "unix_seconds"]
@@ -24,9 +24,9 @@ FORMATS: dict[str, tuple[str, str, str, str]] = {
     "csv": (
         "table with a header",
         "csv (standard library)",
-        "positions or detections; any separator, decimal commas, dates, UNIX and clock times, "
-        "degrees-minutes-seconds",
-        "columns that are not named or recognised",
+        "positions, detections, or both; any separator, decimal commas, dates, UNIX and clock "
+        "times, degrees-minutes-seconds, hemispheres",
+        "columns that are not named or recognised (named in a note), lines of comments (#)",
     ),
     "parquet": (
         "Parquet, Feather (Arrow)",
@@ -69,7 +69,7 @@ def read(
     trust: Collection[str] = (),
     size_limit: int | None = None,
 ) -> Recording:
-    r"""Read files of tracks and measurements.
+    r"""Read files of tracks and measurements, packed by gzip or not.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ def _one(
     dates: str | None,
     size_limit: int | None,
 ) -> Recording:
-    suffix = path.suffix.lower()
+    suffix = named(path).suffix.lower()
     text = _text(path, size_limit)
     if text is None:
         return _table.recording_of(_table.read_parquet(path), columns, units, dates)
@@ -194,6 +194,8 @@ def _one(
         return _rep.read(path, text)
     if suffix in (".nmea", ".ais") or _nmea.looks_like(text):
         return _nmea.read(path, text)
+    if suffix in (".json", ".geojson") or text.lstrip().startswith(("{", "[{")):
+        raise InputError(f"{path}: is JSON, which is not read: save it as CSV, GPX or KML")
     cells = _table.read_table(path, text, separator=separator, decimal=decimal)
     return _table.recording_of(cells, columns, units, dates)
 

@@ -48,6 +48,7 @@ def check(recording: Recording, trust: Collection[str] = ()) -> None:
         for name, look in (
             ("missing", _missing),
             ("units", _degrees_for_metres),
+            ("units", _radians_for_places),
             ("speed", _speed),
             ("course", _course),
         ):
@@ -114,6 +115,21 @@ def _degrees_for_metres(track: Track, where: str) -> None:
             f"{track.name} moves at {brief(slow, 2)} m/s within +-180 m east and +-90 m north: are "
             "these longitudes and latitudes in degrees (name the columns longitude and latitude), "
             "or kilometres (name them east_km and north_km)?",
+            "units",
+        )
+
+
+def _radians_for_places(track: Track, where: str) -> None:
+    if track.latitude is None or track.longitude is None or track.times.size < 3:
+        return
+    inside = np.abs(track.latitude).max() <= np.pi / 2 and np.abs(track.longitude).max() <= np.pi
+    speeds = _speeds(track)
+    # A radian is 57 degrees: what creeps as degrees moves as a ship does as radians.
+    if inside and 0 < float(np.median(speeds)) < 0.5 and float(speeds.max()) * 57.3 > 0.5:
+        raise _ask(
+            where,
+            f"{track.name} moves at {brief(float(speeds.max()), 2)} m/s within +-1.57 of latitude "
+            "and +-3.14 of longitude: are these radians? Write degrees",
             "units",
         )
 

@@ -6,7 +6,7 @@ import csv
 import io
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gramian import _options as options
+from gramian._arrays import wrap_angles
 from gramian._values import Value
 from gramian.exceptions import GramianError, InputError
 from gramian.io._angles import degrees
@@ -22,7 +23,7 @@ from gramian.io._build import KNOT, detections_of, epoch_of, track_of
 from gramian.io._recording import Recording
 from gramian.io._times import CLOCK, instants
 
-__all__ = ["COLUMNS", "Table", "guess", "read_table", "recording_of"]
+__all__ = ["COLUMNS", "Table", "guess", "named", "read_table", "recording_of"]
 
 Array = NDArray[np.float64]
 
@@ -83,7 +84,11 @@ _UNITS: dict[str, tuple[str, float]] = {
     "sec": ("time", 1.0),
     "ms": ("time", 1e-3),
     "min": ("time", 60.0),
+    "h": ("time", 3600.0),
     "utc": ("time", 1.0),
+    "hh:mm:ss": ("time", 1.0),
+    "hh:mm": ("time", 1.0),
+    "mm:ss": ("time", 1.0),
 }
 _KINDS = {
     "east": "length",
@@ -97,6 +102,7 @@ _KINDS = {
     "frequency": "frequency",
     "time": "time",
 }
+_DECIMAL = re.compile(r"[+-]?\d+\.\d+", re.ASCII)
 _MISSING = {"", "nan", "null", "na", "n/a", "none", "-", "--"}
 
 
@@ -110,8 +116,8 @@ class Table(Value):
     format : str
     header : list of str
     columns : list of list of str
-    first_line : int
-        Of the first row of cells, for messages.
+    lines : sequence of int
+        Where each row of cells is in the file, for messages.
     notes : list of str
     """
 
@@ -119,7 +125,7 @@ class Table(Value):
     format: str
     header: list[str]
     columns: list[list[str]]
-    first_line: int
+    lines: Sequence[int]
     notes: list[str]
 
     def __getitem__(self, name: str) -> list[str]:
@@ -152,24 +158,34 @@ class Table(Value):
         return values
 
     def times(
-        self, name: str, date: str | None = None, order: str | None = None
+        self,
+        name: str,
+        date: str | None = None,
+        order: str | None = None,
+        unit: str | None = None,
     ) -> tuple[Array, bool, str]:
         """Return a column as seconds, whether they are since 1970, and how it was read.
 
         `date` is a second column that has the date; `order` says whether days or months
-        stand first in dates such as 01/05/2026.
+        stand first in dates such as 01/05/2026; `unit` whether 12:30 is "hh:mm" or "mm:ss".
         """
         cells = self[name]
+        unit = unit or _split(name)[1]
         if date is not None and all(CLOCK.match(cell) for cell in cells if cell):
             cells = [
                 f"{day} {cell}" if cell else "" for day, cell in zip(self[date], cells, strict=True)
             ]
             name = f"{date} and {name}"
-        return instants(cells, f"{self.path}: {name}", order)
+        return instants(cells, f"{self.path}: {name}", order, unit)
 
     def place(self, row: int, name: str) -> str:
         """Return where a cell is, for messages."""
-        return f"{self.path}:{self.first_line + row}: {name}"
+        return f"{self.path}:{self.lines[row]}: {name}"
+
+
+def named(path: Path) -> Path:
+    """Return the name of a file without that of its packing: ship.csv.gz is ship.csv."""
+    return path.with_suffix("") if path.suffix.lower() == ".gz" else path
 
 
 def read_table(
@@ -194,27 +210,27 @@ def read_table(
         if separator != ",":
             notes.append(f"cells separated by {_named(separator)}")
     rows = _rows(lines, separator, path)
-    header = [cell.strip() for cell in rows[0]]
+    header = [cell.strip() for cell in rows[0][1]] if rows else []
     if all(_number_like(cell) for cell in header):
         raise InputError(
-            f"{path}:{skipped + 1}: the first line has numbers only: a header must name the columns"
+            f"{path}:{skipped + 1}: the first line has numbers and dates only: a header must name "
+            "the columns"
         )
-    body = _body(rows, len(header), separator, path, skipped)
-    # Units may have a line of their own below the header.
-    first = skipped + 2
-    if len(body) > 1 and any(body[0]) and all(c.lower() in {"", "-", *_UNITS} for c in body[0]):
+    body, numbers = _body(rows[1:], len(header), separator, path, skipped)
+    # Units may have a line of their own below the header, in brackets or not.
+    units = [cell.strip("[]() ") for cell in body[0]]
+    if len(body) > 1 and any(units) and all(c.lower() in {"", "-", *_UNITS} for c in units):
         header = [
-            f"{h} [{u}]" if u not in ("", "-") else h
-            for h, u in zip(header, body.pop(0), strict=True)
+            f"{h} [{u}]" if u not in ("", "-") else h for h, u in zip(header, units, strict=True)
         ]
-        first += 1
+        del body[0], numbers[0]
     if decimal is None and separator != "," and _decimal_commas(header, body, path):
         decimal = ","
         notes.append("decimal commas")
     if decimal == ",":
         body = _with_points(header, body, path)
     columns = [list(column) for column in zip(*body, strict=True)]
-    return Table(path, "csv", header, columns, first, notes)
+    return Table(path, "csv", header, columns, numbers, notes)
 
 
 def _headed(lines: list[str], separator: str | None) -> tuple[list[str], int]:
@@ -267,23 +283,30 @@ def _with_points(header: list[str], body: list[list[str]], path: Path) -> list[l
     return [[re.sub(r"(?<=\d),(?=\d)", ".", cell) for cell in row] for row in body]
 
 
-def _rows(lines: list[str], separator: str, path: Path) -> list[list[str]]:
+def _rows(lines: list[str], separator: str, path: Path) -> list[tuple[int, list[str]]]:
+    """Return the cells of each line that has some, behind its number."""
     if separator.isspace() and separator != "\t":
-        return [line.split() for line in lines if line.strip()]
+        return [(i, line.split()) for i, line in enumerate(lines, 1) if line.strip()]
     try:
-        return list(csv.reader(io.StringIO("\n".join(lines)), delimiter=separator, strict=True))
+        reader = csv.reader(io.StringIO("\n".join(lines)), delimiter=separator, strict=True)
+        return [(reader.line_num, row) for row in reader if row]
     except (csv.Error, TypeError) as error:
         raise InputError(f"{path}: cannot be split into cells: {error}") from error
 
 
 def _body(
-    rows: list[list[str]], width: int, separator: str, path: Path, skipped: int
-) -> list[list[str]]:
-    body = []
-    for i, row in enumerate(rows[1:], 2):
-        if not row or all(not cell.strip() for cell in row):
+    rows: list[tuple[int, list[str]]], width: int, separator: str, path: Path, skipped: int
+) -> tuple[list[list[str]], list[int]]:
+    """Return the rows of cells, and their lines: without empty ones and comments."""
+    body, numbers = [], []
+    for i, row in rows:
+        cells = [cell.strip() for cell in row]
+        if not any(cells) or (len(cells) != width and cells[0].startswith("#")):
             continue
-        if len(row) != width:
+        # A separator at the end of each line makes empty cells.
+        while len(cells) > width and not cells[-1]:
+            del cells[-1]
+        if len(cells) != width:
             hint = ""
             if separator == "," and len(row) > width:
                 hint = " (decimal commas need another separator than the comma)"
@@ -291,10 +314,11 @@ def _body(
                 f"{path}:{skipped + i}: has {len(row)} cells: must have {width}, as the "
                 f"header{hint}"
             )
-        body.append([cell.strip() for cell in row])
+        body.append(cells)
+        numbers.append(skipped + i)
     if not body:
         raise InputError(f"{path}: has a header and no rows")
-    return body
+    return body, numbers
 
 
 def read_parquet(path: Path) -> Table:
@@ -340,7 +364,7 @@ def of_columns(columns: Mapping[str, Sequence[object]], path: Path, form: str) -
     texts = [[_cell(value) for value in column] for column in columns.values()]
     if not texts or not texts[0]:
         raise InputError(f"{path}: has no rows")
-    return Table(path, form, list(columns), texts, 1, [])
+    return Table(path, form, list(columns), texts, range(1, len(texts[0]) + 1), [])
 
 
 def _cell(value: object) -> str:
@@ -406,20 +430,25 @@ def recording_of(
     """
     path = table.path
     found = _meanings(table, columns)
-    times, dated, said = table.times(found["time"], found.get("date"), dates)
     unit = _unit_of("time", found["time"], units, path)
+    times, dated, said = table.times(found["time"], found.get("date"), dates, unit)
     if not dated and not said:
         times = times * _UNITS[unit or "s"][1]
     notes = [*table.notes, *([f"{found['time']} read as {said}"] if said else [])]
     epoch = epoch_of(times) if dated else None
     times = times - (epoch or 0.0)
     values: dict[str, Array] = {}
+    used = set(found.values())
     for meaning, heading in found.items():
         if meaning in _TEXTS or meaning == "time":
             continue
         cells = table[heading]
         if meaning in ("latitude", "longitude"):
             values[meaning] = _geographic(cells, f"{path}: {heading}")
+            sides = _hemisphere(table, meaning, used)
+            if sides is not None:
+                values[meaning] = _sided(values[meaning], table, heading, sides)
+                used.add(sides)
             continue
         numbers = table.numbers(heading)
         unit = _unit_of(meaning, heading, units, path)
@@ -434,14 +463,19 @@ def recording_of(
             values = {k: v for k, v in values.items() if k not in ("latitude", "longitude")}
         else:
             values = {k: v for k, v in values.items() if k not in ("east", "north")}
+    if left := [name for name in table.header if name and name not in used]:
+        notes.append(f"left out: {', '.join(left)}")
     if position:
-        return _tracks(table, found, times, values, epoch, notes)
+        recording = _tracks(table, found, times, values, epoch, notes)
+        if seen:
+            return _with_sensors(recording, table, found, times, seen, "bearing" in (columns or {}))
+        return recording
     if seen:
         return _sensors(table, found, times, seen, epoch, notes)
     raise InputError(
         f"{path}: no columns are recognised as a position (east and north, or latitude and "
         f"longitude) or a detection (bearing, range): its columns are {', '.join(table.header)}; "
-        "name them with columns.east, columns.north"
+        "name them with columns.east, columns.north (--column east=HEADING)"
     )
 
 
@@ -459,7 +493,7 @@ def _meanings(table: Table, columns: Mapping[str, str] | None) -> dict[str, str]
     if "time" not in found:
         raise InputError(
             f"{path}: no column is recognised as the time: its columns are "
-            f"{', '.join(table.header)}; name one with columns.time"
+            f"{', '.join(table.header)}; name one with columns.time (--column time=HEADING)"
         )
     return found
 
@@ -472,7 +506,7 @@ def _tracks(
     epoch: float | None,
     notes: list[str],
 ) -> Recording:
-    names = table[found["id"]] if "id" in found else [table.path.stem] * times.size
+    names = _carriers(table, found)
     tracks = {}
     who = np.array(names)
     for name in dict.fromkeys(names):
@@ -487,6 +521,63 @@ def _tracks(
     return Recording((table.path,), table.format, tracks, {}, epoch, None, tuple(notes))
 
 
+def _carriers(table: Table, found: Mapping[str, str]) -> list[str]:
+    """Return whose each row is: by its column, or by the name of the file."""
+    return table[found["id"]] if "id" in found else [named(table.path).stem] * len(table.lines)
+
+
+#: Bearings this near to the course, rad, are the course: phones call it so.
+_AHEAD = 0.2
+
+
+def _with_sensors(
+    recording: Recording,
+    table: Table,
+    found: Mapping[str, str],
+    times: Array,
+    seen: dict[str, Array],
+    told: bool,
+) -> Recording:
+    """Return tracks with what was seen from them, in the same rows.
+
+    A column called bearing may be the course, unless `told` that it is none.
+    """
+    notes: list[str] = []
+    if "bearing" in seen and not told and _is_course(recording, table, found, times, seen):
+        notes.append(f"{found['bearing']} follows the track: taken as its course")
+        del seen["bearing"]
+    if not seen:
+        return replace(recording, notes=(*recording.notes, *notes))
+    carriers = _carriers(table, found)
+    # One sensor on each, where nothing tells them apart.
+    names = table[found["sensor"]] if "sensor" in found else carriers
+    more = _sensors(table, found, times, seen, recording.epoch, notes, names, carriers)
+    return replace(recording, sensors=more.sensors, notes=(*recording.notes, *more.notes))
+
+
+def _is_course(
+    recording: Recording,
+    table: Table,
+    found: Mapping[str, str],
+    times: Array,
+    seen: Mapping[str, Array],
+) -> bool:
+    """Say whether bearings point where their own track goes."""
+    carriers = np.array(_carriers(table, found))
+    off = []
+    for name, track in recording.projected().tracks.items():
+        mine = (carriers == name) & np.isfinite(times) & np.isfinite(seen["bearing"])
+        moves = np.hypot(np.diff(track.east), np.diff(track.north)) > 0
+        if track.times.size < 3 or not moves.any():
+            continue
+        at = np.clip(np.searchsorted(track.times, times[mine], "right"), 1, track.times.size - 1)
+        east, north = track.east[at] - track.east[at - 1], track.north[at] - track.north[at - 1]
+        clear = np.hypot(east, north) > 0
+        off.append(np.abs(wrap_angles(np.arctan2(east, north) - seen["bearing"][mine]))[clear])
+    away = np.concatenate(off) if off else np.empty(0)
+    return away.size >= 3 and bool(np.median(away) < _AHEAD)
+
+
 def _sensors(
     table: Table,
     found: Mapping[str, str],
@@ -494,15 +585,18 @@ def _sensors(
     values: dict[str, Array],
     epoch: float | None,
     notes: list[str],
+    names: Sequence[str] | None = None,
+    carriers: Sequence[str] | None = None,
 ) -> Recording:
-    names = np.array(
-        table[found["sensor"]] if "sensor" in found else [table.path.stem] * times.size
-    )
-    carriers = np.array(table[found["id"]] if "id" in found else [""] * times.size)
+    if names is None:
+        stem = named(table.path).stem
+        names = table[found["sensor"]] if "sensor" in found else [stem] * times.size
+        carriers = table[found["id"]] if "id" in found else [""] * times.size
+    of, whose = np.array(names), np.array(carriers)
     sensors = {}
-    for name in dict.fromkeys(names.tolist()):
-        mine = names == name
-        on = sorted(set(carriers[mine].tolist()))
+    for name in dict.fromkeys(of.tolist()):
+        mine = of == name
+        on = sorted(set(whose[mine].tolist()))
         if len(on) > 1:
             raise InputError(f"{table.path}: sensor {name} is on {' and '.join(on)}")
         own = {key: column[mine] for key, column in values.items()}
@@ -514,8 +608,46 @@ def _sensors(
 def _geographic(cells: Sequence[str], place: str) -> Array:
     values = np.empty(len(cells))
     for i, cell in enumerate(cells):
-        values[i] = np.nan if cell.lower() in _MISSING else degrees(cell, f"{place}[{i}]")
+        if _DECIMAL.fullmatch(cell):  # most of them, and long files
+            values[i] = float(cell)
+        else:
+            values[i] = np.nan if cell.lower() in _MISSING else degrees(cell, f"{place}[{i}]")
     return values
+
+
+#: Which letters tell the side that a latitude or a longitude is on.
+_SIDES = {"latitude": {"n": 1.0, "s": -1.0}, "longitude": {"e": 1.0, "w": -1.0}}
+
+
+def _hemisphere(table: Table, meaning: str, used: set[str]) -> str | None:
+    """Return the column that says on which side of the equator or of Greenwich it is."""
+    letters = _SIDES[meaning]
+    found = []
+    for name, cells in zip(table.header, table.columns, strict=True):
+        if name in used or len(cells[0]) > 1:
+            continue
+        filled = {cell.lower() for cell in cells} - _MISSING
+        if filled and filled <= set(letters):
+            found.append(name)
+    if len(found) > 1:
+        raise InputError(
+            f"{table.path}: {' and '.join(found)} may both be the hemisphere of the {meaning}: "
+            "which one is it? Leave the other out"
+        )
+    return found[0] if found else None
+
+
+def _sided(values: Array, table: Table, heading: str, sides: str) -> Array:
+    letters = _SIDES["latitude"] | _SIDES["longitude"]
+    signs = np.array([letters.get(cell.lower(), np.nan) for cell in table[sides]])
+    if (wrong := np.flatnonzero(np.isfinite(values) & (values < 0))).size:
+        row = int(wrong[0])
+        raise InputError(
+            f"{table.place(row, heading)} = {table[heading][row]} and {sides} = "
+            f"{table[sides][row]}: has a sign and a hemisphere: must have one of them"
+        )
+    placed: Array = values * signs
+    return placed
 
 
 def _unit_of(meaning: str, heading: str, units: Mapping[str, str] | None, path: Path) -> str | None:
@@ -549,6 +681,9 @@ def _named(separator: str) -> str:
 
 
 def _number_like(cell: str) -> bool:
+    """Say whether a cell is a number or a date, and so no heading."""
+    if re.fullmatch(r"[+-]?\d[\d.,:/ -]*(T\d[\d.,:]*)?(Z|[+-]\d\d:?\d\d)?", cell):
+        return True
     try:
         float(cell)
     except ValueError:

@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 _UNIX = (9.4e8, 4.2e9)
 #: A time of day.
 CLOCK = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}(?:\.\d*)?))?\s*([AaPp][Mm])?$")
+#: Two numbers, of which the first may be hours or minutes.
+_SHORT = re.compile(r"\d{1,3}:\d{2}(?:\.\d*)?$")
 #: 01.05.2026 12:00:00, 5/1/26 3:00 PM: the order of day and month is a convention.
 _LOCAL = re.compile(r"(\d{1,2})([./-])(\d{1,2})\2(\d{4}|\d{2})(?:[ T]+(.*))?$")
 #: Days since year 0 and since 1900 of the years 1970 to 2100: what a spreadsheet counts.
@@ -57,7 +59,9 @@ def unix(moment: datetime) -> float:
     return (moment - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds()
 
 
-def instants(cells: Sequence[str], place: str, order: str | None = None) -> tuple[Array, bool, str]:
+def instants(
+    cells: Sequence[str], place: str, order: str | None = None, unit: str | None = None
+) -> tuple[Array, bool, str]:
     """Return a column of instants as seconds.
 
     Parameters
@@ -68,6 +72,8 @@ def instants(cells: Sequence[str], place: str, order: str | None = None) -> tupl
         What to call the column in an error: "ships.csv: time".
     order : {"day first", "month first"}, optional
         Of dates such as 01/05/2026.
+    unit : str, optional
+        "hh:mm" or "mm:ss" for times such as 12:30.
 
     Returns
     -------
@@ -88,6 +94,15 @@ def instants(cells: Sequence[str], place: str, order: str | None = None) -> tupl
     filled = [text for text in texts if text]
     if not filled:
         raise InputError(f"{place}: every cell is empty")
+    if all(_SHORT.match(text) for text in filled):
+        if unit == "mm:ss":
+            pairs = [text.split(":") if text else ("nan", "nan") for text in texts]
+            return np.array([60 * float(m) + float(s) for m, s in pairs]), False, "mm:ss"
+        if unit not in ("hh:mm", "hh:mm:ss"):
+            raise InputError(
+                f"{place} = {filled[0]!r}: hours and minutes, or minutes and seconds? "
+                'Say units = { time = "hh:mm" } or "mm:ss", or name the column so: time [mm:ss]'
+            )
     if all(CLOCK.match(text) for text in filled):
         return _clock(texts, place), False, "clock times, counted over midnight"
     if _is_number(filled[0]):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -37,6 +37,8 @@ class Choices:
         s.
     dates : {"day first", "month first"} or None
         The order in dates such as 01/05/2026.
+    column : mapping of str to str, or None
+        What a column holds -> its heading, where the headings do not say it.
     """
 
     observer: str | None = None
@@ -47,6 +49,7 @@ class Choices:
     duration: float | None = None
     step: float | None = None
     dates: str | None = None
+    column: Mapping[str, str] | None = None
 
     @property
     def given(self) -> list[str]:
@@ -56,7 +59,7 @@ class Choices:
 
 def from_files(paths: Sequence[Path], choices: Choices) -> Scenario:
     """Return the scenario of files of tracks and measurements, without one of its own."""
-    recording = read(*paths, dates=choices.dates)
+    recording = read(*paths, columns=choices.column, dates=choices.dates)
     scenario = parsed(draft(recording, choices), Path(recording.where))
     scenario.take(recording)
     return scenario
@@ -97,6 +100,9 @@ def draft(recording: Recording, choices: Choices, folder: Path | None = None) ->
     ]
     if target is not None:
         lines.append(f"target = {json.dumps(target.name)}")
+    if choices.column:
+        named = ", ".join(f"{what} = {json.dumps(name)}" for what, name in choices.column.items())
+        lines.append(f"columns = {{ {named} }}")
     if choices.dates is not None:
         lines.append(f"dates = {json.dumps(choices.dates)}")
     gap = max(_longest_gap(track) for track in (observer, target) if track is not None)

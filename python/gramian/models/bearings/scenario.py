@@ -40,6 +40,11 @@ class Columns(Section):
     north: str | None = None
     latitude: str | None = None
     longitude: str | None = None
+    height: str | None = None
+    speed: str | None = None
+    course: str | None = None
+    bearing: str | None = None
+    sensor: str | None = None
 
     @model_validator(mode="after")
     def _pairs(self) -> Columns:
