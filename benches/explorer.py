@@ -1,9 +1,13 @@
 """How long the explorer takes to answer a drag: python benches/explorer.py PAGE
 
 PAGE is what `make explorer` built (site/explorer.html). For each example of the first tab with
-100 bearings, and for the other tabs, the milliseconds of the answer at once (verdict, null
-direction, bounds, bound against time) and, beside it in a worker, of the regions, intervals and
-headings: median and least of 15 in headless Chromium. Needs playwright and Chromium.
+100 bearings, and for the other tabs, the milliseconds of computation of
+- the answer: verdict, null direction, bounds, bound against time;
+- a drag, all that it shows at once: the answer, the next heading, the regions roughly;
+- the rest, beside it in a worker: regions and intervals to the library's last digits;
+and of drawing a drag, which is no computation: median and least of 15 in headless Chromium, and
+how far the rough regions are from the others, as a share of their width. Needs playwright and
+Chromium.
 """
 
 import shutil
@@ -23,11 +27,38 @@ TIMES = """() => {
     return [all[7], all[0]];
   };
   const out = [], { track, dipole, radars } = explorer.models;
+  const all = (asked) => {
+    const answers = Object.entries(asked).map(([k, one]) => [k, explorer.ask(...one)]);
+    return Object.fromEntries(answers);
+  };
+  // How far a point is from a piece of a curve.
+  const far = (p, a, b, wide) => {
+    const [u, v] = [a, b].map((q) => q.map((x, i) => (x - p[i]) / wide[i]));
+    const d = [v[0] - u[0], v[1] - u[1]], size = d[0] ** 2 + d[1] ** 2;
+    const share = size ? Math.min(1, Math.max(0, -(u[0] * d[0] + u[1] * d[1]) / size)) : 0;
+    return Math.hypot(u[0] + share * d[0], u[1] + share * d[1]);
+  };
+  // The farthest of the rough points from the other curve, in widths of that.
+  const apart = (rough, fine) => Math.max(0, ...rough.map(({ points }, k) => {
+    const curve = fine[k].points, at = (i) => curve.map((p) => p[i]);
+    const wide = [0, 1].map((i) => Math.max(...at(i)) - Math.min(...at(i)));
+    const off = (p) => Math.min(...curve.slice(1).map((q, j) => far(p, curve[j], q, wide)));
+    return Math.max(...points.map(off));
+  }));
   const add = (name, model, scene) => {
-    const answer = model.analyze(scene);
-    const later = model === track ? model.later(scene, answer) : [];
-    const rest = () => later.forEach((one) => explorer.ask(...one));
-    out.push([name, ...timed(() => model.analyze(scene)), ...timed(rest)]);
+    const later = model === track ? model.later(scene, model.analyze(scene)) : {};
+    const drag = () => {
+      const answer = model.analyze(scene);
+      return model.gather(scene, answer, all(model.soon(scene, answer)));
+    };
+    explorer.scenes[explorer.tab] = scene;
+    const shown = model === explorer.models[explorer.tab];
+    const drawing = shown ? timed(() => explorer.show(false)) : [0, 0];
+    const rough = drag().regions, fine = model.gather(scene, null, all(later)).regions;
+    const said = !rough ? "" : rough.length !== fine.length ? "lost a piece"
+      : `${(100 * apart(rough, fine)).toFixed(2)} %`;
+    const times = [() => model.analyze(scene), drag, () => all(later)].flatMap(timed);
+    out.push([name, ...times, ...drawing, said]);
   };
   for (const [name, preset] of Object.entries(track.presets)) {
     const scene = { ...track.start(), ...structuredClone(preset), count: 100 };
@@ -52,10 +83,14 @@ def main() -> None:
         tab.wait_for_function("window.explorer && explorer.ready && explorer.calm")
         rows = tab.evaluate(TIMES)
         browser.close()
-    print(f"{'ms, median (least)':36s}{'at once':>18s}{'in the worker':>18s}")
-    for name, at_once, best, later, least in rows:
-        beside = f"{later:.1f} ({least:.1f})" if later > 0.05 else ""
-        print(f"{name:36s}{f'{at_once:.1f} ({best:.1f})':>18s}{beside:>18s}")
+    heads = ("answer", "drag", "rest, in a worker", "drawing", "rough by")
+    print(f"{'ms, median (least)':34s}" + "".join(f"{head:>18s}" for head in heads))
+    for name, *times, apart in rows:
+        cells = [
+            f"{middle:.1f} ({least:.1f})" if middle > 0.05 else ""
+            for middle, least in zip(times[::2], times[1::2], strict=True)
+        ]
+        print(f"{name:34s}" + "".join(f"{cell:>18s}" for cell in (*cells, apart)))
 
 
 if __name__ == "__main__":

@@ -21,7 +21,8 @@ const dipole = {
     const verdict = verdictOf(said), nullSpace = vectors(flat, 9);
     return { verdict, status, singular, nullSpace, bound, scale, repaired, field, image, other, mirrored, scaled, names, units, state: [...s.r0, ...s.v, ...s.m] };
   },
-  later: () => [],
+  soon: () => ({}),
+  later: () => ({}),
   gather: () => ({}),
   handles(s) {
     const span = dipole.span(s), sensor = (name, at) => ({ name, kind: "observer", at: at.slice(0, 2), move: (x, y) => { at[0] = x; at[1] = y; } });

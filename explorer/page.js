@@ -7,28 +7,39 @@ let tab = "track", answer = null, more = {}, play = null, ticking = 0, failed = 
 function replace(scene) { scenes[tab] = scene; fitView(); }
 function fitView() { view.fit(TABS[tab].extent(scenes[tab])); }
 
-// The answer at once; regions, headings and the map from the background; the link a little later.
+// At once: the answer and, in TIME_OF_A_DRAG (ms), what the model can say soon. In the background
+// what takes longer; the link a little later.
+const TIME_OF_A_DRAG = 10;
 let serial = 0;
 function update({ controls = false } = {}) {
   const began = performance.now(), now = ++serial, model = TABS[tab], scene = scenes[tab];
   failed = "";
   try { answer = model.analyze(scene); } catch (error) { answer = null; failed = error.message; }
-  explorer.took = performance.now() - began;
-  // What is there is of a moment ago, of the same kind at least.
+  const then = answer, asked = tab, waiting = answer ? model.soon(scene, answer) : {}, there = {};
+  for (const [name, question] of Object.entries(waiting)) {
+    if (performance.now() - began > TIME_OF_A_DRAG) break;
+    there[name] = askOne(question).found;
+    delete waiting[name];
+  }
+  Object.assign(waiting, answer ? model.later(scene, answer) : {});
+  const soon = answer ? model.gather(scene, answer, there) : {}, shown = "regions" in soon || "tracks" in soon;
+  // What else is there is of a moment ago, of the same kind at least.
   const kind = answer && `${tab} ${answer.nullSpace.length}`;
-  more = answer && more.kind === kind ? { ...more, stale: true } : { kind };
+  more = { ...(answer && more.kind === kind ? more : { kind }), ...soon, stale: !shown, partial: true };
+  explorer.took = performance.now() - began;
   show(controls);
   explorer.drew = performance.now() - began;
-  const questions = answer ? model.later(scene, answer) : [], then = answer, asked = tab;
-  if (questions.length) background.ask(questions, (answers, took, whole) => {
-    if (asked !== tab || scene !== scenes[tab]) return;
-    if (more.kind !== kind) return;
-    more = { ...more, ...model.gather(scene, then, answers), stale: now !== serial, partial: !whole };
+  const names = Object.keys(waiting);
+  if (names.length) background.ask(Object.values(waiting), (answers, took, whole) => {
+    if (asked !== tab || scene !== scenes[tab] || more.kind !== kind) return;
+    const found = model.gather(scene, then, { ...there, ...Object.fromEntries(answers.map((one, k) => [names[k], one.found])) });
+    // Of a scene that has moved on: what was not shown at once.
+    more = now === serial ? { ...more, ...found, stale: false, partial: !whole } : { ...found, ...more, ...("intervals" in found ? { intervals: found.intervals } : {}) };
     explorer.tookMore = took; explorer.problems = answers.map(({ error }) => error).filter(Boolean);
     if (answer) show(false);
     if (whole && now === serial) explorer.settled = now;
   });
-  else { background.drop(); more = {}; explorer.tookMore = 0; explorer.settled = now; }
+  else { background.drop(); more = { ...more, stale: false, partial: false }; explorer.tookMore = 0; explorer.settled = now; }
   clearTimeout(update.link);
   update.link = setTimeout(remember, 250);
 }
@@ -284,7 +295,7 @@ function openTab(name) {
   fitView(); update({ controls: true });
 }
 
-const explorer = { scenes, get answer() { return answer; }, get more() { return more; }, get tab() { return tab; }, get calm() { return explorer.settled === serial && !background.busy && !background.next; }, models: TABS, ask, update, openTab, link };
+const explorer = { scenes, get answer() { return answer; }, get more() { return more; }, get tab() { return tab; }, get calm() { return explorer.settled === serial && !background.busy && !background.next; }, models: TABS, ask, update, show, openTab, link };
 window.explorer = explorer;
 
 async function begin() {

@@ -13,13 +13,14 @@ const radars = {
     return { verdict: verdictOf(said), status, singular, nullSpace: vectors(flat, 4), bound, degrees, names, units };
   },
   grid() { const box = view.box(), nx = 60; return { box, nx, ny: Math.min(120, Math.max(8, Math.round((nx * (box[3] - box[2])) / (box[1] - box[0])))) }; },
+  soon: () => ({}),
   later(s) {
     const { box, nx, ny } = radars.grid(), line = (low, high, n) => Array.from({ length: n }, (_, k) => low + ((k + 0.5) * (high - low)) / n);
-    return [["radars_map", [[...s.a, ...s.b], radars.sigma(s), line(box[0], box[1], nx), line(box[2], box[3], ny), [s.circle]]]];
+    return { map: ["radars_map", [[...s.a, ...s.b], radars.sigma(s), line(box[0], box[1], nx), line(box[2], box[3], ny), [s.circle]]] };
   },
-  gather(s, a, [{ found }]) {
-    if (!found) return {};
-    const nx = 60, map = found[0];
+  gather(s, a, found) {
+    if (!found.map) return {};
+    const nx = 60, map = found.map[0];
     return { nx, ny: map.length / nx, map };
   },
   handles: (s) => [["a", "radar A", "observer"], ["b", "radar B", "observer"], ["from", "first place of the target", "target"], ["to", "last place of the target", "target"]].filter(([key]) => !s.track || key.length === 1).map(([key, name, kind]) => ({ name, kind, at: s[key], small: key === "to", move: (x, y) => (s[key] = [x, y]) })),

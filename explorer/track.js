@@ -57,16 +57,23 @@ const track = {
     return { verdict, status, singular, nullSpace, bound, data, scale, covariance, weakest, along: vectors(along, 2), values, names, units, state: track.state(s) };
   },
   state: (s) => s.target.concat(s.use.frequency ? [s.tonal] : []),
-  // What may come a little later: regions and intervals, or other tracks that fit; the next heading.
-  later(s, a) {
-    const question = track.question(s), span = track.span(s), way = track.way(s);
-    const data = s.measured ? s.measured.values : [], others = (s.measured && s.measured.other) || [], out = [];
-    if (a.nullSpace.length) out.push(["track_fits", [...question, data, track.alike(s, a).flat()]]);
-    else for (const after of [0, span]) out.push(["track_region", [...question, [after, 0.95], data, others]]);
-    if (way.speed > 0) out.push(["track_headings", [...question, [way.speed, span / 3, 20, 36]]]);
-    if (!a.nullSpace.length) out.push(["track_intervals", [...question, [0.95], data, others]]);
+  // What a drag shows at once: the next heading; other tracks that fit, or the regions roughly.
+  soon(s, a) {
+    const question = track.question(s), span = track.span(s), way = track.way(s), [data, others] = track.data(s), out = {};
+    if (way.speed > 0) out.headings = ["track_headings", [...question, [way.speed, span / 3, 20, 36]]];
+    if (a.nullSpace.length) out.fits = ["track_fits", [...question, data, track.alike(s, a).flat()]];
+    else [0, span].forEach((after, k) => (out[`region${k}`] = ["track_region", [...question, [after, 0.95, 1], data, others]]));
     return out;
   },
+  // What comes a little later: the regions as the library has them, and the intervals.
+  later(s, a) {
+    if (a.nullSpace.length) return {};
+    const question = track.question(s), span = track.span(s), [data, others] = track.data(s), out = {};
+    [0, span].forEach((after, k) => (out[`region${k}`] = ["track_region", [...question, [after, 0.95, 0], data, others]]));
+    out.intervals = ["track_intervals", [...question, [0.95], data, others]];
+    return out;
+  },
+  data: (s) => [s.measured ? s.measured.values : [], (s.measured && s.measured.other) || []],
   // States along the null directions, as far as the target is away.
   alike(s, a) {
     const span = track.span(s), place = track.way(s).path[0], range = Math.hypot(s.target[0] - place[0], s.target[1] - place[1]), out = [];
@@ -76,18 +83,15 @@ const track = {
     }
     return out;
   },
-  // Of those that are there already, in the order of `later`.
-  gather(s, a, answers) {
-    const out = {}, found = answers.map((answer) => answer.found || []);
-    if (a.nullSpace.length) {
-      const [fits] = found.shift() || [];
-      if (fits) out.tracks = track.alike(s, a).map((state, k) => ({ state, chi2: fits[k] }));
-    } else if (found.length > 1) {
-      out.regions = found.splice(0, 2).flatMap((lists) => lists.filter((_, k) => k % 2 === 0).map((points, k) => ({ points: vectors(points, 2), closed: lists[2 * k + 1][0] === 1, complete: lists[2 * k + 1][1] === 1 })));
-    } else return out;
-    if (!(track.way(s).speed > 0)) out.headings = [];
-    else if (found.length) out.headings = vectors(found.shift()[0] || [], 2).map(([e, n]) => Math.hypot(e, n));
-    if (found.length) out.intervals = found.shift();
+  // Of the answers that are there already, by their names.
+  gather(s, a, found) {
+    const out = {};
+    if (found.fits) out.tracks = track.alike(s, a).map((state, k) => ({ state, chi2: found.fits[0][k] }));
+    if (found.region0 && found.region1) {
+      out.regions = [found.region0, found.region1].flatMap((lists) => lists.filter((_, k) => k % 2 === 0).map((points, k) => ({ points: vectors(points, 2), closed: lists[2 * k + 1][0] === 1, complete: lists[2 * k + 1][1] === 1 })));
+    }
+    if (found.headings) out.headings = vectors(found.headings[0] || [], 2).map(([e, n]) => Math.hypot(e, n));
+    if (found.intervals) out.intervals = found.intervals;
     return out;
   },
   handles(s) {

@@ -2,7 +2,7 @@
 //!
 //! A question is an array of numbers, read by [`Question`]; an answer is a list of
 //! arrays, each behind its length, made by [`Answer`]. No mathematics is here: it is all
-//! in `gramian`. `explorer/explorer.js` is the other side.
+//! in `gramian`. `explorer/library.js` is the other side.
 
 use gramian::chi_square::Goodness;
 use gramian::numbers::words::moves;
@@ -11,6 +11,7 @@ use gramian::spine::verdict::{Findings, WEAK_CONDITION, WEAK_RATIO, judge, of_es
 
 pub mod dipole;
 pub mod exports;
+pub mod misfit;
 pub mod radars;
 pub mod track;
 

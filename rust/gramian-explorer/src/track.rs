@@ -5,12 +5,13 @@ use std::borrow::Cow;
 use gramian::batch::{Items, Threads};
 use gramian::chi_square::{self, Goodness};
 use gramian::observability::Observability;
-use gramian::solve::region::{contours, interval};
+use gramian::solve::region::{Fineness, contours, interval};
 use gramian::solve::{Combination, Model, Options, Solution, WithPrior};
 use gramian::tracks::carrier::Carrier;
 use gramian::tracks::scene::estimate::{self as kernel, Layout, Task};
 use gramian::tracks::scene::{Channel, InSensor, Kind, Measured, Moving, Parameter, Scene};
 
+use crate::misfit::Bearings;
 use crate::{Answer, Limits, Question};
 
 /// What is asked about: a scene, a state of its target, and what is known beforehand.
@@ -289,8 +290,8 @@ impl<'a> Likelihood<'a> {
 }
 
 /// The likelihood region of the target's place so long after the first sample, at a level
-/// of confidence: behind the scene (after, level), the measurements and other states that
-/// fit, one behind the other. The prior's means are those of the state.
+/// of confidence: behind the scene (after, level, 1 for a rough one), the measurements and other
+/// states that fit, one behind the other. The prior's means are those of the state.
 ///
 /// The answer: the contours, each as points and then (closed, complete).
 ///
@@ -298,7 +299,7 @@ impl<'a> Likelihood<'a> {
 /// As [`analyze`].
 pub fn region(mut question: Question<'_>) -> Result<Answer, String> {
     let asked = Asked::new(&mut question)?;
-    let [after, level] = question.array()?;
+    let [after, level, rough] = question.array()?;
     let given = asked.measurements(question.list()?)?;
     let likely = Likelihood::new(&asked, &given, question.list()?)?;
     let n = asked.state.len();
@@ -310,6 +311,11 @@ pub fn region(mut question: Question<'_>) -> Result<Answer, String> {
         &likely.others,
         [&functions[0], &functions[1]],
         rise,
+        if rough > 0.0 {
+            Fineness::ROUGH
+        } else {
+            Fineness::default()
+        },
         Options::default(),
     );
     let mut answer = Answer::default();
@@ -485,12 +491,35 @@ pub fn estimate(mut question: Question<'_>) -> Result<Answer, String> {
         &mut out,
     )
     .map_err(|error| error.to_string())?;
-    let verdict = task.judge(&out, Goodness::ALPHA, Task::WEAK_RATIO);
+    let mut verdict = task.judge(&out, Goodness::ALPHA, Task::WEAK_RATIO);
     // State, covariance, null direction, the next best solution, costs.
     let (state, rest) = out.split_at(n);
     let (unseen, rest) = rest[n * n..].split_at(n);
     let (next, costs) = rest.split_at(n);
-    let reason = verdict.reason(costs[0], costs[1], unseen, &question.lines()?);
+    let names = question.lines()?;
+    let mut reason = None;
+    let bearings = asked.kinds.sigma[0];
+    // A file has bearings alone, and nothing is known beside them.
+    if verdict.status != kernel::Status::Unobservable
+        && asked.kinds.sigma == [bearings, 0.0, 0.0]
+        && asked.prior.iter().all(|sigma| sigma.is_infinite())
+    {
+        let measured = Measured::new(&asked.scene, measurements, &[]);
+        let said = Bearings {
+            model: &measured.map_err(|error| error.to_string())?,
+            values: measurements,
+            times: &asked.times,
+            reference: asked.times[0],
+            sigma: bearings,
+            state,
+        }
+        .misfit(Goodness::ALPHA)?;
+        if !said.is_empty() {
+            verdict.status = kernel::Status::Misfit;
+            reason = Some(said);
+        }
+    }
+    let reason = reason.unwrap_or_else(|| verdict.reason(costs[0], costs[1], unseen, &names));
     let mut answer = Answer::default();
     answer.text(&format!("{}\n{reason}", verdict.status.name()));
     answer.list(state);

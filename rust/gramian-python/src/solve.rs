@@ -755,9 +755,9 @@ impl PyModel {
                     .filter_map(|x| Self::solution(model, x).ok())
                     .collect();
                 let functions: [&dyn Function; 2] = [&pair.0, &pair.1];
-                let options = Options::default();
+                let (fineness, options) = (region::Fineness::default(), Options::default());
                 Ok(region::contours(
-                    model, &best, &others, functions, rise, options,
+                    model, &best, &others, functions, rise, fineness, options,
                 ))
             })?
             .map_err(InputError::new_err::<String>)?;

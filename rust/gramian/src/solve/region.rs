@@ -33,6 +33,43 @@ const PROBE: f64 = 0.03;
 /// Steps of a constrained solve that lower chi2 no more.
 const PATIENCE: u32 = 25;
 
+/// How finely a contour is followed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fineness {
+    /// From point to point, as a share of one and the distance from the centre, where the
+    /// local region is a circle.
+    pub step: f64,
+    /// By how much chi2 may be off at a point, before the last correction.
+    pub rise: f64,
+    /// How small the next step is, in deviations, where a constrained solve ends.
+    pub tolerance: f64,
+    /// How far out a contour that does not close is followed, in deviations.
+    pub far: f64,
+}
+
+impl Fineness {
+    /// While a hand moves the scene: points within a few thousandths of the region's width, in
+    /// a fraction of the solves.
+    pub const ROUGH: Self = Self {
+        step: 0.22,
+        rise: 0.25,
+        tolerance: 0.1,
+        far: 50.0,
+    };
+}
+
+impl Default for Fineness {
+    /// For numbers: chi2 to a millionth.
+    fn default() -> Self {
+        Self {
+            step: 0.12,
+            rise: 1e-6,
+            tolerance: EDGE,
+            far: FAR,
+        }
+    }
+}
+
 /// One piece of an interval; `None` for an end that does not exist.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Piece {
@@ -615,13 +652,14 @@ pub fn contours<M: Model + ?Sized>(
     others: &[Solution],
     functions: [&dyn Function; 2],
     rise: f64,
+    fineness: Fineness,
     options: Options,
 ) -> Vec<Contour> {
     let mut profile = Profile {
         model,
         functions: &functions,
         options: Options {
-            tolerance: EDGE,
+            tolerance: fineness.tolerance,
             patience: PATIENCE,
             ..options
         },
@@ -644,7 +682,7 @@ pub fn contours<M: Model + ?Sized>(
         {
             continue;
         }
-        if let Some(plane) = Plane::new(model, seed, functions, centre)
+        if let Some(plane) = Plane::new(model, seed, functions, centre, fineness)
             && let Some(contour) = plane.follow(&mut profile, seed, limit)
         {
             found.push(contour);
@@ -660,6 +698,7 @@ struct Plane {
     root: [f64; 3],
     low: [f64; 2],
     high: [f64; 2],
+    fineness: Fineness,
 }
 
 impl Plane {
@@ -668,6 +707,7 @@ impl Plane {
         seed: &Solution,
         functions: [&dyn Function; 2],
         centre: [f64; 2],
+        fineness: Fineness,
     ) -> Option<Self> {
         let (m, n) = (model.measurements(), model.states());
         let (mut residuals, mut rows) = (vec![0.0; m], vec![0.0; m * n]);
@@ -692,6 +732,7 @@ impl Plane {
             root: [first, shared, second],
             low: functions.map(|f| f.range().0),
             high: functions.map(|f| f.range().1),
+            fineness,
         })
     }
 
@@ -711,7 +752,8 @@ impl Plane {
 
     fn allowed(&self, u: [f64; 2]) -> bool {
         let v = self.values(u);
-        (0..2).all(|i| v[i] > self.low[i] && v[i] < self.high[i]) && u[0].hypot(u[1]) < FAR
+        (0..2).all(|i| v[i] > self.low[i] && v[i] < self.high[i])
+            && u[0].hypot(u[1]) < self.fineness.far
     }
 
     /// Brings a point onto the contour along the gradient.
@@ -729,14 +771,18 @@ impl Plane {
             }
             let found = profile.at(&self.values(u), core::slice::from_ref(&x))?;
             let excess = found.chi2 - limit;
-            if excess.abs() < 1e-6 {
-                return Some((u, found));
-            }
+            let near = excess.abs() < self.fineness.rise;
             let g = self.gradient(&found.slopes);
             let square = g[0] * g[0] + g[1] * g[1];
             // No farther at once than the region is wide.
             let share = (excess / square).clamp(-1.0 / square.sqrt(), 1.0 / square.sqrt());
-            u = [u[0] - share * g[0], u[1] - share * g[1]];
+            let next = [u[0] - share * g[0], u[1] - share * g[1]];
+            if near {
+                // The last correction is so short that its end needs no solve.
+                let whole = next.iter().all(|value| value.is_finite());
+                return Some((if whole { next } else { u }, found));
+            }
+            u = next;
             x.clone_from(&found.x);
         }
         None
@@ -793,18 +839,34 @@ impl Plane {
         let mut points = vec![first];
         let (mut u, mut at) = (first, solution.clone());
         let mut share = 1.0;
+        // Where the curve came from: its direction there, the way since then, and the state.
+        let mut last: Option<([f64; 2], f64, Vec<f64>)> = None;
         while points.len() < 400 {
             let g = self.gradient(&at.slopes);
             let length = g[0].hypot(g[1]);
-            let step = turn * share * 0.12 * (1.0 + u[0].hypot(u[1]));
-            let ahead = [u[0] - step * g[1] / length, u[1] + step * g[0] / length];
+            let step = turn * share * self.fineness.step * (1.0 + u[0].hypot(u[1]));
+            let along = [-g[1] / length, g[0] / length];
+            // Along the circle of the last two directions, and the states as they went.
+            let (mut bend, mut x) = (0.0, at.x.clone());
+            if let Some((before, way, state)) = &last {
+                let sine = before[0] * along[1] - before[1] * along[0];
+                bend = (0.5 * sine.clamp(-0.5, 0.5) * step / way).clamp(-0.5, 0.5);
+                for (x, from) in x.iter_mut().zip(state) {
+                    *x += (*x - from) * (step / way).clamp(-2.0, 2.0);
+                }
+            }
+            let ahead = [
+                u[0] + step * (along[0] - bend * along[1]),
+                u[1] + step * (along[1] + bend * along[0]),
+            ];
             let corrected = self
-                .correct(profile, ahead, &at.x, limit)
+                .correct(profile, ahead, &x, limit)
                 .filter(|(to, _)| (to[0] - u[0]).hypot(to[1] - u[1]) < 2.0 * step.abs());
             let Some((to, found)) = corrected else {
                 share *= 0.5;
+                last = None;
                 if share < 1e-3 {
-                    let left = !self.allowed(ahead) || u[0].hypot(u[1]) > 0.9 * FAR;
+                    let left = !self.allowed(ahead) || u[0].hypot(u[1]) > 0.9 * self.fineness.far;
                     return (points, false, left);
                 }
                 continue;
@@ -816,6 +878,8 @@ impl Plane {
                 return (points, true, true);
             }
             points.push(to);
+            let way = turn * (to[0] - u[0]).hypot(to[1] - u[1]);
+            last = Some((along, way, at.x));
             (u, at) = (to, found);
         }
         (points, false, false)

@@ -168,6 +168,7 @@ fn a_contour_closes_and_lies_on_the_limit() {
         &[],
         [&east, &north],
         5.991,
+        region::Fineness::default(),
         Options::default(),
     );
     assert_eq!(found.len(), 1);
@@ -177,6 +178,31 @@ fn a_contour_closes_and_lies_on_the_limit() {
         model.linearize(point, &mut residuals, None).unwrap();
         let chi2: f64 = residuals.iter().map(|r| r * r).sum();
         assert!((chi2 - 5.991).abs() < 1e-5);
+    }
+}
+
+#[test]
+fn a_rough_contour_is_that_of_the_numbers_with_fewer_points() {
+    let model = Beacons::exact(&[[0.0, 0.0], [100.0, 0.0], [0.0, 100.0]], [40.0, 30.0], 9.0);
+    let best = minimize(&model, &[45.0, 25.0], &[], Options::default());
+    let (east, north) = (Combination(vec![1.0, 0.0]), Combination(vec![0.0, 1.0]));
+    let follow = |fineness| {
+        let pair: [&dyn Function; 2] = [&east, &north];
+        let options = Options::default();
+        region::contours(&model, &best, &[], pair, 5.991, fineness, options).remove(0)
+    };
+    let (fine, rough) = (
+        follow(region::Fineness::default()),
+        follow(region::Fineness::ROUGH),
+    );
+    assert!(fine.closed && rough.closed);
+    assert!(3 * rough.points.len() < 2 * fine.points.len() + 6);
+    for point in &rough.points {
+        let mut residuals = [0.0; 3];
+        model.linearize(point, &mut residuals, None).unwrap();
+        let chi2: f64 = residuals.iter().map(|r| r * r).sum();
+        // A thousandth of the width.
+        assert!((chi2 - 5.991).abs() < 2e-3 * 5.991, "{chi2}");
     }
 }
 
