@@ -27,9 +27,10 @@ function update({ controls = false } = {}) {
   const kind = answer && `${tab} ${answer.nullSpace.length}`;
   more = { ...(answer && more.kind === kind ? more : { kind }), ...soon, stale: !shown, partial: true };
   explorer.took = performance.now() - began;
+  const names = Object.keys(waiting);
+  if (!names.length) explorer.tookMore = 0;
   show(controls);
   explorer.drew = performance.now() - began;
-  const names = Object.keys(waiting);
   if (names.length) background.ask(Object.values(waiting), (answers, took, whole) => {
     if (asked !== tab || scene !== scenes[tab] || more.kind !== kind) return;
     const found = model.gather(scene, then, { ...there, ...Object.fromEntries(answers.map((one, k) => [names[k], one.found])) });
@@ -39,7 +40,7 @@ function update({ controls = false } = {}) {
     if (answer) show(false);
     if (whole && now === serial) explorer.settled = now;
   });
-  else { background.drop(); more = { ...more, stale: false, partial: false }; explorer.tookMore = 0; explorer.settled = now; }
+  else { background.drop(); more = { ...more, stale: false, partial: false }; explorer.settled = now; }
   clearTimeout(update.link);
   update.link = setTimeout(remember, 250);
 }

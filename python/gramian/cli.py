@@ -50,7 +50,7 @@ File = Annotated[
 Files = Annotated[
     list[Path],
     typer.Argument(
-        metavar="FILE...",
+        metavar="FILE",
         help="A scenario (FILE.toml), files of tracks and measurements, or a graph (.g2o).",
         show_default=False,
     ),
@@ -366,7 +366,7 @@ def import_(
     file: Annotated[
         list[Path],
         typer.Argument(
-            metavar="FILE...", help="Files of tracks and measurements.", show_default=False
+            metavar="FILE", help="Files of tracks and measurements.", show_default=False
         ),
     ],
     observer: Observer = None,

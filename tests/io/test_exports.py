@@ -1,7 +1,7 @@
 """Files as people export them: each is read as it is meant, or asked about."""
 
 import gzip
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
@@ -174,6 +174,25 @@ def test_positions_in_degrees(tmp_path, text, encoding):
         ),
         ('{"type": "FeatureCollection", "features": []}', "is JSON"),
         (lines("Zeit;Breite;Länge", "1;50,1;1,5"), "--column time=HEADING"),
+        # Two ships under one heading, each a few seconds after the other.
+        (
+            lines(
+                "t,x,y",
+                *(
+                    f"{t:g},{e:g},0\n{t + 7:g},{e + 5e3:g},900"
+                    for t, e in zip(TIMES, EAST, strict=True)
+                ),
+            ),
+            "are these 2 ships",
+        ),
+        # In autumn, by local time.
+        (
+            lines(
+                "time,x,y",
+                *(f"2026-10-25 02:{(50 + k) % 60:02d}:00,{60 * k},0" for k in range(20)),
+            ),
+            "was the clock set back",
+        ),
         # The line of a cell, whatever stands above it.
         (lines("t,x,y", "0,0,0", "", "# lost", "60,zero,9"), "ship.csv:5: x = 'zero'"),
     ],
@@ -237,3 +256,17 @@ def test_an_observers_log_has_its_track_and_its_bearings(tmp_path, capsys, monke
     with pytest.raises(SystemExit):
         main()
     assert "must be what it holds and its heading: time=Zeit" in capsys.readouterr().err
+
+
+def test_frames_by_their_index_of_times():
+    pd = pytest.importorskip("pandas")
+    frame = pd.DataFrame({"x": EAST, "y": NORTH})
+    frame.index = pd.date_range(
+        "2026-05-01 12:00", periods=TIMES.size, freq="60s", tz="Europe/Berlin"
+    )
+    found = io.read(frame)
+    np.testing.assert_array_equal(found.track("frame").times, TIMES)
+    assert found.epoch == datetime(2026, 5, 1, 10, tzinfo=UTC).timestamp()
+    frame.index = pd.to_timedelta(TIMES, "s")
+    np.testing.assert_array_equal(io.read(frame).track("frame").times, TIMES)
+    assert io.read(frame).epoch is None

@@ -36,7 +36,8 @@ def track_of(
     Raises
     ------
     InputError
-        Two places at one instant, and a track without a single position.
+        Two places at one instant, a clock set back by an hour, and a track without a single
+        position.
     """
     position = ("latitude", "longitude") if "latitude" in columns else ("east", "north")
     placed = np.isfinite(columns[position[0]]) & np.isfinite(columns[position[1]])
@@ -49,6 +50,7 @@ def track_of(
         raise InputError(f"{place}: {name} has no report with a time and a position")
     order = np.flatnonzero(good)[np.argsort(times[good], kind="stable")]
     t = times[order]
+    _clock_set_back(name, times[good], place)
     if (np.diff(times[good]) < 0).any():
         notes.append(f"{name}: reports were not in order of time, and have been sorted")
     again = np.flatnonzero(np.diff(t) == 0)
@@ -63,6 +65,20 @@ def track_of(
     if "east" not in values:
         values["east"] = values["north"] = np.full(t.size, np.nan)
     return Track(name, t, **values), notes
+
+
+def _clock_set_back(name: str, times: Array, place: str) -> None:
+    """Ask about reports that go on an hour earlier, as local time does in autumn."""
+    steps = np.diff(times)
+    back = np.flatnonzero(steps < 0)
+    if back.size != 1 or times.size < 6:
+        return
+    usual = float(np.median(steps[steps > 0]))
+    if 0 < steps[back[0]] + 3600.0 <= 3 * usual:
+        raise InputError(
+            f"{place}: {name} goes on an hour earlier after {times[back[0]]:.10g} s: was the clock "
+            "set back? Give the times in UTC or with a zone; if it was not, sort the lines by time"
+        )
 
 
 def detections_of(

@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 #: The names by which a check is switched off: ``trust = ["speed"]``.
 CHECKS = ("units", "speed", "course", "missing", "bearings", "clock")
 
+_EACH = {2: "second", 3: "third", 4: "fourth"}
 #: m/s: faster than anything that flies in air.
 _FASTEST = 1500.0
 
@@ -49,6 +50,7 @@ def check(recording: Recording, trust: Collection[str] = ()) -> None:
             ("missing", _missing),
             ("units", _degrees_for_metres),
             ("units", _radians_for_places),
+            ("speed", _interleaved),
             ("speed", _speed),
             ("course", _course),
         ):
@@ -132,6 +134,25 @@ def _radians_for_places(track: Track, where: str) -> None:
             "and +-3.14 of longitude: are these radians? Write degrees",
             "units",
         )
+
+
+def _interleaved(track: Track, where: str) -> None:
+    """Ask about reports that jump to and fro between places: those of several ships."""
+    for ships in (2, 3, 4):
+        if track.times.size < 4 * ships:
+            return
+        next_one, same = (
+            float(np.median(np.linalg.norm(track.path[k:] - track.path[:-k], axis=1)))
+            for k in (1, ships)
+        )
+        if next_one > 4 * same:
+            raise _ask(
+                where,
+                f"{track.name} jumps by {brief(next_one)} m from report to report, and each "
+                f"{_EACH[ships]} is {brief(same)} m from the last: are these {ships} ships? Name "
+                "the column that tells them apart id",
+                "speed",
+            )
 
 
 def _speed(track: Track, where: str) -> None:

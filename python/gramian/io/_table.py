@@ -348,6 +348,9 @@ def of_frame(value: Any, name: str) -> Table | None:
         }
     elif (library, kind.__name__) == ("pandas", "DataFrame"):
         named = [level for level in value.index.names if level is not None]
+        times = type(value.index).__name__ in ("DatetimeIndex", "TimedeltaIndex")
+        if not named and times and "time" not in guess([str(key) for key in value]):
+            value, named = value.rename_axis("time"), ["time"]
         frame = value.reset_index() if named else value
         columns = {str(key): frame[key] for key in frame}
     elif (library, kind.__name__) in (("polars", "DataFrame"), ("pyarrow", "Table")):
@@ -376,6 +379,8 @@ def _cell(value: object) -> str:
         return str(value.astype("datetime64[us]"))
     if isinstance(value, float):
         return repr(value)
+    if hasattr(value, "total_seconds"):
+        return repr(float(value.total_seconds()))
     return value.isoformat() if hasattr(value, "isoformat") else str(value)
 
 

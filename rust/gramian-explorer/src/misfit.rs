@@ -52,17 +52,16 @@ impl Bearings<'_> {
         let tests = self.tests(&fit, alpha)?;
         let best = tests.first();
         if dof > 0 && p_value < alpha {
-            let mut reason = Goodness::new(fit.chi2(), dof as f64)
-                .misfit(1.0)
-                .unwrap_or_default();
-            if let Some((name, score)) = best.filter(|(_, score)| score.restored > alpha) {
-                let p = brief(score.restored, 2);
-                reason += &format!("; {name} would explain it (p = {p})");
-            }
-            if let Some(text) = outlying(&fit, alpha) {
-                reason += &format!("; {text}");
-            }
-            return Ok(reason);
+            let chi2 = Goodness::new(fit.chi2(), dof as f64).misfit(1.0);
+            let mut said = vec![chi2.unwrap_or_default()];
+            said.extend(
+                best.filter(|(_, score)| score.restored > alpha)
+                    .map(|(name, score)| {
+                        format!("{name} would explain it (p = {})", brief(score.restored, 2))
+                    }),
+            );
+            said.extend(outlying(&fit, alpha));
+            return Ok(said.join("; "));
         }
         if let Some((name, score)) = best
             && tests.len() as f64 * score.p_value < alpha
