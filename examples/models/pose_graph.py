@@ -38,7 +38,9 @@ if __name__ == "__main__":
     picture = figure(7.5, 3.0)
     turn = np.linspace(0, 2 * np.pi, 34, endpoint=False)
     east, north = np.cos(turn), np.sin(turn)
-    for axes, change in zip(picture.subplots(1, 3), answer.null_space.T, strict=True):
+    # Of a hundred states or more the null space is sparse.
+    ways = answer.null_space.toarray().T
+    for axes, change in zip(picture.subplots(1, 3), ways, strict=True):
         along, up, _ = 0.4 * change.reshape(3, -1) / np.abs(change).max()
         axes.plot(*np.c_[[east, north], [east[:1], north[:1]]], ".-", color=COLORS["observer"])
         axes.plot(east + along, north + up, ".", color=COLORS["bad"])
