@@ -148,6 +148,25 @@ def test_ais_reports_take_their_time_from_the_receiver(tmp_path):
     assert any("without a position" in note for note in recording.notes)
 
 
+def test_parts_of_two_ais_messages_are_not_joined(tmp_path):
+    from pyais import encode_dict
+
+    def parts(kind, **said):
+        return encode_dict({"type": kind, **said}, talker_id="AI", seq_id=3)
+
+    place = {"lat": 50.0, "lon": -1.0, "speed": 3.6, "course": 0.0, "second": 5}
+    lost = parts(5, mmsi=111, shipname="GHOST SHIP OF A LONG NAME")
+    whole = parts(5, mmsi=222, shipname="AURORA")
+    assert len(lost) == len(whole) == 2
+    reports = [parts(1, mmsi=mmsi, **place)[0] for mmsi in (111, 222)]
+    # The first part of one message is lost; of another the second.
+    sentences = [lost[1], *whole, lost[0], *whole, *reports]
+    lines = [f"\\c:{1777636800 + k}*00\\{one}" for k, one in enumerate(sentences)]
+    found = io.read(write(tmp_path, "log.ais", "\n".join(lines)))
+    assert set(found.tracks) == {"111", "AURORA"}
+    assert any("2 AIS messages of which a part is lost" in note for note in found.notes)
+
+
 def test_a_log_without_a_clock_says_so(tmp_path):
     from pyais import encode_dict
 

@@ -1,7 +1,8 @@
 """Build from the sdist: python tests/wheel/try_sdist.py FOLDER MATURIN
 
 Unpacks the sdist away from the checkout and builds a wheel from it, with the profile
-of the demo, which compiles faster: it proves that no file is missing.
+of the demo, which compiles faster: it proves that no file is missing. The wheel is installed
+into an empty environment, where the README's example and the demo run.
 """
 
 import os
@@ -10,6 +11,8 @@ import sys
 import tarfile
 import tempfile
 from pathlib import Path
+
+from try_wheel import tried
 
 
 def main():
@@ -23,7 +26,9 @@ def main():
         target = os.environ | {"CARGO_TARGET_DIR": str(folder.parent)}
         build = [maturin, "build", "--profile", "demo", "--no-default-features", "--out", place]
         subprocess.run(build, cwd=tree, env=target, check=True)
-    print(f"{sdist.name} builds by itself")
+        (wheel,) = Path(place).glob("*.whl")
+        tried(wheel)
+    print(f"{sdist.name} builds by itself, and runs the README's example and the demo")
 
 
 if __name__ == "__main__":

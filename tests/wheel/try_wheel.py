@@ -18,11 +18,8 @@ def page_is_built():
     return (ROOT / "python/gramian/explorer/page.html").is_file()
 
 
-def main():
-    folder = Path(sys.argv[1]).resolve()
-    (wheel,) = folder.glob("*.whl")
-    if "abi3" not in wheel.name:
-        sys.exit(f"{wheel.name} is not an abi3 wheel")
+def tried(wheel):
+    """Install a wheel alone, run the README's example and the demo; say whether it has the page."""
     block = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S)[1]
     claims = [a or b for a, b in re.findall(r"print\(.*?\)\s*# (.*)|\n# (.*)", block)]
     with tempfile.TemporaryDirectory() as place:
@@ -42,10 +39,18 @@ def main():
                 sys.exit(f"the demo does not say {verdict}:\n{demo}")
         explore = [python, "-m", "gramian", "explore", "--out", "page.html"]
         said = subprocess.run(explore, check=False, **run)
-        carried = said.returncode == 0 and (Path(place) / "page.html").stat().st_size > 100_000
+        return said.returncode == 0 and (Path(place) / "page.html").stat().st_size > 100_000
+
+
+def main():
+    folder = Path(sys.argv[1]).resolve()
+    (wheel,) = folder.glob("*.whl")
+    if "abi3" not in wheel.name:
+        sys.exit(f"{wheel.name} is not an abi3 wheel")
+    carried = tried(wheel)
     print("the wheel", "has" if carried else "is without", "the explorer's page")
     if page_is_built() and not carried:
-        sys.exit(f"the explorer's page was built, and the wheel does not have it: {said.stderr}")
+        sys.exit("the explorer's page was built, and the wheel does not have it")
     for path in sorted(folder.iterdir()):
         print(f"{path.name}: {path.stat().st_size / 1e6:.1f} MB")
     print("the wheel runs the README's example and the demo in an empty environment")

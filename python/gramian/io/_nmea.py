@@ -101,7 +101,16 @@ class _Log:
         if len(fields) < 5 or fields[1] in ("", "1"):
             return [sentence]
         key = fields[3], fields[4]
-        kept = self.parts.setdefault(key, [])
+        if fields[2] == "1":
+            if self.parts.pop(key, None):
+                self.leave_out("AIS messages of which a part is lost")
+            self.parts[key] = []
+        kept = self.parts.get(key)
+        if kept is None or fields[2] != str(len(kept) + 1):
+            # Not to be joined with parts of another message.
+            self.parts.pop(key, None)
+            self.leave_out("AIS messages of which a part is lost")
+            return None
         kept.append(sentence)
         if str(len(kept)) != fields[1]:
             return None
