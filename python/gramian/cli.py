@@ -21,6 +21,7 @@ from rich.console import Console
 from rich.status import Status
 
 from gramian._files import files_up_to, write_whole
+from gramian._registry import REGISTRY
 from gramian._text import brief, visible
 from gramian.exceptions import (
     GramianError,
@@ -90,11 +91,14 @@ Out = Annotated[
     Path | None,
     typer.Option(metavar="DIR", help="Write report.html and result.json here.", show_default=False),
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON and nothing else.")]
+Json = Annotated[
+    bool, typer.Option("--json", metavar="", help="Print the result as JSON and nothing else.")
+]
 Strict = Annotated[
     bool,
     typer.Option(
         "--strict",
+        metavar="",
         help="Exit with 3 where the answer is no: not determined, a misfit, no agreement.",
     ),
 ]
@@ -139,7 +143,11 @@ def options(
     version: Annotated[
         bool,
         typer.Option(
-            "--version", callback=_version, is_eager=True, help="Say which version this is."
+            "--version",
+            metavar="",
+            callback=_version,
+            is_eager=True,
+            help="Say which version this is.",
         ),
     ] = False,
 ) -> None:
@@ -435,11 +443,18 @@ def import_(
 
 @app.command()
 def schema(
-    model: Annotated[str, typer.Argument(help="A model of scenario files.", show_default=False)],
+    model: Annotated[
+        str,
+        typer.Argument(
+            help=f"A model of scenario files ({', '.join(REGISTRY)}), or all.", show_default=False
+        ),
+    ],
     markdown: Annotated[
-        bool, typer.Option("--markdown", help="Print a page of every key instead.")
+        bool, typer.Option("--markdown", metavar="", help="Print a page of every key instead.")
     ] = False,
-    json: Json = True,
+    json: Annotated[
+        bool, typer.Option("--json", metavar="", help="As it does anyway.", show_default=False)
+    ] = True,
 ) -> None:
     """Print the JSON Schema of a model's scenario files, for editors; or a page of its keys."""
     from gramian.scenario import reference
