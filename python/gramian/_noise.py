@@ -241,7 +241,8 @@ def as_knowledge(
     prior : None, mapping of str to float or (mean, sigma), array_like or (mean, covariance)
         By name: a standard deviation, or a mean and one. For all states: deviations (n,),
         a covariance (n, n), or a tuple of means (n,) and a covariance (n, n). A deviation
-        of 0 is exact knowledge, `inf` is none; a covariance may be singular.
+        of 0 is exact knowledge, `inf`, also on the diagonal of a covariance, is none; a
+        covariance may be singular.
     names : sequence of str, length n
     combinations : mapping of str to ndarray, shape (n,), optional
         What else has a name.
@@ -276,13 +277,19 @@ def as_knowledge(
         known = np.flatnonzero(np.isfinite(sigma)).tolist()
         some = tuple(names[i] for i in known)
         return Knowledge(some, np.eye(n)[known], mean[known], sigma[known], mean, sigma)
+    # Of a state with an infinite variance nothing is known, whatever it goes with.
+    kept = np.flatnonzero(~np.isposinf(np.diagonal(sigma)))
+    each = np.full(n, np.inf)
+    if not kept.size:
+        return Knowledge((), np.zeros((0, n)), np.zeros(0), np.zeros(0), mean, each)
     try:
-        noise = as_noise(sigma, n)
+        noise = as_noise(sigma[np.ix_(kept, kept)], kept.size)
     except InputError as error:
         raise InputError(str(error).replace("sigma", label, 1)) from error
-    rows = np.vstack([noise.whiten(np.eye(n)), noise.exact])
+    rows = np.vstack([noise.whiten(np.eye(n)[kept]), noise.exact @ np.eye(n)[kept]])
+    each[kept] = noise.sigma
     deviations = np.repeat([1.0, 0.0], [len(rows) - len(noise.exact), len(noise.exact)])
-    return Knowledge((None,) * len(rows), rows, rows @ mean, deviations, mean, noise.sigma)
+    return Knowledge((None,) * len(rows), rows, rows @ mean, deviations, mean, each)
 
 
 def _named(

@@ -124,7 +124,7 @@ class Model(ProblemSource, Value):
 
     def jacobian(self, x: ArrayLike | None = None) -> Array:
         """Return the derivatives (m, n) of h at one state, without noise."""
-        return self._derivatives(self._state(x))[0]
+        return self._derivatives(self._state(x))[0].copy()
 
     def measured(self, z: ArrayLike) -> Array:
         """Return measurements (m,) as real numbers, both parts of complex ones stacked.
@@ -290,7 +290,7 @@ class Model(ProblemSource, Value):
                 )
             raw = raw[0]
         else:
-            raw = np.asarray(self._h(state.copy()))
+            raw = _array(self._h(state.copy()))
         memory = self._options["memory"]
         is_complex = np.iscomplexobj(raw) or bool(memory.get("complex"))
         flat = _stacked(raw, is_complex=is_complex)
@@ -352,8 +352,8 @@ class Model(ProblemSource, Value):
             out = np.full((len(points), count), np.nan)
             for line, point in zip(out, points, strict=True):
                 try:
-                    flat = _stacked(np.asarray(self._h(point.copy())), is_complex=is_complex)
-                except (ArithmeticError, ValueError) as error:
+                    flat = _stacked(_array(self._h(point.copy())), is_complex=is_complex)
+                except (ArithmeticError, ValueError, RuntimeError) as error:
                     if isinstance(error, InputError):
                         raise
                     continue
@@ -366,7 +366,14 @@ class Model(ProblemSource, Value):
         return out
 
     def _derivatives(self, state: Array) -> tuple[Array, Array | None, dict[str, Any]]:
-        """Return derivatives (m, n), their error and how they were found."""
+        """Return derivatives (m, n), their error and how they were found; asked once a state."""
+        key = state.tobytes()
+        if self._kept.get("derivatives", (None,))[0] != key:
+            self._kept["derivatives"] = (key, self._found_derivatives(state))
+        found: tuple[Array, Array | None, dict[str, Any]] = self._kept["derivatives"][1]
+        return found
+
+    def _found_derivatives(self, state: Array) -> tuple[Array, Array | None, dict[str, Any]]:
         at = self._value(state)
         options = self._options
         method, given = options["method"], options["jacobian"]
@@ -801,8 +808,8 @@ def from_function(
     Each derivative comes with its error, from the differences of a ladder of steps and
     the measured noise of `h` (Ridders 1982; More & Wild 2011). `analyze` decides ranks
     above it, and calls "undecided" what it cannot tell; `model.accuracy` says what was
-    found. It takes about 6 evaluations a state and at most 18 for the noise; three states or
-    more never take more than 18 each in all, beside the value at x. Outputs of seven
+    found. It takes about 6 evaluations a state and up to 18 for the noise, of which never more
+    than 18 a state in all, the value at x included, and none twice. Outputs of seven
     decimals or fewer at every point count as rounded to them.
 
     Examples
@@ -1013,6 +1020,18 @@ def _is_groups(tangent: Any) -> bool:
     return isinstance(tangent, (list, tuple)) and any(
         isinstance(part, (list, tuple)) and part and isinstance(part[0], str) for part in tangent
     )
+
+
+def _array(values: Any) -> NDArray[Any]:
+    """Return what h returned as an array of any type."""
+    if np.ma.is_masked(values):
+        place = int(np.flatnonzero(np.ma.getmaskarray(values))[0])
+        raise InputError(f"h(x)[{place}] is masked: must be a number")
+    try:
+        return np.asarray(values)
+    except ValueError as error:
+        # Parts of different lengths.
+        raise InputError(f"h(x) cannot be read as an array of numbers: {error}") from None
 
 
 def _stacked(values: NDArray[Any], *, is_complex: bool) -> Array:

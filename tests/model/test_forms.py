@@ -165,3 +165,53 @@ def test_hermitian_noise(function):
 def test_bad_priors_are_named_alike(function, prior, message):
     with pytest.raises(gm.InputError, match=message):
         function(model(), prior)
+
+
+@pytest.mark.parametrize("correlated", [False, True])
+def test_an_infinite_variance_is_no_knowledge(correlated):
+    rows = np.random.default_rng(3).standard_normal((6, 3))
+    covariance = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.0], [0.0, 0.0, np.inf]])
+    if not correlated:
+        covariance[:2, :2] *= np.eye(2)
+    names = ["a", "b", "c"]
+    model = gm.from_function(lambda x: rows @ x, [1.0, 2.0, 3.0], 1.0, names)
+    information = rows.T @ rows
+    information[:2, :2] += np.linalg.inv(covariance[:2, :2])
+    wanted = np.sqrt(np.diag(np.linalg.inv(information)))
+    z = rows @ [1.0, 2.0, 3.0]
+    for found in (
+        gm.crlb_std(rows, covariance),
+        gm.crlb_std(model, (np.zeros(3), covariance)),
+        gm.analyze(model, prior=covariance).crlb_std,
+        gm.estimate(model, z, prior=([1.0, 2.0, 0.0], covariance)).std,
+    ):
+        np.testing.assert_allclose(found, wanted, rtol=1e-6)
+    nothing = np.diag([np.inf] * 3)
+    np.testing.assert_allclose(gm.crlb_std(rows, nothing), gm.crlb_std(rows))
+
+
+@pytest.mark.parametrize(
+    ("h", "message"),
+    [
+        (lambda x: [(x[0], x[1]), x[0]], r"h\(x\) cannot be read"),
+        (lambda x: {"a": x[0]}, r"h\(x\) cannot be read .*dict"),
+        (lambda x: np.ma.array(x, mask=[False, True]), r"h\(x\)\[1\] is masked"),
+        (lambda x: [x[0], None], r"h\(x\) cannot be read"),
+        (lambda x: [x[0], np.nan], r"h\(x\)\[1\] = nan"),
+        (lambda x: [x[0]] * (1 if x[0] > 1 else 2), "must be as many at each state"),
+    ],
+)
+def test_what_h_must_not_return(h, message):
+    with pytest.raises(gm.InputError, match=message):
+        gm.from_function(h, [1.0, 2.0], 0.1, ["a", "b"])
+
+
+@pytest.mark.parametrize("error", [ValueError, ArithmeticError, RuntimeError])
+def test_a_solver_that_fails_beside_x_has_no_value_there(error):
+    def h(x):
+        if x[0] > 1.005:
+            raise error("no solution")
+        return [x[0] * x[1], x[0] + x[1]]
+
+    model = gm.from_function(h, [1.0, 2.0], 0.1, ["a", "b"])
+    np.testing.assert_allclose(model.jacobian(), [[2, 1], [1, 1]], rtol=1e-9)

@@ -19,14 +19,19 @@ use alloc::vec::Vec;
 const MOST_PAIRS: usize = 9;
 /// First step, as a part of the size of the state.
 const FIRST: f64 = 1.0 / 64.0;
-/// Points beside x at which noise is measured.
+/// Points beside x at which noise is measured; of one state fewer, as its steps need the rest.
 const NOISE_POINTS: usize = 6;
+const NOISE_POINTS_ALONE: usize = 4;
 /// Spacing of those points: no power of two, and another for each of a few states.
 const PARTS: [f64; 8] = [1.625, 1.875, 1.0625, 1.1875, 1.3125, 1.4375, 1.5625, 1.6875];
 /// As few points either side of x tell noise that changes now and then.
 const LEAST_WIDE: usize = 3;
 /// Stated over standard deviation, for the part of an error that is noise.
 const COVERAGE: f64 = 3.0;
+/// Part of the longest step down to which a law must hold to be taken for one all the way.
+const FALLEN: f64 = 1.0 / 8192.0;
+/// Part of a step at which detail that the step missed is straight.
+const SHORT: f64 = 1.0 / (1u64 << 40) as f64;
 /// Error of an entry of which nothing is known.
 const UNKNOWN: f64 = 1e150;
 /// Even over odd part of a change above which a step is too long.
@@ -132,6 +137,17 @@ enum Phase {
     Done,
 }
 
+/// Noise nearly as large as the change over a step: detail far finer than the step looks alike.
+#[derive(Clone, Copy)]
+struct Suspicion {
+    /// Which pair tells: at a step so short that detail is straight, and noise as it was.
+    pair: usize,
+    /// What passes for noise, weighted.
+    level: f64,
+    /// Where the ladder goes on if it is noise.
+    next: f64,
+}
+
 struct Column<'a> {
     state: usize,
     outputs: Option<&'a [usize]>,
@@ -150,9 +166,10 @@ struct Column<'a> {
     detail: Option<usize>,
     /// Whether no step was found at which noise is small.
     noisy: bool,
-    /// How many pairs there were when the first step was given up because noise at short steps
-    /// was too large.
-    suspected: Option<usize>,
+    /// Which pair is at the shortest step, after others that all met about the same change.
+    probe: Option<usize>,
+    /// What passes for noise and may be detail that all steps have missed.
+    suspicion: Option<Suspicion>,
     /// The shortest step at which there may be detail, where noise hides it.
     reach: f64,
     /// How many pairs it may take.
@@ -226,11 +243,19 @@ pub fn jacobian<E>(
     let mut measured = given.iter().all(|&g| g);
     let mut kept: Option<(Vec<[f64; 2]>, Vec<f64>)> = None;
     let (mut points, mut values) = (Vec::new(), Vec::new());
-    // One or two states take as much as three where they must: noise has its price. With 18, a
-    // time since an epoch far away is not found, nor with 36 for two that one is flat at x.
-    let most = 2 * MOST_PAIRS * n.max(3);
+    let noise_points = if n == 1 {
+        NOISE_POINTS_ALONE
+    } else {
+        NOISE_POINTS
+    };
+    // With the value at x.
+    let most = 2 * MOST_PAIRS * n - 1;
     loop {
-        let reserve = if measured { 0 } else { NOISE_POINTS };
+        let reserve = if measured || kept.is_some() {
+            0
+        } else {
+            noise_points
+        };
         let left = most.saturating_sub(evaluations + reserve);
         let unfinished = groups
             .iter()
@@ -258,20 +283,28 @@ pub fn jacobian<E>(
                 break;
             }
             let spacing = noise_spacing(&columns, options.weight, &printed.with(&noise));
-            if let Some((_, found)) = kept.as_ref().filter(|(at, _)| *at == spacing) {
-                // The same points as before.
+            let out_of_points = evaluations + noise_points > most;
+            if let Some((_, found)) = kept
+                .as_ref()
+                .filter(|(at, _)| *at == spacing || out_of_points)
+            {
+                // The same points as before, or none left for others.
                 noise.copy_from_slice(found);
             } else {
                 // Of one state the wide points are pairs of its ladder; of more, two pairs
                 // for each are left to the ladders.
                 let ladders = if n > 1 { 4 * unfinished } else { 0 };
-                let wide = match NOISE_POINTS.min(left.saturating_sub(ladders) / 2) {
+                let wide = match noise_points.min(left.saturating_sub(ladders) / 2) {
                     few if kept.is_some() || few < LEAST_WIDE => 0,
-                    _ if n == 1 => LEAST_WIDE,
+                    _ if n < 3 => LEAST_WIDE,
                     enough => enough,
                 };
+                // Points of their own where some were asked before.
+                let factor = if kept.is_some() { 1.25 } else { 1.0 };
+                let own: Vec<[f64; 2]> = spacing.iter().map(|s| s.map(|s| factor * s)).collect();
                 let line = Line {
-                    spacing: &spacing,
+                    spacing: &own,
+                    close: noise_points,
                     wide,
                     given: &given,
                 };
@@ -281,20 +314,23 @@ pub fn jacobian<E>(
                     done
                 })
                 .map_err(Error::Function)?;
-                evaluations += NOISE_POINTS + 2 * wide;
+                evaluations += noise_points + 2 * wide;
                 if let [column] = columns.as_mut_slice() {
-                    column.take_line(at, &far, spacing[0][1], options);
+                    column.take_line(at, &far, own[0][1], options);
                 }
                 kept = Some((spacing, noise.clone()));
             }
             measured = true;
-            // Is there enough for noise to be measured again?
-            let needed = evaluations + NOISE_POINTS + 4 * unfinished;
-            let enough = needed <= most;
+            // Is there enough to see whether noise is detail?
+            let enough = evaluations + 2 * unfinished <= most;
             let level = printed.with(&noise);
+            let unexplained = printed.unexplained(&noise);
             let again = columns
                 .iter_mut()
-                .filter_map(|c| c.after_noise(enough, options.weight, &level).then_some(()))
+                .filter_map(|c| {
+                    c.after_noise(enough, options.weight, &level, &unexplained)
+                        .then_some(())
+                })
                 .count();
             if again > 0 {
                 measured = given.iter().all(|&g| g);
@@ -344,10 +380,15 @@ pub fn jacobian<E>(
     };
     for column in &columns {
         for (k, i) in column.each(m).enumerate() {
-            let (value, error) = column.entry(k, out.noise[i], at[i]);
+            // A state that does not move an output that is cut off is no part of it.
+            let cut_off = printed.cut_off(i);
+            let apart = cut_off && !column.moves(k);
+            let rounding = 2.0 * f64::EPSILON * at[i].abs();
+            let (value, error) =
+                column.entry(k, if apart { rounding } else { out.noise[i] }, at[i]);
             // Where the function overflows beside x nothing is known, which is a number too.
             out.values[i * n + column.state] = value;
-            let known = error < UNKNOWN && !printed.cut_off(i);
+            let known = error < UNKNOWN && (apart || !cut_off);
             out.error[i * n + column.state] = if known { error } else { UNKNOWN };
         }
     }
@@ -476,6 +517,14 @@ impl Printed {
         self.moved[i] && self.decimals[i].is_some() && self.others[i][2].is_nan()
     }
 
+    /// The noise that rounding to digits does not explain.
+    fn unexplained(&self, noise: &[f64]) -> Vec<f64> {
+        let digits = self.with(&vec![0.0; noise.len()]);
+        let each = noise.iter().zip(&digits);
+        each.map(|(&noise, &digits)| if noise <= 4.0 * digits { 0.0 } else { noise })
+            .collect()
+    }
+
     /// The noise with that of rounding: of uniform errors of half a digit either way.
     fn with(&self, noise: &[f64]) -> Vec<f64> {
         let seen = self.decimals.iter().zip(&self.moved);
@@ -562,7 +611,8 @@ impl<'a> Column<'a> {
             anchor: 0,
             detail: None,
             noisy: false,
-            suspected: None,
+            probe: None,
+            suspicion: None,
             reach: 0.0,
             room: MOST_PAIRS,
         }
@@ -588,9 +638,21 @@ impl<'a> Column<'a> {
                 return Err(self.not_finite());
             };
             self.anchor = last;
+            if self.shrunk > 0 && self.grown == 0 {
+                self.reach = self.unresolved();
+            }
         }
         self.phase = Phase::Done;
         Ok(())
+    }
+
+    /// How short detail may be that was not found.
+    fn unresolved(&self) -> f64 {
+        if self.least > 1e-300 {
+            return self.least;
+        }
+        let steps = self.pairs.iter().map(|p| p.step);
+        steps.fold(f64::INFINITY, f64::min) * 1e-12
     }
 
     /// The error of the last pair, which is not finite.
@@ -707,16 +769,22 @@ impl<'a> Column<'a> {
     /// that leave x + k s exact, yet are none themselves, or numbers of fewer digits would
     /// not be seen. Each state has a part of its own: a difference of two states that move
     /// alike would stand still, and be taken for a rounded one.
-    fn spacing(&self, wide: bool, weight: &[f64], noise: &[f64]) -> f64 {
+    ///
+    /// `longest` is that of the wide ones, as a part of the step, but for a noise that wants more.
+    fn spacing(&self, wide: bool, longest: f64, weight: &[f64], noise: &[f64]) -> f64 {
         let Some(pair) = self.pairs.get(self.detail.unwrap_or(self.anchor)) else {
             return 0.0;
         };
-        let [odd, even, _] = self.sizes(pair, weight, noise);
+        let [odd, even, level] = self.sizes(pair, weight, noise);
         let own = PARTS[self.state % PARTS.len()];
         let part = if wide {
-            // Where nothing moved nothing is bent.
-            let bent = if odd > 0.0 { even / odd } else { 0.0 };
-            own * power((0.02 / bent).clamp(2.0_f64.powi(-20), 1.0))
+            // Where nothing moved nothing is bent, but farther away it may be.
+            let (bent, longest) = if odd > 0.0 {
+                (even / odd, if level > 1e-3 * odd { 1.0 } else { longest })
+            } else {
+                (0.0, 0.125)
+            };
+            own * power((0.02 / bent).clamp(2.0_f64.powi(-20), longest))
         } else {
             own / 8192.0
         };
@@ -737,8 +805,34 @@ impl<'a> Column<'a> {
     ) -> Result<(), Error<E>> {
         let last = self.pairs.len() - 1;
         let pair = &self.pairs[last];
+        let level = self.level_off(weight, noise);
+        let short = power((self.pairs[0].step * SHORT).max(4.0 * self.least));
+        if level && self.probe.is_none() && self.pairs.len() < self.room && short < pair.step / 64.0
+        {
+            self.probe = Some(self.pairs.len());
+            self.next = short;
+            self.shrunk += 1;
+            return Ok(());
+        }
+        // The same change from long steps to the shortest is noise, not detail.
+        let settled = level && self.probe == Some(last);
+        // At zero a law such as x |x| is followed at once to where nothing is left of it.
+        let law = self.least < 1e-300 && self.shrunk == 0 && last > 0;
+        let bits = if law && self.falls(weight, noise.len()) {
+            let [before, ..] = self.sizes(&self.pairs[last - 1], weight, noise);
+            let [odd, _, level] = self.sizes(pair, weight, noise);
+            let far = if odd < 0.18 * before { 14 } else { 28 };
+            // Only as far as rounding leaves something of it.
+            if odd * 4.0_f64.powi(-far) > 8.0 * level {
+                far
+            } else {
+                bits
+            }
+        } else {
+            bits
+        };
         let next = (pair.step * 2.0_f64.powi(-bits)).max(self.least);
-        if self.pairs.len() + 2 < self.room && next < pair.step {
+        if !settled && self.pairs.len() + 2 < self.room && next < pair.step {
             self.next = power(next);
             self.shrunk += 1;
             return Ok(());
@@ -764,16 +858,7 @@ impl<'a> Column<'a> {
                 return Ok(());
             }
             let first = self.pairs[best].step;
-            let swept: f64 = self
-                .pairs
-                .iter()
-                .map(|p| p.step)
-                .fold(f64::INFINITY, f64::min);
-            self.reach = if self.least > 1e-300 {
-                self.least
-            } else {
-                swept * 1e-12
-            };
+            self.reach = if settled { 0.0 } else { self.unresolved() };
             for p in &mut self.pairs {
                 p.finite &= p.step >= first;
             }
@@ -811,6 +896,27 @@ impl<'a> Column<'a> {
         })
     }
 
+    /// Whether the last step meets about the same change as one far longer, but not the very
+    /// same, as at a jump.
+    fn level_off(&self, weight: &[f64], noise: &[f64]) -> bool {
+        let Some((short, longer)) = self.pairs.split_last() else {
+            return false;
+        };
+        let Some(long) = longer.iter().rfind(|p| p.step > 16.0 * short.step) else {
+            return false;
+        };
+        let change = |pair: &Pair| {
+            let [odd, even, level] = self.sizes(pair, weight, noise);
+            (odd.max(even), level)
+        };
+        let ((first, _), (second, level)) = (change(long), change(short));
+        long.finite
+            && short.finite
+            && second > 0.3 * first
+            && second > 8.0 * level
+            && !self.jumps(weight, noise.len())
+    }
+
     /// Whether the shortest steps all meet the same change, which noise does not.
     fn jumps(&self, weight: &[f64], m: usize) -> bool {
         let Some([.., a, b]) = self.pairs.get(self.pairs.len().saturating_sub(2)..) else {
@@ -846,10 +952,24 @@ impl<'a> Column<'a> {
     /// Whether slope and bend fall all along, by half the decades of the steps or more: that
     /// of noise, of a jump or of a kink does not.
     fn falls_to_nothing(&self, weight: &[f64], m: usize) -> bool {
+        let steps = || self.pairs.iter().filter(|p| p.finite).map(|p| p.step);
+        let longest = steps().fold(0.0, f64::max);
+        let shortest = steps().fold(f64::INFINITY, f64::min);
+        // The size of a state that is not zero says nothing of how short is short.
+        let least = if self.least < 1e-300 {
+            FALLEN
+        } else {
+            FALLEN * FALLEN
+        };
+        steps().count() > 3 && shortest < least * longest && self.falls(weight, m)
+    }
+
+    /// The same of fewer steps.
+    fn falls(&self, weight: &[f64], m: usize) -> bool {
         let size = |x: &[f64]| norm(self.each(m).zip(x).map(|(i, x)| weight[i] * x));
         let mut pairs: Vec<&Pair> = self.pairs.iter().filter(|p| p.finite).collect();
         pairs.sort_by(|a, b| b.step.total_cmp(&a.step));
-        pairs.len() > 3
+        pairs.len() > 1
             && pairs.windows(2).all(|w| {
                 let least = (w[1].step / w[0].step).sqrt();
                 let slope = |x: &[f64], p: &Pair| size(x) / p.step;
@@ -897,6 +1017,37 @@ impl<'a> Column<'a> {
             return self.shorter(bits, at, weight, noise);
         }
         let [odd, even, level] = self.sizes(pair, weight, noise);
+        if let Some(Suspicion {
+            level: seen, next, ..
+        }) = self.suspicion.filter(|suspicion| suspicion.pair == last)
+        {
+            let detail = 0.05 * seen * pair.step / odd;
+            let rounding = odd.max(even) < 8.0 * level;
+            if rounding || odd.max(even) > 0.1 * seen || !(detail < self.pairs[self.anchor].step) {
+                self.pairs[last].finite = false;
+                self.phase = Phase::Ladder;
+                self.next = next;
+            } else {
+                self.next = power(detail).max(self.least);
+            }
+            return Ok(());
+        }
+        if self.probe == Some(last) && odd < 8.0 * level && even < 8.0 * level {
+            // Nothing moves at so short a step: half way.
+            self.next = power((pair.step * self.pairs[last - 1].step).sqrt());
+            self.pairs[last].finite = false;
+            return Ok(());
+        }
+        if self.probe == Some(last) && odd > 8.0 * level && even <= BENT * odd {
+            let [long_odd, long_even, _] = self.sizes(&self.pairs[last - 1], weight, noise);
+            let whole = long_odd.max(long_even);
+            let next = power(0.05 * whole * pair.step / odd);
+            if odd < 0.1 * whole && next > 4.0 * pair.step && next < self.pairs[last - 1].step {
+                // Straight here: as far as a twentieth of the whole change.
+                self.next = next;
+                return Ok(());
+            }
+        }
         if odd < 8.0 * level && even < 8.0 * level {
             // Nothing moves.
             let longer = power((pair.step * 4096.0).min(self.most));
@@ -908,9 +1059,7 @@ impl<'a> Column<'a> {
                 self.next = 0.5 * pair.step;
             } else if self.shrunk > 0 {
                 // Not below the last step that moved something: that was noise.
-                if self.suspected != Some(last) {
-                    self.anchor = last - 1;
-                }
+                self.anchor = (0..last).rfind(|&k| self.pairs[k].finite).unwrap_or(last);
                 self.phase = Phase::Ladder;
                 self.next = power((pair.step * self.pairs[self.anchor].step).sqrt());
             } else if self.grown < 4 && longer > 2.0 * pair.step {
@@ -925,7 +1074,7 @@ impl<'a> Column<'a> {
         }
         let longer = power((pair.step * 4096.0).min(self.most));
         let [.., digits] = self.sizes(pair, weight, plain);
-        if self.shrunk == 0 && self.grown < 4 && odd < 1e5 * digits && even < 8.0 * digits {
+        if self.shrunk == 0 && self.grown < 4 && odd < 1e7 * digits && even < 8.0 * digits {
             // Straight, and little above rounding: a longer step has more digits.
             if longer > 2.0 * pair.step {
                 self.grown += 1;
@@ -984,7 +1133,15 @@ impl<'a> Column<'a> {
     /// Once the noise is known, a longer step may be better.
     ///
     /// Returns whether the step was chance instead, and the search goes on.
-    fn after_noise(&mut self, enough: bool, weight: &[f64], noise: &[f64]) -> bool {
+    ///
+    /// `unexplained` is the noise that is not that of printed digits.
+    fn after_noise(
+        &mut self,
+        enough: bool,
+        weight: &[f64],
+        noise: &[f64],
+        unexplained: &[f64],
+    ) -> bool {
         if self.phase != Phase::Ladder {
             return false;
         }
@@ -993,11 +1150,16 @@ impl<'a> Column<'a> {
         if odd == 0.0 {
             return false;
         }
-        if level > 0.02 * odd && !self.noisy && self.suspected.is_none() && enough {
+        let [.., unexplained] = self.sizes(pair, weight, unexplained);
+        if unexplained > 0.02 * odd && !self.noisy && self.suspicion.is_none() && enough {
             // What looks like noise may be detail that all steps so far have missed.
-            let next = power((pair.step / 8192.0).max(self.least));
-            if next < pair.step {
-                self.suspected = Some(self.pairs.len());
+            let next = power((pair.step * SHORT).max(4.0 * self.least));
+            if next < pair.step / 64.0 {
+                self.suspicion = Some(Suspicion {
+                    pair: self.pairs.len(),
+                    level,
+                    next: self.next,
+                });
                 self.phase = Phase::Search;
                 self.next = next;
                 self.shrunk = self.shrunk.max(3);
@@ -1007,7 +1169,12 @@ impl<'a> Column<'a> {
         let bend = (even / odd).max(2.0 * level / odd);
         // Error of the ladder from noise, and how much longer the step may be.
         let wanted = if level > 1e-3 * odd { 0.15 } else { 0.06 };
-        let factor = (wanted / bend).min(64.0);
+        let factor = if level > 0.02 * odd && even < 3.0 * level {
+            // Nothing is seen of a bend.
+            (200.0 * level / odd).min(64.0)
+        } else {
+            (wanted / bend).min(64.0)
+        };
         if level > 1e-11 * odd && factor > 2.0 {
             let longer = power((pair.step * factor).min(self.most));
             if longer > pair.step {
@@ -1035,10 +1202,10 @@ impl<'a> Column<'a> {
             // A step too long was tried.
             self.most = self.most.min(0.5 * self.pairs[last].step);
         } else if self.pairs[last].step > self.pairs[self.anchor].step {
-            let [odd, even, _] = self.sizes(&self.pairs[last], weight, noise);
+            let [odd, even, level] = self.sizes(&self.pairs[last], weight, noise);
             let ratio = self.pairs[last].step / self.pairs[self.anchor].step;
             let [first, ..] = self.sizes(&self.pairs[self.anchor], weight, noise);
-            if even > BENT * odd || !(odd > 0.5 * ratio * first) {
+            if even > BENT * odd || !(odd > 0.5 * ratio * (first - 4.0 * level)) {
                 // Bent: not part of the ladder.
                 self.pairs[last].finite = false;
             }
@@ -1172,6 +1339,12 @@ impl<'a> Column<'a> {
             .any(|w| irregular(w[0], w[1], w[2], k, noise))
     }
 
+    /// Whether the output was seen to move with the state.
+    fn moves(&self, k: usize) -> bool {
+        let moved = |p: &Pair| p.odd[k] != 0.0 || p.even[k] != 0.0;
+        self.pairs.iter().any(moved)
+    }
+
     /// What noise leaves of the best estimate.
     fn floor(&self, k: usize, noise: f64) -> f64 {
         let longest = self.longest();
@@ -1238,6 +1411,13 @@ impl<'a> Column<'a> {
                 }
             }
         }
+        if let [.., q, p] = pairs.as_slice()
+            && p.odd[k].abs() > 8.0 * level(p)
+            && p.odd[k].abs() > q.odd[k].abs() * (p.step / q.step).sqrt()
+        {
+            // The change hardly falls with the step: what is cut off beside x, or a root at 0.
+            best.1 = UNKNOWN;
+        }
         // Over many steps that is no noise, which a kink passes for where noise is measured.
         let wide = pairs.len() > 3 && kinked(&pairs, k, 0.0, 16.0);
         if let Some(p) = pairs.last()
@@ -1276,8 +1456,11 @@ fn slow(pairs: &[&Pair], k: usize, noise: f64, value: f64) -> f64 {
     }
     let power = |step: f64, q: f64| (step / a.step).powf(q);
     let fall = |q: f64| (1.0 - power(b.step, q)) / (power(b.step, q) - power(c.step, q));
-    // Differences that do not fall at all have no limit to speak of.
     let (mut low, mut high) = (1.0 / 16.0, 2.0);
+    if fall(low) * second >= first {
+        // Slopes that grow as the step falls, as of what is cut off, have no limit to speak of.
+        return UNKNOWN;
+    }
     for _ in 0..30 {
         let middle = 0.5 * (low + high);
         if fall(middle) * second < first {
@@ -1346,9 +1529,11 @@ fn extrapolate(pairs: &[&Pair], k: usize) -> (f64, [f64; 3]) {
 
 /// How far apart the points are at which noise is measured, close and wide.
 fn noise_spacing(columns: &[Column<'_>], weight: &[f64], noise: &[f64]) -> Vec<[f64; 2]> {
+    // Of one state they are steps of its ladder.
+    let longest = if columns.len() == 1 { 0.125 } else { 1.0 };
     columns
         .iter()
-        .map(|column| [false, true].map(|wide| column.spacing(wide, weight, noise)))
+        .map(|column| [false, true].map(|wide| column.spacing(wide, longest, weight, noise)))
         .collect()
 }
 
@@ -1356,6 +1541,8 @@ fn noise_spacing(columns: &[Column<'_>], weight: &[f64], noise: &[f64]) -> Vec<[
 struct Line<'a> {
     /// For each state how far apart the points are, close and wide.
     spacing: &'a [[f64; 2]],
+    /// How many close ones there are on one side.
+    close: usize,
     /// How many wide ones there are on either side.
     wide: usize,
     /// For each output whether its noise is known.
@@ -1375,7 +1562,7 @@ fn measure_noise<E>(
     evaluate: &mut impl FnMut(&[f64], &mut [f64]) -> Result<(), E>,
 ) -> Result<Vec<f64>, E> {
     let (n, m, wide) = (x.len(), at.len(), line.wide);
-    let close: Vec<f64> = (1..=NOISE_POINTS).map(|k| k as f64).collect();
+    let close: Vec<f64> = (1..=line.close).map(|k| k as f64).collect();
     let far: Vec<f64> = (1..=wide).flat_map(|k| [-(k as f64), k as f64]).collect();
     let mut points = Vec::with_capacity((close.len() + far.len()) * n);
     for (place, multiples) in [&close, &far].into_iter().enumerate() {
@@ -1423,7 +1610,11 @@ fn levels(mut table: Vec<f64>) -> Vec<f64> {
 /// Of values so close that differences of order 3 to 5 hold nothing of a smooth function.
 fn close_noise(line: Vec<f64>) -> f64 {
     let levels = levels(line);
-    levels[3].max(levels[4]).max(levels[5])
+    levels
+        .iter()
+        .skip(3)
+        .take(3)
+        .fold(0.0, |most, x| most.max(*x))
 }
 
 /// Of values so far apart that a smooth function still shows in all differences, but
