@@ -1,6 +1,7 @@
 """Files as people export them: each is read as it is meant, or asked about."""
 
 import gzip
+import re
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -85,6 +86,10 @@ METRES = {
     "minutes and seconds, told": lines(
         "time [mm:ss],x,y",
         *(f"{int(t) // 60:02d}:00,{e},{n}" for t, e, n in zip(TIMES, EAST, NORTH, strict=True)),
+    ),
+    "centimetres": lines(
+        "t,x (cm),y (cm)",
+        *(f"{t},{100 * e},{100 * n}" for t, e, n in zip(TIMES, EAST, NORTH, strict=True)),
     ),
     "hours": lines(
         "time_h,x,y", *(f"{t / 3600:.17g},{e},{n}" for t, e, n in zip(TIMES, EAST, NORTH, strict=True))
@@ -174,6 +179,11 @@ def test_positions_in_degrees(tmp_path, text, encoding):
         ),
         ('{"type": "FeatureCollection", "features": []}', "is JSON"),
         (lines("Zeit;Breite;Länge", "1;50,1;1,5"), "--column time=HEADING"),
+        # Degrees and their minutes in two columns.
+        (
+            lines("t,lat_deg,lat_min,lon_deg,lon_min", "0,50,46,1,6", "9,50,47,1,6"),
+            "'lat_min' stands beside 'lat_deg'",
+        ),
         # Two ships under one heading, each a few seconds after the other.
         (
             lines(
@@ -228,6 +238,27 @@ def log_of_bearings(heading="bearing_deg"):
     return lines(f"t_s,x,y,{heading}", *(f"{t:g},{x:g},{y:g},{b!r}" for t, (x, y), b in rows))
 
 
+def test_a_unit_that_is_unknown_is_asked_about(tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_text(lines("t,x,y,Peilung (mil)", *(f"{row},{k}" for k, row in enumerate(plain()))))
+    named = {"bearing": "Peilung (mil)"}
+    with pytest.raises(gm.InputError, match="'mil' is no unit of bearing that is known"):
+        io.read(file, columns=named)
+    seen = io.read(file, columns=named, units={"bearing": "gon"}).sensors["log"]
+    np.testing.assert_allclose(seen.bearing, np.arange(TIMES.size) * np.pi / 200)
+
+
+def test_a_word_in_brackets_beside_dates_is_no_unit(tmp_path):
+    file = tmp_path / "ship.csv"
+    dated = (f"{w.isoformat()},{e},{n}" for w, e, n in zip(MOMENTS, EAST, NORTH, strict=True))
+    file.write_text(lines("Zeit (Schiff),x,y", *dated))
+    named = {"time": "Zeit (Schiff)"}
+    np.testing.assert_array_equal(io.read(file, columns=named).track("ship").times, TIMES)
+    file.write_text(lines("Zeit (Tage),x,y", *plain()))
+    with pytest.raises(gm.InputError, match="'Tage' is no unit of time that is known"):
+        io.read(file, columns={"time": "Zeit (Tage)"})
+
+
 def test_an_observers_log_has_its_track_and_its_bearings(tmp_path, capsys, monkeypatch):
     def gramian(*words):
         monkeypatch.setattr("sys.argv", ["gramian", *map(str, words)])
@@ -252,6 +283,17 @@ def test_an_observers_log_has_its_track_and_its_bearings(tmp_path, capsys, monke
     gramian("import", file, *named, "--scenario", toml)
     for again in (gramian("localize", file, *named), gramian("localize", toml)):
         assert again == said
+    # A spreadsheet's, with a date and a time of day.
+    rows = log_of_bearings().splitlines()[1:]
+    days = [f"{when:%d.%m.%Y;%H:%M:%S}" for when in MOMENTS]
+    table = [f"{day};{row.partition(',')[2]}".replace(",", ";").replace(".", ",") for day, row in
+             zip(days, rows, strict=True)]  # fmt: skip
+    table = [re.sub(r"^(\d\d),(\d\d),", r"\1.\2.", row) for row in table]
+    file.write_text(lines("Datum;Uhrzeit;Ost;Nord;Peilung (°)", *table))
+    named = ["date=Datum", "time=Uhrzeit", "east=Ost", "north=Nord", "bearing=Peilung (°)"]
+    named = [word for name in named for word in ("--column", name)]
+    again = gramian("localize", file, *named, "--sigma-deg", "0.2")
+    assert again.split("chi-square")[1] == said.split("chi-square")[1]
     monkeypatch.setattr("sys.argv", ["gramian", "import", str(file), "--column", "bearing"])
     with pytest.raises(SystemExit):
         main()

@@ -63,7 +63,11 @@ _UNITS: dict[str, tuple[str, float]] = {
     "metres": ("length", 1.0),
     "meters": ("length", 1.0),
     "km": ("length", 1000.0),
+    "cm": ("length", 0.01),
+    "mm": ("length", 0.001),
+    "mi": ("length", 1609.344),
     "ft": ("length", 0.3048),
+    "feet": ("length", 0.3048),
     "nm": ("length", 1852.0),
     "nmi": ("length", 1852.0),
     "yd": ("length", 0.9144),
@@ -73,18 +77,26 @@ _UNITS: dict[str, tuple[str, float]] = {
     "kt": ("speed", KNOT),
     "kts": ("speed", KNOT),
     "knots": ("speed", KNOT),
+    "mph": ("speed", 0.44704),
     "kmh": ("speed", 1 / 3.6),
     "km/h": ("speed", 1 / 3.6),
     "deg": ("angle", np.pi / 180),
+    "degree": ("angle", np.pi / 180),
+    "degrees": ("angle", np.pi / 180),
     "°": ("angle", np.pi / 180),
+    "gon": ("angle", np.pi / 200),
     "rad": ("angle", 1.0),
+    "radians": ("angle", 1.0),
     "hz": ("frequency", 1.0),
     "khz": ("frequency", 1000.0),
     "s": ("time", 1.0),
     "sec": ("time", 1.0),
+    "seconds": ("time", 1.0),
     "ms": ("time", 1e-3),
     "min": ("time", 60.0),
+    "minutes": ("time", 60.0),
     "h": ("time", 3600.0),
+    "hours": ("time", 3600.0),
     "utc": ("time", 1.0),
     "hh:mm:ss": ("time", 1.0),
     "hh:mm": ("time", 1.0),
@@ -435,9 +447,10 @@ def recording_of(
     """
     path = table.path
     found = _meanings(table, columns)
-    unit = _unit_of("time", found["time"], units, path)
+    unit = _unit_of("time", found["time"], units, path, asked=False)
     times, dated, said = table.times(found["time"], found.get("date"), dates, unit)
     if not dated and not said:
+        unit = _unit_of("time", found["time"], units, path)
         times = times * _UNITS[unit or "s"][1]
     notes = [*table.notes, *([f"{found['time']} read as {said}"] if said else [])]
     epoch = epoch_of(times) if dated else None
@@ -450,6 +463,7 @@ def recording_of(
         cells = table[heading]
         if meaning in ("latitude", "longitude"):
             values[meaning] = _geographic(cells, f"{path}: {heading}")
+            _whole(table, meaning, heading, used)
             sides = _hemisphere(table, meaning, used)
             if sides is not None:
                 values[meaning] = _sided(values[meaning], table, heading, sides)
@@ -642,6 +656,18 @@ def _hemisphere(table: Table, meaning: str, used: set[str]) -> str | None:
     return found[0] if found else None
 
 
+def _whole(table: Table, meaning: str, heading: str, used: set[str]) -> None:
+    """Refuse degrees whose minutes or seconds are in columns of their own."""
+    for other in table.header:
+        word, unit = _split(other)
+        parted = unit is not None and _UNITS[unit][0] == "time"
+        if other not in used and parted and word in COLUMNS[meaning]:
+            raise InputError(
+                f"{table.path}: {other!r} stands beside {heading!r}: are they the parts of one "
+                f"{meaning}? Write it into one column (50 46 30)"
+            )
+
+
 def _sided(values: Array, table: Table, heading: str, sides: str) -> Array:
     letters = _SIDES["latitude"] | _SIDES["longitude"]
     signs = np.array([letters.get(cell.lower(), np.nan) for cell in table[sides]])
@@ -655,10 +681,24 @@ def _sided(values: Array, table: Table, heading: str, sides: str) -> Array:
     return placed
 
 
-def _unit_of(meaning: str, heading: str, units: Mapping[str, str] | None, path: Path) -> str | None:
+def _unit_of(
+    meaning: str,
+    heading: str,
+    units: Mapping[str, str] | None,
+    path: Path,
+    asked: bool = True,
+) -> str | None:
+    """Return the unit of a column, None where it says none; an unknown one is `asked` about."""
     given = (units or {}).get(meaning)
     if given is None:
         unit = _split(heading)[1]
+        bracket = re.search(r"[\[(]\s*([^\])]+?)\s*[\])]\s*$", heading)
+        if asked and unit is None and bracket:
+            known = ", ".join(name for name, (kind, _) in _UNITS.items() if kind == _KINDS[meaning])
+            raise InputError(
+                f"{path}: {heading!r}: {bracket.group(1)!r} is no unit of {meaning} that is known: "
+                f"say units.{meaning}, one of {known}"
+            )
         return unit if unit is not None and _UNITS[unit][0] == _KINDS[meaning] else None
     allowed = [name for name, (kind, _) in _UNITS.items() if kind == _KINDS.get(meaning)]
     if given.lower() not in allowed:

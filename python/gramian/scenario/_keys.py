@@ -39,6 +39,7 @@ Tracks.observer | | the track of the observer | "pilot_boat"
 Tracks.target | | the track of the target | "tanker"
 Tracks.max_gap | s | positions are interpolated between two reports no further apart than this | 300.0
 Columns.id | | the column that says whose position it is | "mmsi"
+Columns.date | | the column of dates, where that of times has the time of day only | "day"
 Columns.time | | the column of times | "t"
 Columns.east | | the column of positions to the east | "x_km"
 Columns.north | | the column of positions to the north | "y_km"

@@ -35,6 +35,7 @@ class Columns(Section):
     """The names of the columns in a table of tracks, where their headings do not say it."""
 
     id: str | None = None
+    date: str | None = None
     time: str | None = None
     east: str | None = None
     north: str | None = None
