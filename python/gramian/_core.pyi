@@ -743,6 +743,13 @@ def registration_rows(
     biases: ArrayLike,
     extras: tuple[bool, bool, bool],
 ) -> _Array: ...
+def registration_rounding(
+    positions: ArrayLike,
+    sensors: ArrayLike,
+    sigma: ArrayLike,
+    biases: ArrayLike,
+    extras: tuple[bool, bool, bool],
+) -> _Array: ...
 def registration_fisher(
     positions: ArrayLike,
     sensors: ArrayLike,

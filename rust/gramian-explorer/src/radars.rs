@@ -45,27 +45,14 @@ pub fn analyze(mut question: Question<'_>) -> Result<Answer, String> {
     let (sensors, sigma) = (question.array()?, question.array()?);
     let positions = question.list()?;
     let mut found = rows(&sensors, &sigma, positions)?;
-    // As `gm.registration.problem`: what the rows change by when the targets move by many
-    // roundings of their coordinates is rounding.
-    let many = 256.0;
-    let size = positions
-        .iter()
-        .chain(&sensors)
-        .fold(0.0_f64, |size, x| size.max(x.abs()));
-    let step = many * 8.0 * f64::EPSILON * size;
-    let mut squares = [0.0; 4];
-    for axis in 0..2 {
-        let moved: Vec<f64> = positions
-            .iter()
-            .enumerate()
-            .map(|(k, x)| if k % 2 == axis { x + step } else { *x })
-            .collect();
-        let moved = rows(&sensors, &sigma, &moved)?;
-        for (k, (a, b)) in moved.iter().zip(&found).enumerate() {
-            squares[k % 4] += (a - b) * (a - b);
-        }
-    }
-    let rtol = rounding::remove(&mut found, 4, &squares.map(|s| s.sqrt() / many));
+    let mut noise = [0.0; 4];
+    batch::rounding(
+        scene(&sensors, &sigma, Items::shared(positions)),
+        Threads::One,
+        &mut noise,
+    )
+    .map_err(|(_, error)| error.to_string())?;
+    let rtol = rounding::remove(&mut found, 4, &noise);
     let analysis = Observability::new(&found, 4, rtol).map_err(|error| error.to_string())?;
     let mut degrees = vec![0.0; positions.len() / 2];
     batch::running_eta(

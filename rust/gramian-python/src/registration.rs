@@ -152,6 +152,20 @@ fn registration_rows<'py>(
     given.fill(py, &core, rows_cost, batch::rows)
 }
 
+/// How much of each column of the rows is rounding of coordinates (..., n).
+#[pyfunction]
+fn registration_rounding<'py>(
+    py: Python<'py>,
+    positions: &Bound<'py, PyAny>,
+    sensors: &Bound<'py, PyAny>,
+    sigma: &Bound<'py, PyAny>,
+    biases: &Bound<'py, PyAny>,
+    extras: Extras,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let given = Given::new((positions, "positions", 2), sensors, sigma, biases, extras)?;
+    given.fill(py, &[given.layout.states()], rows_cost, batch::rounding)
+}
+
 /// Fisher information (..., n, n).
 #[pyfunction]
 fn registration_fisher<'py>(
@@ -573,6 +587,7 @@ impl PyRecord {
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PyRecord>()?;
     module.add_function(wrap_pyfunction!(registration_rows, module)?)?;
+    module.add_function(wrap_pyfunction!(registration_rounding, module)?)?;
     module.add_function(wrap_pyfunction!(registration_fisher, module)?)?;
     module.add_function(wrap_pyfunction!(registration_eta, module)?)?;
     module.add_function(wrap_pyfunction!(registration_running_eta, module)?)?;

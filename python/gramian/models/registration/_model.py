@@ -138,19 +138,8 @@ def problem(
             if not chosen:
                 known.index(key)
             scales[chosen] = number(value, f"scale of {key}")
-    # Offsets between large coordinates carry the rounding of those coordinates, which
-    # whitening enlarges where a sensor's range and azimuth differ in accuracy: what the
-    # rows change by when the targets move by many roundings tells how much.
-    size = float(max(np.abs(places).max(), np.abs(known.places).max()))
-    many = 256.0
-    step = many * 8 * np.finfo(float).eps * size
-    squares = np.zeros(known.n)
-    for axis in np.eye(known.d):
-        moved = _core.registration_rows(
-            places + step * axis, known.places, known.sigma, about, known.flags
-        )
-        squares += np.linalg.norm(moved - values, axis=0) ** 2
-    values, rtol = above_rounding(values, np.sqrt(squares) / many)
+    noise = _core.registration_rounding(places, known.places, known.sigma, about, known.flags)
+    values, rtol = above_rounding(values, noise)
     made = Problem(
         values,
         known.names,

@@ -191,6 +191,52 @@ pub fn rows(scene: Scene<'_>, threads: Threads, out: &mut [f64]) -> Result<(), (
     )
 }
 
+/// How much of each column of the [`rows`] is rounding of coordinates (trials, n), as
+/// [`rounding::remove`](crate::rounding::remove) takes it.
+///
+/// Offsets between large coordinates carry the rounding of those coordinates, which
+/// whitening enlarges where a sensor's range and azimuth differ in accuracy: what the rows
+/// change by when the targets move by many roundings tells how much.
+///
+/// # Errors
+/// As [`rows`].
+pub fn rounding(scene: Scene<'_>, threads: Threads, out: &mut [f64]) -> Result<(), (usize, Error)> {
+    const MANY: f64 = 256.0;
+    let (n, d) = (scene.layout.states(), scene.layout.size());
+    let size = scene.looks() * scene.layout.rows() * n;
+    let numbers = || (vec![0.0; size], vec![0.0; size]);
+    let cost = scene.cost() * (d + 1) as f64;
+    threads.over_with(out, n, cost, numbers, |(exact, moved), trial, out| {
+        let here = scene.skip(trial);
+        rows(here, Threads::One, exact).map_err(|(_, error)| (trial, error))?;
+        let positions = here.positions.get(0);
+        let coordinates = positions.iter().chain(here.sensors.get(0));
+        let largest = coordinates.fold(0.0_f64, |size, x| size.max(x.abs()));
+        let step = MANY * 8.0 * f64::EPSILON * largest;
+        out.fill(0.0);
+        for axis in 0..d {
+            let mut shifted = positions.to_vec();
+            for x in shifted.iter_mut().skip(axis).step_by(d) {
+                *x += step;
+            }
+            let there = Scene {
+                positions: Items::shared(&shifted),
+                ..here
+            };
+            rows(there, Threads::One, moved).map_err(|(_, error)| (trial, error))?;
+            for (moved, exact) in moved.chunks_exact(n).zip(exact.chunks_exact(n)) {
+                for (sum, (a, b)) in out.iter_mut().zip(moved.iter().zip(exact)) {
+                    *sum += (a - b) * (a - b);
+                }
+            }
+        }
+        for sum in out {
+            *sum = sum.sqrt() / MANY;
+        }
+        Ok(())
+    })
+}
+
 /// Fisher information (trials, n, n) on the biases, positions unknown.
 ///
 /// # Errors

@@ -5,7 +5,8 @@ use alloc::vec;
 use alloc::vec::Vec;
 
 use super::kernels::{Clock, moves_size};
-use super::{Error, Group, InSensor, Kind, Measured, Moving, Parameter, Scene, Task};
+use super::predict::Task;
+use super::{Error, Group, InSensor, Kind, Measured, Moving, Parameter, Scene};
 use crate::batch::lanes::{Block, LANES};
 
 /// A way in which a scene may be wrong.
@@ -154,7 +155,7 @@ impl Scene {
         let (size, narrow) = (moves_size(D, self.motion_states), moves_size(D, D));
         let blocks = group.times.len();
         let mut moves: Vec<Block> = vec![[0.0; LANES]; blocks * size];
-        self.moves::<D>(group, x, clock, &mut moves);
+        self.moves_in::<D>(group, x, clock, &mut moves);
         let mut departing: Vec<Block> = vec![[0.0; LANES]; blocks * narrow];
         let each = moves
             .chunks_exact(size)

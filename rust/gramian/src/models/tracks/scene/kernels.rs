@@ -1,7 +1,7 @@
 //! The two passes over the samples of a sensor, on vectors: where the target is at each,
 //! and what the sensor reads of it.
 
-use crate::batch::lanes::{Block, Lanes};
+use crate::batch::lanes::{Block, LANES, Lanes};
 use crate::models::tracks::motion::{Change, Motion, emitted};
 use crate::models::tracks::sensors::{Reading, Sensor, Sight};
 use crate::numbers::lane::Lane;
@@ -202,6 +202,112 @@ impl<K: Sensor<D>, const D: usize> pulp::WithSimd for Sees<'_, K, D> {
                 for k in 0..2 {
                     reading.by_parameter[k].store(&mut out[self.columns + 1 + k], part);
                 }
+            }
+        }
+    }
+}
+
+/// From blocks of readings of one axis of a sensor to its values and rows, neither of them
+/// whitened: the index of the first sample that has none is given back.
+pub struct Lines<'a> {
+    /// As [`Sees`] writes them.
+    pub reads: &'a [Block],
+    pub columns: usize,
+    /// States of the motion, the first of all.
+    pub moving: usize,
+    /// A reading is multiplied by `gain`, and then `bias` is added.
+    pub gain: f64,
+    pub bias: f64,
+    /// State behind those of the motion, column of the readings, factor.
+    pub others: [Option<(usize, usize, f64)>; 4],
+    /// One block for each state: what the rows of all samples have there, or begin with.
+    pub lines: &'a mut [Block],
+    /// Whether a reading of 0 or pi has no derivative.
+    pub cone: bool,
+    pub count: usize,
+    /// From one sample to the next.
+    pub width: usize,
+    pub values: &'a mut [f64],
+    pub rows: Option<&'a mut [f64]>,
+}
+
+impl pulp::WithSimd for Lines<'_> {
+    type Output = Option<usize>;
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(mut self, simd: S) -> Option<usize> {
+        let n = self.lines.len();
+        let step = self.width * n;
+        let gain = Lanes::splat(simd, self.gain);
+        let touched = self
+            .others
+            .map(|other| other.map(|(state, _, _)| (state, self.lines[state])));
+        for (block, reads) in self.reads.chunks_exact(self.columns + 3).enumerate() {
+            let from = block * LANES;
+            let count = LANES.min(self.count - from);
+            // What is not finite stays so in a sum.
+            let mut sums = [0.0; LANES];
+            for part in 0..Lanes::<S>::PARTS {
+                let mut sum = Lanes::load(simd, &reads[0], part);
+                let moved = &reads[1..=self.moving];
+                for (line, column) in self.lines.iter_mut().zip(moved) {
+                    let column = Lanes::load(simd, column, part);
+                    sum = sum + column;
+                    // The sum turns a negative zero into zero.
+                    (gain * column + sum.splat(0.0)).store(line, part);
+                }
+                sum.store(&mut sums, part);
+                for (state, line) in touched.iter().flatten() {
+                    Lanes::load(simd, line, part).store(&mut self.lines[*state], part);
+                }
+                for &(state, column, factor) in self.others.iter().flatten() {
+                    let factor = Lanes::splat(simd, factor);
+                    let entry = Lanes::load(simd, &self.lines[state], part);
+                    let column = Lanes::load(simd, &reads[column], part);
+                    (entry + factor * column).store(&mut self.lines[state], part);
+                }
+            }
+            for (lane, (sum, &value)) in sums.iter().zip(&reads[0]).enumerate().take(count) {
+                let on_axis = self.cone && !(value > 1e-8 && value < core::f64::consts::PI - 1e-8);
+                if !sum.is_finite() || on_axis {
+                    return Some(from + lane);
+                }
+                self.values[(from + lane) * self.width] = value * self.gain + self.bias;
+            }
+            let Some(rows) = &mut self.rows else { continue };
+            let rows = &mut rows[from * step..];
+            match n {
+                4 => turned::<4>(self.lines, count, step, rows),
+                5 => turned::<5>(self.lines, count, step, rows),
+                6 => turned::<6>(self.lines, count, step, rows),
+                7 => turned::<7>(self.lines, count, step, rows),
+                8 => turned::<8>(self.lines, count, step, rows),
+                _ => {
+                    for (lane, row) in rows.chunks_mut(step).enumerate().take(count) {
+                        for (entry, line) in row.iter_mut().zip(&*self.lines) {
+                            *entry = line[lane];
+                        }
+                    }
+                }
+            }
+        }
+        None
+    }
+}
+
+/// The first `count` lanes of `N` columns as rows that begin every `step` numbers.
+///
+/// Out of line, for the instructions that every processor has: for the wide ones a compiler
+/// makes loads under a mask of it, which wait for the stores before them.
+#[inline(never)]
+fn turned<const N: usize>(columns: &[Block], count: usize, step: usize, rows: &mut [f64]) {
+    let Some(columns) = columns.first_chunk::<N>() else {
+        return;
+    };
+    for (lane, row) in rows.chunks_mut(step).enumerate().take(count) {
+        if let Some(row) = row.first_chunk_mut::<N>() {
+            for k in 0..N {
+                row[k] = columns[k][lane];
             }
         }
     }

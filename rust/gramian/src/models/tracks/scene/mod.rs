@@ -10,16 +10,12 @@ use alloc::borrow::Cow;
 use alloc::vec;
 use alloc::vec::Vec;
 
-use self::kernels::{Clock, MOST, Moves, Sees, moves_size};
+use self::kernels::MOST;
 pub use self::noise::Noise;
 use self::noise::Whitener;
 use super::Error;
 use super::carrier::Carried;
 use super::motion::{CoordinatedTurn, Legs, Motion, Polynomial, SteadyLegs, Turns};
-use super::sensors::{
-    Bearing, ConeAngle, Course, Elevation, Frequency, Place, Range, RangeRate, Sensor,
-    SignalStrength, Speed,
-};
 use crate::batch::Stream;
 use crate::batch::lanes::{Block, LANES};
 use crate::batch::simd::Path;
@@ -88,6 +84,7 @@ macro_rules! with_motion {
     };
 }
 
+mod predict;
 mod starts;
 mod trials;
 
@@ -316,6 +313,8 @@ struct Group {
     carrier: Vec<Block>,
     second: Option<Vec<Block>>,
     whitener: Whitener,
+    /// Whether the times are those of the sensor before.
+    times_alike: bool,
 }
 
 /// One target, sensors on carriers, and what is unknown about the sensors.
@@ -348,11 +347,6 @@ pub struct Scene {
     path: Path,
 }
 
-std::thread_local! {
-    static SCRATCH: core::cell::RefCell<(Vec<Block>, Vec<Block>)> =
-        const { core::cell::RefCell::new((Vec::new(), Vec::new())) };
-}
-
 impl Scene {
     /// A scene in 2 or 3 `dimensions`, with times counted from `reference` (s) and so
     /// many nuisance states.
@@ -381,8 +375,11 @@ impl Scene {
         let mut groups = Vec::with_capacity(channels.len());
         let mut first = 0;
         for (sensor, channel) in channels.into_iter().enumerate() {
-            let group = Group::new(channel, dimension, reference, first)
+            let mut group = Group::new(channel, dimension, reference, first)
                 .map_err(|error| InSensor { sensor, error })?;
+            group.times_alike = groups
+                .last()
+                .is_some_and(|before: &Group| group.instants == before.instants);
             first += group.count * group.width;
             groups.push(group);
         }
@@ -447,186 +444,6 @@ impl Scene {
             Parameter::Fixed(value) => value,
             Parameter::State(index) => x[self.motion_states + index],
         }
-    }
-
-    /// What the sensors read at a state, not whitened, and the derivatives row by row.
-    fn predict(
-        &self,
-        x: &[f64],
-        values: &mut [f64],
-        mut rows: Option<&mut [f64]>,
-    ) -> Result<(), InSensor> {
-        if let Some(rows) = &mut rows {
-            rows.fill(0.0);
-        }
-        for (sensor, group) in self.groups.iter().enumerate() {
-            self.predict_group(group, x, values, rows.as_deref_mut())
-                .map_err(|error| InSensor { sensor, error })?;
-        }
-        Ok(())
-    }
-
-    /// The same of one sensor; its rows are added to.
-    fn predict_group(
-        &self,
-        group: &Group,
-        x: &[f64],
-        values: &mut [f64],
-        rows: Option<&mut [f64]>,
-    ) -> Result<(), Error> {
-        // What the kernels write the whole of: made once a thread.
-        SCRATCH.with_borrow_mut(|(moves, reads)| {
-            self.predict_with(group, x, values, rows, moves, reads)
-        })
-    }
-
-    fn predict_with(
-        &self,
-        group: &Group,
-        x: &[f64],
-        values: &mut [f64],
-        mut rows: Option<&mut [f64]>,
-        moves: &mut Vec<Block>,
-        reads: &mut Vec<Block>,
-    ) -> Result<(), Error> {
-        let n = self.states();
-        let channel = &group.channel;
-        let clock = Clock {
-            offset: self.value(x, channel.clock),
-            true_path: channel.true_path,
-            state: matches!(channel.clock, Parameter::State(_)),
-        };
-        let columns = self.motion_states + usize::from(clock.state);
-        let blocks = group.times.len();
-        let size = blocks * moves_size(self.dimension, columns);
-        if moves.len() < size {
-            moves.resize(size, [0.0; LANES]);
-        }
-        if self.dimension == 2 {
-            self.moves::<2>(group, x, clock, &mut moves[..size]);
-        } else {
-            self.moves::<3>(group, x, clock, &mut moves[..size]);
-        }
-        let size_reads = blocks * (columns + 3);
-        if reads.len() < size_reads {
-            reads.resize(size_reads, [0.0; LANES]);
-        }
-        let parameters = channel.parameters.map(|p| self.value(x, p));
-        for axis in 0..group.width {
-            let task = Task {
-                path: self.path,
-                group,
-                parameters,
-                columns,
-                clock,
-                moves: &moves[..size],
-            };
-            if self.dimension == 2 {
-                task.sees::<2>(axis, &mut reads[..size_reads]);
-            } else {
-                task.sees::<3>(axis, &mut reads[..size_reads]);
-            }
-            self.collect(
-                group,
-                x,
-                axis,
-                columns,
-                &reads[..size_reads],
-                values,
-                rows.as_deref_mut(),
-                n,
-            )?;
-        }
-        Ok(())
-    }
-
-    fn moves<const D: usize>(&self, group: &Group, x: &[f64], clock: Clock, out: &mut [Block]) {
-        with_motion!(&self.motion, motion => self.path.run(Moves::<_, D> {
-            motion,
-            x: &x[..self.motion_states],
-            clock,
-            delay: group.channel.delay,
-            times: &group.times,
-            carrier: &group.carrier,
-            out,
-        }));
-    }
-
-    /// From blocks of readings to values and rows.
-    #[allow(clippy::too_many_arguments)]
-    fn collect(
-        &self,
-        group: &Group,
-        x: &[f64],
-        axis: usize,
-        columns: usize,
-        reads: &[Block],
-        values: &mut [f64],
-        mut rows: Option<&mut [f64]>,
-        n: usize,
-    ) -> Result<(), Error> {
-        let channel = &group.channel;
-        let gain = 1.0 + self.value(x, channel.scale);
-        let bias = channel
-            .bias
-            .iter()
-            .fold(0.0, |sum, &(factor, p)| sum + factor * self.value(x, p));
-        let size = columns + 3;
-        let nuisance = |parameter| match parameter {
-            Parameter::State(index) => Some(self.motion_states + index),
-            Parameter::Fixed(_) => None,
-        };
-        let (scale, clock) = (nuisance(channel.scale), nuisance(channel.clock));
-        let parameters = channel.parameters.map(nuisance);
-        let cone = channel.kind == Kind::ConeAngle;
-        let mut entries: Vec<(usize, usize, f64)> = Vec::new();
-        if rows.is_some() {
-            // From a column of the readings to a state, with a factor.
-            entries.extend((0..self.motion_states).map(|k| (1 + k, k, gain)));
-            entries.extend(clock.map(|state| (columns, state, gain)));
-            for (k, parameter) in parameters.iter().enumerate() {
-                entries.extend(parameter.map(|state| (columns + 1 + k, state, gain)));
-            }
-            entries.extend(scale.map(|state| (0, state, 1.0)));
-        }
-        let step = group.width * n;
-        for (block, reads) in reads.chunks_exact(size).enumerate() {
-            let from = block * LANES;
-            let count = LANES.min(group.count - from);
-            // What is not finite stays so in a sum.
-            let mut sums = reads[0];
-            for column in &reads[1..=self.motion_states] {
-                for (sum, value) in sums.iter_mut().zip(column) {
-                    *sum += value;
-                }
-            }
-            for (lane, (sum, &value)) in sums.iter().zip(&reads[0]).enumerate().take(count) {
-                let on_axis = cone && !(value > 1e-8 && value < core::f64::consts::PI - 1e-8);
-                if !sum.is_finite() || on_axis {
-                    return Err(Error::NoReading {
-                        index: from + lane,
-                        reason: channel.kind.reason(),
-                    });
-                }
-                values[group.first + (from + lane) * group.width + axis] = value * gain + bias;
-            }
-            let Some(rows) = &mut rows else { continue };
-            let first = (group.first + from * group.width + axis) * n;
-            let rows = &mut rows[first..];
-            for &(column, state, factor) in &entries {
-                for (lane, &value) in reads[column].iter().enumerate().take(count) {
-                    rows[lane * step + state] += factor * value;
-                }
-            }
-            for &(factor, parameter) in &channel.bias {
-                if let Some(state) = nuisance(parameter) {
-                    for lane in 0..count {
-                        rows[lane * step + state] += factor;
-                    }
-                }
-            }
-        }
-        Ok(())
     }
 
     /// Differences of measurements, whitened in place: angles wrapped, absent ones zero.
@@ -745,52 +562,6 @@ impl Scene {
     }
 }
 
-/// What the passes over one sensor have in common.
-struct Task<'a> {
-    path: Path,
-    group: &'a Group,
-    parameters: [f64; 2],
-    columns: usize,
-    clock: Clock,
-    moves: &'a [Block],
-}
-
-impl Task<'_> {
-    fn run<K: Sensor<D>, const D: usize>(&self, sensor: &K, out: &mut [Block]) {
-        self.path.run(Sees::<K, D> {
-            sensor,
-            parameters: self.parameters,
-            columns: self.columns,
-            clock: self.clock,
-            moves: self.moves,
-            carrier: &self.group.carrier,
-            second: self.group.second.as_deref(),
-            out,
-        });
-    }
-
-    fn sees<const D: usize>(&self, axis: usize, out: &mut [Block]) {
-        match self.group.channel.kind {
-            Kind::Bearing => self.run::<_, D>(&Bearing, out),
-            Kind::Elevation => self.run::<_, D>(&Elevation, out),
-            Kind::Range => self.run::<_, D>(&Range { factor: 1.0 }, out),
-            Kind::TimeDifference(speed) => {
-                let factor = 1.0 / speed;
-                self.run::<_, D>(&Range { factor }, out);
-            }
-            Kind::RangeRate => self.run::<_, D>(&RangeRate, out),
-            Kind::Frequency(speed) | Kind::FrequencyDifference(speed) => {
-                self.run::<_, D>(&Frequency { speed }, out);
-            }
-            Kind::ConeAngle => self.run::<_, D>(&ConeAngle, out),
-            Kind::SignalStrength => self.run::<_, D>(&SignalStrength, out),
-            Kind::Position => self.run::<_, D>(&Place { axis }, out),
-            Kind::Speed => self.run::<_, D>(&Speed, out),
-            Kind::Course => self.run::<_, D>(&Course, out),
-        }
-    }
-}
-
 /// Values (samples, width) as blocks of samples: the last sample again behind the last.
 fn blocks(values: &[f64], width: usize, count: usize) -> impl Iterator<Item = Block> {
     (0..count.div_ceil(LANES)).flat_map(move |block| {
@@ -816,6 +587,16 @@ fn packed(carried: &Carried, dimension: usize, count: usize) -> Vec<Block> {
 }
 
 impl Group {
+    /// Whether the target is at the same places at the samples of the sensor before: where
+    /// neither a carrier nor a delay counts.
+    fn moves_as(&self, before: &Self) -> bool {
+        let plain = |group: &Self| group.channel.delay.is_none() && !group.channel.true_path;
+        self.times_alike
+            && plain(self)
+            && plain(before)
+            && self.channel.clock == before.channel.clock
+    }
+
     fn new(
         channel: Channel,
         dimension: usize,
@@ -904,6 +685,7 @@ impl Group {
                 .as_ref()
                 .map(|carried| packed(carried, dimension, count)),
             whitener,
+            times_alike: false,
             channel,
         })
     }

@@ -167,15 +167,14 @@ impl Whitener {
         match self {
             Self::Weights(weights) => {
                 for (i, (value, &weight)) in values.iter_mut().zip(weights).enumerate() {
-                    let weight = if present.is_none_or(|p| p[i]) {
-                        weight
-                    } else {
-                        *value = 0.0;
-                        0.0
-                    };
-                    *value *= weight;
-                    if with_rows {
-                        for x in &mut rows[i * n..][..n] {
+                    let there = present.is_none_or(|p| p[i]);
+                    *value = if there { *value * weight } else { 0.0 };
+                }
+                if with_rows {
+                    for (i, (row, &weight)) in rows.chunks_exact_mut(n).zip(weights).enumerate() {
+                        let there = present.is_none_or(|p| p[i]);
+                        let weight = if there { weight } else { 0.0 };
+                        for x in row {
                             *x *= weight;
                         }
                     }
