@@ -176,6 +176,9 @@ def maneuver():
     yield gm.maneuver.soonest(
         target, start, 10.0, 20.0, 8, accuracy=("range", 500.0), sigma=0.01, starts=2, restarts=2
     )
+    yield gm.maneuver.shortest_interval(
+        target, start, 10.0, 20.0, 8, sigma=0.01, starts=2, restarts=2, evaluations=4
+    )
     yield from (path, plan, plan.laws[0], plan.starts[0], loop, loop.runs[0])
 
 

@@ -268,6 +268,7 @@ MEANT_OF = {
     # A disturbance has no first guess.
     "maneuver.plan": (".starts().guess",),
     "maneuver.soonest": (".plan.starts().guess",),
+    "maneuver.shortest_interval": (".plan.starts().guess",),
     # A state without a prior, an output without a noise.
     "linear.": (".prior", ".noise"),
     "inertial.": (".prior", ".noise"),

@@ -507,6 +507,18 @@ CALLS: dict[str, dict[str, Any]] = {
         "restarts": 0,
         "bound": False,
     },
+    "maneuver.shortest_interval": {
+        "target": np.array([0.0, 2000.0]),
+        "start": np.zeros(2),
+        "speed": 5.0,
+        "dt": 20.0,
+        "samples": 6,
+        "name": "range",
+        "sigma": 0.01,
+        "evaluations": 4,
+        "starts": 1,
+        "restarts": 0,
+    },
     "maneuver.Sensing": {"kind": "bearing", "sigma": 0.01, "detection": 0.9},
     "maneuver.problem": {"path": PATH, "target": STATE[:2], "sigma": 0.01},
     "maneuver.trajectory": {

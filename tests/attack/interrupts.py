@@ -194,6 +194,27 @@ def _plan() -> Callable[[], Any]:
     return plan
 
 
+def _shortest_interval() -> Callable[[], Any]:
+    def shortest() -> None:
+        found = gm.maneuver.shortest_interval(
+            [0.0, 2000.0, 1.0, 1.0],
+            np.zeros(2),
+            speed=5.0,
+            dt=5.0,
+            samples=400,
+            sigma=0.01,
+            legs=8,
+            starts=2,
+            restarts=0,
+            evaluations=100_000,
+        )
+        # The best path so far is the answer.
+        if found.stopped == "interrupted":
+            raise KeyboardInterrupt
+
+    return shortest
+
+
 def _soonest() -> Callable[[], Any]:
     def soonest() -> None:
         with warnings.catch_warnings():
@@ -461,6 +482,7 @@ CASES: dict[str, Callable[[], Callable[[], Any]]] = {
     "maneuver.fisher_det": _pairs,
     "maneuver.plan": _plan,
     "maneuver.soonest": _soonest,
+    "maneuver.shortest_interval": _shortest_interval,
     "maneuver.closed_loop": _closed_loop,
     "gram of many rows": lambda: _gram((5_000_000, 30)),
     "gram of many states": lambda: _gram((4000, 4000)),

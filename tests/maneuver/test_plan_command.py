@@ -116,3 +116,14 @@ def test_mistakes_are_named(tmp_path, old, new, words):
     path = write(tmp_path, SHORT.replace(old, new, 1))
     with pytest.raises(ScenarioError, match=words):
         load(path).plan()
+
+
+def test_the_shortest_interval_is_planned_for(tmp_path):
+    text = SOON.replace('combination = "range"\naccuracy = ACCURACY', 'interval = "range"')
+    report = load(write(tmp_path, text)).plan()
+    assert report.headline == "PLANNED"
+    assert report.verdict.startswith("95 % interval of range: ")
+    assert report.tables[0].rows[0][1] == report.tables[0].rows[0][1]
+    found = report.data["interval"]
+    assert found["length"] == found["candidates"][0][1]
+    assert report.pictures[0].draw() is not None

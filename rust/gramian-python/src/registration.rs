@@ -163,7 +163,8 @@ fn registration_rounding<'py>(
     extras: Extras,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let given = Given::new((positions, "positions", 2), sensors, sigma, biases, extras)?;
-    given.fill(py, &[given.layout.states()], rows_cost, batch::rounding)
+    let n = given.layout.states();
+    given.fill(py, &[n], rows_cost, batch::rounding)
 }
 
 /// Fisher information (..., n, n).

@@ -4,6 +4,8 @@
   law does once it is near enough; `trajectory` follows a law, as a `Trajectory`.
 - `plan`: the best paths over a horizon, a `Plan` with `Start`, `LawComparison` and
   `Violation`; `soonest`: in how few samples an accuracy is reached, a `Soonest`;
+  `shortest_interval`: by the likelihood interval, where the ellipse misleads, a
+  `ShortestInterval`;
   `Sensing` is what an observer measures on the way.
 - `closed_loop`: laws and plans without knowing the target, a `ClosedLoop` of `LoopRun`.
 - `two_legs`: where to turn against a distant moving target, in closed form, as `TwoLegs`.
@@ -22,6 +24,7 @@ from gramian.models.maneuver._fisher import (
 from gramian.models.maneuver._laws import AtStandoff, Law, Trajectory, heading, trajectory
 from gramian.models.maneuver._planner import LawComparison, Plan, Start, Violation, plan
 from gramian.models.maneuver._sensing import Sensing
+from gramian.models.maneuver._shortest import ShortestInterval, shortest_interval
 from gramian.models.maneuver._soonest import Soonest, soonest
 from gramian.models.maneuver._two_legs import TwoLegs, two_legs
 
@@ -33,6 +36,7 @@ __all__ = [
     "LoopRun",
     "Plan",
     "Sensing",
+    "ShortestInterval",
     "Soonest",
     "Start",
     "Trajectory",
@@ -45,6 +49,7 @@ __all__ = [
     "heading",
     "plan",
     "problem",
+    "shortest_interval",
     "soonest",
     "trajectory",
     "two_legs",

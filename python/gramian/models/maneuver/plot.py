@@ -14,8 +14,9 @@ if TYPE_CHECKING:
 
     from gramian.models.maneuver._closed_loop import ClosedLoop
     from gramian.models.maneuver._planner import Plan
+    from gramian.models.maneuver._shortest import ShortestInterval
 
-__all__ = ["accuracy", "candidates", "ellipses", "errors", "information", "paths"]
+__all__ = ["accuracy", "candidates", "ellipses", "errors", "information", "paths", "shortest"]
 
 Array = NDArray[np.float64]
 
@@ -57,6 +58,28 @@ def paths(plan: Plan) -> Figure:
             axes.plot(*turns, "s", color=COLORS["observer"], markersize=7, label=label)
     _targets(plan, axes)
     _areas(plan, axes)
+    axes.set_aspect("equal")
+    axes.set_xlabel("east, m")
+    axes.set_ylabel("north, m")
+    axes.grid(alpha=0.3)
+    fig.legend(loc="outside upper center", ncols=3, fontsize="small", frameon=False)
+    return fig
+
+
+def shortest(found: ShortestInterval) -> Figure:
+    """Draw the path that leads to the shortest interval, and the plan for "D" behind it."""
+    fig = figure(6.4, 6.0)
+    axes = fig.subplots()
+    for i, path in enumerate(found.plan.paths):
+        label = 'plan for "D"' if i == 0 else None
+        axes.plot(*path.T, "--", color=COLORS["muted"], linewidth=1.4, label=label)
+    for i, path in enumerate(found.path.reshape(found.plan.paths.shape)):
+        label = "shortest interval" if i == 0 else None
+        axes.plot(*path.T, ".-", color=COLORS["observer"], markersize=4, label=label)
+        label = "start" if i == 0 else None
+        axes.plot(*path[0], "o", color=COLORS["observer"], markersize=8, label=label)
+    _targets(found.plan, axes)
+    _areas(found.plan, axes)
     axes.set_aspect("equal")
     axes.set_xlabel("east, m")
     axes.set_ylabel("north, m")

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from gramian._text import brief, number
 from gramian.exceptions import InputError
-from gramian.models.maneuver import _closed_loop, _planner, _soonest
+from gramian.models.maneuver import _closed_loop, _planner, _shortest, _soonest
 from gramian.models.maneuver._sensing import Sensing
 from gramian.report import Picture, Report, Table, Tone
 from gramian.scenario.base import Scenario, Section
@@ -19,6 +19,7 @@ from gramian.scenario.base import Scenario, Section
 if TYPE_CHECKING:
     from gramian.models.maneuver._closed_loop import ClosedLoop
     from gramian.models.maneuver._planner import Plan
+    from gramian.models.maneuver._shortest import ShortestInterval
     from gramian.models.maneuver._soonest import Soonest
 
 __all__ = ["ManeuverScenario"]
@@ -131,6 +132,7 @@ class Goal(Section):
     criterion: Literal["D", "A", "E"] = "D"
     combination: str | list[float] | None = None
     accuracy: Positive | None = None
+    interval: str | None = None
     over: Literal["expectation", "worst"] = "expectation"
     chance: float | None = Field(default=None, gt=0, lt=1)
     starts: int = Field(default=24, ge=1)
@@ -143,6 +145,8 @@ class Goal(Section):
     def _of_something(self) -> Goal:
         if self.accuracy is not None and not isinstance(self.combination, str):
             raise ValueError("accuracy needs combination, the name of what is to be known so well")
+        if self.interval is not None and (self.combination, self.accuracy) != (None, None):
+            raise ValueError("interval stands alone: give no combination and no accuracy beside it")
         return self
 
 
@@ -188,7 +192,7 @@ class ManeuverScenario(Scenario):
             raise self.error("plan", str(error)) from error
         return _report(self.path.name, found, loop)
 
-    def _plan(self, progress: Progress | None) -> Plan | Soonest:
+    def _plan(self, progress: Progress | None) -> Plan | Soonest | ShortestInterval:
         observer, limits, goal = self.observer, self.limits, self.goal
         combination = goal.combination
         sigma_deg = self.bearings.sigma_deg
@@ -227,6 +231,9 @@ class ManeuverScenario(Scenario):
         if goal.accuracy is not None:
             wanted = (str(combination), goal.accuracy)
             return _soonest.soonest(*places, accuracy=wanted, **options)
+        if goal.interval is not None:
+            del options["bound"]
+            return _shortest.shortest_interval(*places, name=goal.interval, **options)
         criterion = goal.criterion if combination is None else {"combination": combination}
         return _planner.plan(*places, criterion=criterion, **options)
 
@@ -275,24 +282,13 @@ def _pictures() -> ModuleType:
     return plot
 
 
-def _report(title: str, found: Plan | Soonest, loop: ClosedLoop | None) -> Report:
+def _report(
+    title: str, found: Plan | Soonest | ShortestInterval, loop: ClosedLoop | None
+) -> Report:
+    shortest = found if isinstance(found, _shortest.ShortestInterval) else None
     soonest = found if isinstance(found, _soonest.Soonest) else None
     plan = found if isinstance(found, _planner.Plan) else found.plan
-    tone: Tone = "good"
-    headline = "PLANNED"
-    if not plan.converged:
-        broken = plan.message.startswith("no path")
-        tone, headline = ("bad", "A LIMIT IS BROKEN") if broken else ("weak", "NOT CONVERGED")
-    if soonest is not None and soonest.samples is None:
-        tone, headline = "bad", "NOT ACCURATE ENOUGH"
-    best = plan.laws[0]
-    position = _position_bound(plan.crlb_std, plan.weights)
-    verdict = f"the target's position is known to {number(position, 3)} m"
-    verdict += f", by the best law to {number(_position_bound(best.crlb_std, plan.weights), 3)} m"
-    if soonest is not None:
-        verdict = soonest.reason
-    if not plan.converged:
-        verdict += f"; {plan.message}"
+    tone, headline, verdict = _judged(found, plan)
     facts = [
         ("which optimum", ("the one" if plan.optima == 1 else f"the best of {plan.optima}")
          + f" that {len(plan.starts)} starts led to, chosen among {plan.guesses} guesses"),
@@ -351,6 +347,18 @@ def _report(title: str, found: Plan | Soonest, loop: ClosedLoop | None) -> Repor
         tables.insert(0, _tried_table(soonest))
         data["soonest"] = _plain(soonest.to_dict())
         del data["soonest"]["plan"]
+    if shortest is not None:
+        tables.insert(0, _intervals_table(shortest))
+        data["interval"] = _plain(shortest.to_dict())
+        del data["interval"]["plan"]
+        shown.insert(
+            0,
+            Picture(
+                "Path to the shortest interval",
+                'With a dot for each sample; behind it the plan for "D", the smallest ellipse.',
+                lambda: _pictures().shortest(shortest),
+            ),
+        )
     if loop is not None:
         tables.insert(1, _loop_table(loop))
         data["closed_loop"] = _plain(loop.to_dict())
@@ -374,6 +382,31 @@ def _report(title: str, found: Plan | Soonest, loop: ClosedLoop | None) -> Repor
     )
 
 
+def _judged(found: Plan | Soonest | ShortestInterval, plan: Plan) -> tuple[Tone, str, str]:
+    """Return the tone, the headline and the verdict."""
+    if isinstance(found, _shortest.ShortestInterval):
+        is_open = bool(np.isinf(found.length))
+        return "bad" if is_open else "good", "OPEN INTERVAL" if is_open else "PLANNED", found.reason
+    tone: Tone = "good"
+    headline = "PLANNED"
+    if not plan.converged:
+        broken = plan.message.startswith("no path")
+        tone, headline = ("bad", "A LIMIT IS BROKEN") if broken else ("weak", "NOT CONVERGED")
+    if isinstance(found, _soonest.Soonest):
+        verdict = found.reason
+        if found.samples is None:
+            tone, headline = "bad", "NOT ACCURATE ENOUGH"
+    else:
+        best = plan.laws[0]
+        position = _position_bound(plan.crlb_std, plan.weights)
+        law = _position_bound(best.crlb_std, plan.weights)
+        verdict = f"the target's position is known to {number(position, 3)} m"
+        verdict += f", by the best law to {number(law, 3)} m"
+    if not plan.converged:
+        verdict += f"; {plan.message}"
+    return tone, headline, verdict
+
+
 def _position_bound(crlb_std: Any, weights: Any) -> float:
     return float(np.sqrt(weights @ (crlb_std[:, :2] ** 2).sum(axis=1)))
 
@@ -391,6 +424,17 @@ def _tried_table(soonest: Soonest) -> Table:
     columns = ["samples", "time, s", f"{soonest.name} known to", "no path below"]
     note = f"Wanted: {brief(soonest.accuracy)}. Empty: nothing found, or nothing proved."
     return Table("How soon it is known so well", columns, rows, note)
+
+
+def _intervals_table(shortest: ShortestInterval) -> Table:
+    rows = [
+        [name, "open" if np.isinf(long) else number(long), number(local)]
+        for name, long, local in shortest.candidates[:12]
+    ]
+    unit = f", {shortest.unit}" if shortest.unit else ""
+    columns = ["path", f"interval{unit}", f"by the ellipse{unit}"]
+    note = f"{100 * shortest.level:.4g} % interval of {shortest.name}, by the likelihood."
+    return Table("Lengths of the interval", columns, rows, note)
 
 
 def _laws_table(plan: Plan) -> Table:

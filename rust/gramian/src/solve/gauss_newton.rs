@@ -120,6 +120,9 @@ pub struct Solution {
     pub slopes: Vec<f64>,
 }
 
+/// A rise of chi2 that tells two states apart: its 95 % point, one degree of freedom.
+const TELLS: f64 = 4.0;
+
 /// A function to hold, and the value it is held at.
 pub type Hold<'a> = (&'a dyn Function, f64);
 
@@ -375,6 +378,13 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
         }
         let mut damping = self.options.damping;
         let mut penalty = vec![0.0_f64; k];
+        // Where chi2 is level the multipliers are next to nothing: what is missing at first is
+        // worth as much as a rise of chi2 that tells states apart, or no step would seem to pay.
+        let least: Vec<f64> = self
+            .missing
+            .iter()
+            .map(|m| if *m == 0.0 { 0.0 } else { TELLS / m.abs() })
+            .collect();
         let mut next = vec![0.0; n];
         let mut before = f64::INFINITY;
         let (mut relax, mut last) = (1.0, vec![0.0; n]);
@@ -426,8 +436,8 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
                 }
             }
             last.clone_from(&whole);
-            for (mu, slope) in penalty.iter_mut().zip(&slopes) {
-                *mu = (0.5 * *mu).max(2.0 * slope.abs());
+            for ((mu, slope), least) in penalty.iter_mut().zip(&slopes).zip(&least) {
+                *mu = (0.5 * *mu).max(2.0 * slope.abs()).max(*least);
             }
             found.determined = full_rank(&small, free);
             let close = (0..k).all(|i| {

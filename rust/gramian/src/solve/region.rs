@@ -131,6 +131,14 @@ struct Profile<'a, M: ?Sized> {
 }
 
 impl<M: Model + ?Sized> Profile<'_, M> {
+    /// A state with these values near another one, whatever its chi2: of one function alone.
+    fn attained(&self, values: &[f64], start: &[f64]) -> Option<Vec<f64>> {
+        match (self.functions, values) {
+            (&[function], &[value]) => reached(function, value, start),
+            _ => None,
+        }
+    }
+
     /// The least chi2 at these values, from the better of some starts.
     fn at(&mut self, values: &[f64], starts: &[Vec<f64>]) -> Option<Solution> {
         let hold: Vec<Hold<'_>> = self
@@ -142,8 +150,17 @@ impl<M: Model + ?Sized> Profile<'_, M> {
         let mut found: Option<Solution> = None;
         self.doubt = false;
         for start in starts {
-            let solution = minimize(self.model, start, &hold, self.options);
+            let mut solution = minimize(self.model, start, &hold, self.options);
             self.solves += 1;
+            if !solution.converged
+                && !solution.held
+                && let Some(there) = self.attained(values, start)
+            {
+                // The steps did not come to that value, and yet there are states with it.
+                solution = minimize(self.model, &there, &hold, self.options);
+                self.solves += 1;
+                self.doubt |= !solution.converged;
+            }
             // Not at the least chi2, but low enough already: allowed all the same.
             if !(solution.converged || solution.held && solution.chi2 <= self.limit) {
                 self.doubt |= solution.held;
@@ -166,6 +183,36 @@ impl<M: Model + ?Sized> Profile<'_, M> {
         }
         found
     }
+}
+
+/// A state near another one where a function has a value, whatever the measurements say: by
+/// Newton's method along its gradient; `None` where that does not come there.
+fn reached(function: &dyn Function, value: f64, start: &[f64]) -> Option<Vec<f64>> {
+    let (mut x, mut gradient) = (start.to_vec(), vec![0.0; start.len()]);
+    let mut left = value - function.value(&x, &mut gradient);
+    for _ in 0..60 {
+        if left.abs() <= 1e-9 * value.abs() || !left.is_finite() {
+            break;
+        }
+        let square = dot(&gradient, &gradient);
+        let (from, mut share) = (x.clone(), 1.0);
+        loop {
+            for ((x, from), g) in x.iter_mut().zip(&from).zip(&gradient) {
+                *x = from + share * left * g / square;
+            }
+            let mut there = vec![0.0; x.len()];
+            let rest = value - function.value(&x, &mut there);
+            if rest.abs() < left.abs() {
+                (left, gradient) = (rest, there);
+                break;
+            }
+            share *= 0.25;
+            if share < 1e-6 {
+                return None;
+            }
+        }
+    }
+    (left.abs() <= 1e-6 * value.abs()).then_some(x)
 }
 
 /// The values of `function` at which the least chi2 is at most `rise` above that of
