@@ -209,7 +209,7 @@ impl<K: Sensor<D>, const D: usize> pulp::WithSimd for Sees<'_, K, D> {
 
 /// From blocks of readings of one axis of a sensor to its values and rows, neither of them
 /// whitened: the index of the first sample that has none is given back.
-pub struct Lines<'a> {
+pub struct Gathers<'a> {
     /// As [`Sees`] writes them.
     pub reads: &'a [Block],
     pub columns: usize,
@@ -231,7 +231,7 @@ pub struct Lines<'a> {
     pub rows: Option<&'a mut [f64]>,
 }
 
-impl pulp::WithSimd for Lines<'_> {
+impl pulp::WithSimd for Gathers<'_> {
     type Output = Option<usize>;
 
     #[inline(always)]

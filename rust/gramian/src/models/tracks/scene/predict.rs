@@ -2,7 +2,7 @@
 
 use alloc::vec::Vec;
 
-use super::kernels::{Clock, Lines, Moves, Sees, moves_size};
+use super::kernels::{Clock, Gathers, Moves, Sees, moves_size};
 use super::{Group, InSensor, Kind, Moving, Parameter, Scene};
 use crate::batch::lanes::{Block, LANES};
 use crate::batch::simd::Path;
@@ -198,7 +198,7 @@ impl Scene {
                 }
             }
         }
-        let failed = self.path.run(Lines {
+        let failed = self.path.run(Gathers {
             reads,
             columns,
             moving,
