@@ -47,8 +47,8 @@ def rank_modulo(rows):
     return rank
 
 
-def shown(a, c):
-    """Whether an integer pair is observable for sure: full rank modulo a prime."""
+def hidden_dimension(a, c):
+    """Return the unobservable dimension of integers, modulo a prime."""
     n = len(a)
     block = c.astype(np.int64) % PRIME
     rows = [block]
@@ -60,7 +60,48 @@ def shown(a, c):
             total = (total + block[:, [k]] * a[k] % PRIME) % PRIME
         block = total
         rows.append(block)
-    return rank_modulo(np.concatenate(rows)) == n
+    return n - rank_modulo(np.concatenate(rows))
+
+
+def shown(a, c):
+    """Whether an integer pair is observable for sure: full rank modulo a prime."""
+    return hidden_dimension(a, c) == 0
+
+
+def jordan(rng, n, values, longest):
+    """Jordan blocks of up to `longest`, with few different eigenvalues."""
+    a = np.zeros((n, n), dtype=np.int64)
+    i = 0
+    while i < n:
+        size = min(n - i, int(rng.integers(1, longest + 1)))
+        a[i : i + size, i : i + size] = rng.choice(values) * np.eye(size, dtype=np.int64)
+        for j in range(i, i + size - 1):
+            a[j, j + 1] = rng.choice([-2, -1, 1, 1, 1, 2, 3])
+        i += size
+    return a
+
+
+def defective(rng, kind, n):
+    """An integer pair with defective eigenvalues or repeated blocks."""
+    p = int(rng.integers(1, 4))
+    if kind == "coupled":
+        half = rng.integers(-3, 4, (n // 2, n // 2))
+        a = np.kron(np.eye(2, dtype=np.int64), half)
+        a[: n // 2, n // 2 :] = np.diag(rng.integers(-1, 2, n // 2))
+    elif kind == "triangular":
+        a = np.triu(rng.integers(-3, 4, (n, n)), 1)
+        np.fill_diagonal(a, rng.choice(rng.integers(-3, 4, 3), n))
+    else:
+        a = jordan(rng, n, rng.integers(-3, 4, int(rng.integers(1, 4))), int(rng.integers(1, 8)))
+    n = len(a)
+    c = rng.integers(-2, 3, (p, n)) * (rng.uniform(size=(p, n)) < rng.choice([0.3, 0.6, 1.0]))
+    if kind == "tail":
+        seen = int(rng.integers(1, n))
+        a[seen:, :seen] = rng.integers(-2, 3, (n - seen, seen))
+        a[:seen, seen:] = 0
+        c[:, seen:] = 0
+    t, inverse = unimodular(rng, n)
+    return t @ a @ inverse, c @ inverse
 
 
 def unimodular(rng, n):

@@ -146,6 +146,20 @@ def test_maneuvers_of_a_flight():
     assert found.plot().axes
 
 
+def test_straight_legs_northward_have_full_rank_and_tell_no_more():
+    # The Earth's rate in local axes, the transport rate and gravity change with the latitude:
+    # the null spaces of two legs have nothing in common. Along a parallel nothing changes.
+    legs = [Leg(60.0), Leg(60.0)]
+    north, east = (
+        maneuvers(segments(legs, 0.6, speed=50.0, heading=heading))
+        for heading in (0.0, math.pi / 2)
+    )
+    assert (north.rank.tolist(), east.rank.tolist()) == ([12, 15], [12, 12])
+    assert np.abs(north.ratio[-1] / east.ratio[-1] - 1).max() < 0.01
+    still = maneuvers(segments(legs, 0.6))
+    assert still.rank.tolist() == [12, 12]
+
+
 def test_scale_factors_need_their_own_motion():
     options = {
         "estimated": ["gyro_scale", "accelerometer_scale"],
@@ -222,3 +236,42 @@ BAD = [
 def test_bad_input_is_named(call, message):
     with pytest.raises(gm.InputError, match=message):
         call()
+
+
+def weaving():
+    times = np.arange(0.0, 200.0)
+    heading = math.radians(45) + 0.3 * np.sin(times / 30)
+    velocity = 50 * np.stack([np.cos(heading), -np.sin(heading), 0 * times], axis=1)
+    return times, velocity, np.stack([heading, 0 * times, 0 * times], axis=1)
+
+
+def failed_sample(times, velocity, attitude):
+    return times, velocity, np.where((times == 50)[:, None], 0.0, attitude)
+
+
+MIXED = [
+    (lambda t, v, a: (t, v, np.degrees(a)), "they would agree with attitude in degrees"),
+    (lambda t, v, a: (t, v * [1, -1, -1], a), "they would agree with velocity in north, east"),
+    (lambda t, v, a: (t, v[:, [1, 0, 2]] * [-1, 1, 1], a), "agree with velocity in east, north"),
+    (
+        lambda t, v, a: (t, v * [1, -1, -1], np.degrees(a)),
+        "velocity in north, east and attitude in degrees",
+    ),
+    (lambda t, v, a: (np.where(t > 100, t + 600, t), v, a), "nothing from 100 to 701 s"),
+    (failed_sample, r"attitude\[50\] at 50 s jumps by .* deg and back"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), MIXED)
+def test_a_flight_in_other_axes_or_units_or_with_holes_is_told(change, message):
+    recorded(*weaving(), LATITUDE)
+    with pytest.warns(UserWarning, match=message):
+        recorded(*change(*weaving()), LATITUDE)
+
+
+def test_an_attitude_in_degrees_is_refused_where_no_vehicle_has_it():
+    times, velocity, attitude = weaving()
+    with pytest.raises(gm.InputError, match=r"pitch = 3 rad: must be within .* is it in degrees"):
+        recorded(times, velocity, np.add(attitude, [0, 3.0, 0]), LATITUDE)
+    with pytest.raises(gm.InputError, match="roll = 20 rad: must be within"):
+        recorded(times, velocity, np.add(attitude, [0, 0, 20.0]), LATITUDE)

@@ -10,7 +10,7 @@ import scipy.signal
 
 import gramian as gm
 from gramian import _core
-from planted import exact_rank, planted, unimodular
+from planted import defective, exact_rank, hidden_dimension, planted, unimodular
 
 # Values from ../shared/reference/linear_large.json of the project's theory notes: distance
 # by dense search in double precision, dimension exact by construction.
@@ -132,6 +132,78 @@ def test_planted_blocks_are_found_exactly(kind, repeated):
         if found.nullity != hidden:
             wrong.append((n, hidden, found.nullity, units))
     assert wrong == []
+
+
+@pytest.mark.parametrize("kind", ["jordan", "tail", "triangular", "coupled"])
+def test_chains_of_defective_eigenvalues_are_found_whole_or_undecided(kind):
+    rng = np.random.default_rng(23)
+    undecided = 0
+    for _ in range(100):
+        a, c = defective(rng, kind, int(rng.integers(3, 25)))
+        hidden = hidden_dimension(a, c)
+        d = 2.0 ** (rng.choice([0, 30]) * rng.integers(-1, 2, len(a)))
+        found = gm.linear.unobservable(a * d / d[:, None], c * d)
+        if found.undecided:
+            undecided += 1
+            assert found.nullity >= hidden
+            assert found.status == "undecided"
+            assert "UNDECIDED" in found.summary()
+        else:
+            assert found.nullity == hidden
+    assert undecided <= 10
+
+
+@pytest.mark.parametrize("n", [2, 3, 7, 14])
+def test_a_multiple_of_the_identity_in_other_coordinates(n):
+    # What rounding leaves beside the diagonal couples nothing.
+    rng = np.random.default_rng(n)
+    q, _ = np.linalg.qr(rng.normal(size=(n, n)))
+    c = rng.normal(size=(1, n))
+    for value in (2.0, -3e5, 1e-9):
+        a = q @ (value * np.eye(n)) @ q.T
+        assert gm.linear.unobservable(a, c).nullity == n - 1
+        assert gm.linear.levels(a, c).rank == 1
+        assert gm.linear.batch_levels(a, c).rank == 1
+
+
+def test_small_dynamics_beside_a_large_common_diagonal_are_not_decided_by_rounding():
+    rng = np.random.default_rng(5)
+    n = 8
+    q, _ = np.linalg.qr(rng.normal(size=(n, n)))
+    a, c = rng.integers(-3, 4, (n, n)).astype(float), rng.integers(-3, 4, (1, n)).astype(float)
+    a[:5, 5:] = 0
+    c[:, 5:] = 0
+    # Exact, it is clear; in other coordinates its entries are rounded as the diagonal is.
+    for diagonal in (0.0, 1e3, 1e6):
+        found = gm.linear.unobservable(a + diagonal * np.eye(n), c)
+        assert (found.nullity, found.status) == (3, "unobservable")
+    turned = q @ (a + 1e7 * np.eye(n)) @ q.T
+    found = gm.linear.unobservable(turned, c @ q.T)
+    assert found.nullity >= 3
+    assert found.status == "undecided"
+    assert gm.linear.levels(turned, c @ q.T).undecided
+    # A sampled system near the identity keeps its digits.
+    sampled = gm.linear.unobservable([[1.0, 1e-9], [-1e-9, 1.0]], [[1.0, 0.0]], time="discrete")
+    assert sampled.status == "observable"
+
+
+def test_a_singular_value_between_rounding_and_none_is_undecided():
+    rng = np.random.default_rng(6)
+    n = 6
+    q, _ = np.linalg.qr(rng.normal(size=(n, n)))
+    a, c = rng.normal(size=(n, n)), rng.normal(size=(1, n))
+    a[:4, 4:] = 0
+    c[:, 4:] = 0
+    leak, see = rng.normal(size=(4, 2)), rng.normal(size=2)
+    for part, status in ((1e-6, "observable"), (3e-13, "undecided"), (0.0, "unobservable")):
+        a[:4, 4:] = part * leak
+        c[0, 4:] = part * see
+        found = gm.linear.unobservable(q @ a @ q.T, c @ q.T)
+        assert found.status == status
+        assert found.nullity == (0 if status == "observable" else 2)
+        # A tolerance that is given is what decides.
+        given = gm.linear.unobservable(q @ a @ q.T, c @ q.T, rtol=1e-10)
+        assert not given.undecided
 
 
 def test_observable_pairs_are_not_called_unobservable():

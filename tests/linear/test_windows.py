@@ -266,6 +266,49 @@ def test_a_system_that_varies_has_the_rows_of_its_own_solution():
     np.testing.assert_allclose(constant, gm.linear.gramian(a(0.3), c(0.3), window=2.0), rtol=1e-10)
 
 
+@pytest.mark.parametrize("middle", [3.3, 5.0, 7.77])
+@pytest.mark.parametrize("width", [0.3, 0.04, 0.005])
+def test_a_burst_is_seen_or_told(middle, width):
+    # x1 + x2 for a moment, x1 at other times.
+    def smooth(t):
+        return [[1.0, np.exp(-(((t - middle) / width) ** 2))]]
+
+    def sharp(t):
+        return [[1.0, 1.0 if abs(t - middle) < width else 0.0]]
+
+    a = np.zeros((2, 2))
+    area = width * np.sqrt(np.pi)
+    expected = [[10.0, area], [area, area / np.sqrt(2)]]
+    assert np.allclose(gm.linear.gramian(a, smooth, window=10.0), expected, rtol=1e-9)
+    ends = [middle - width, middle + width]
+    found = gm.linear.gramian(a, sharp, window=10.0, breakpoints=ends)
+    assert np.allclose(found, [[10.0, 2 * width], [2 * width, 2 * width]], rtol=1e-11)
+    with pytest.raises(gm.InputError, match=r"does not settle about t = .* breakpoints"):
+        gm.linear.gramian(a, sharp, window=10.0)
+
+
+def test_a_burst_of_the_dynamics_is_seen():
+    # x2 runs only for a moment, and x1 with it.
+    def a(t):
+        return [[0.0, np.exp(-(((t - 3.3) / 0.02) ** 2))], [0.0, 0.0]]
+
+    moved = 0.02 * np.sqrt(np.pi)
+    found = gm.linear.gramian(a, [[1.0, 0.0]], window=10.0)
+    assert np.isclose(found[0, 1], 6.7 * moved, rtol=1e-8)
+
+
+def test_breakpoints_are_named_where_they_do_not_fit():
+    a, c = np.zeros((1, 1)), lambda t: [[1.0]]
+    with pytest.raises(gm.InputError, match=r"breakpoints\[1\] = 3.0: must be inside the window"):
+        gm.linear.gramian(a, c, window=2.0, breakpoints=[1.0, 3.0])
+    with pytest.raises(gm.InputError, match=r"breakpoints has shape \(1, 1\)"):
+        gm.linear.gramian(a, c, window=2.0, breakpoints=[[1.0]])
+    with pytest.raises(gm.InputError, match="breakpoints go with A"):
+        gm.linear.gramian(a, [[1.0]], window=2.0, breakpoints=[1.0])
+    with pytest.raises(gm.InputError, match="times goes without"):
+        gm.linear.gramian(a, c, times=[1.0], breakpoints=[1.0])
+
+
 def test_a_varying_system_tells_what_a_constant_one_hides():
     # x' = 0 with a row that turns: two states, each instant shows one combination.
     still = gm.linear.problem(np.zeros((2, 2)), [[1.0, 0]], times=[0.0, 0.5, 1.0])

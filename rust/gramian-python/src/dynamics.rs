@@ -1,7 +1,9 @@
 //! Nonlinear systems along a trajectory: the user's functions are called back.
 
 use gramian::dynamics::{self, Failure, Path, System};
+use gramian::inertial::{self, Unknown, Visual};
 use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn};
+use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
 
 use crate::convert::Input;
@@ -20,6 +22,7 @@ struct Functions<'py> {
     scale: Vec<f64>,
     outputs: usize,
     names: Vec<String>,
+    takes_many: bool,
 }
 
 fn call<'py>(
@@ -53,6 +56,15 @@ impl System for Functions<'_> {
 
     fn outputs(&self) -> usize {
         self.outputs
+    }
+
+    fn takes_many(&self) -> bool {
+        self.takes_many
+    }
+
+    /// An interrupt is no fault of a guess.
+    fn is_final(&self, error: &PyErr) -> bool {
+        !error.is_instance_of::<PyException>(self.py)
     }
 
     fn rate(&mut self, t: &[f64], x: &[f64], out: &mut [f64]) -> PyResult<()> {
@@ -132,6 +144,7 @@ fn dynamics_follow<'py>(
     rtol: Option<f64>,
     most: usize,
     names: Vec<String>,
+    takes_many: bool,
 ) -> PyResult<Followed<'py>> {
     let n = scale.len();
     let mut system = Functions {
@@ -143,13 +156,25 @@ fn dynamics_follow<'py>(
         scale,
         outputs,
         names,
+        takes_many,
     };
     let found = match rtol {
         Some(rtol) => dynamics::integrate(&mut system, &x0, &times, rtol, most),
         None => dynamics::iterate(&mut system, &x0, &times),
     };
+    packed(py, found, |error| error, [n, outputs], &times)
+}
+
+/// A trajectory of n states and p outputs in arrays, or why there is none.
+fn packed<'py, E>(
+    py: Python<'py>,
+    found: Result<dynamics::Trajectory, Failure<E>>,
+    told: impl FnOnce(E) -> PyErr,
+    [n, outputs]: [usize; 2],
+    times: &[f64],
+) -> PyResult<Followed<'py>> {
     let found = found.map_err(|error| match error {
-        Failure::System(error) => error,
+        Failure::System(error) => told(error),
         Failure::Number(error) => errors::input_at("", error),
         Failure::Stuck { time, step } => InputError::new_err(format!(
             "the trajectory cannot be followed beyond t = {time}: steps of {step:.1e} are not \
@@ -177,6 +202,152 @@ fn dynamics_follow<'py>(
         array(found.jacobian_errors, &[count, outputs, n])?,
         found.steps,
     ))
+}
+
+/// A camera beside a navigator as a system.
+struct Camera<'py> {
+    py: Python<'py>,
+    visual: Visual,
+}
+
+/// A fault of the model, or Ctrl-C.
+enum Fault {
+    Model(inertial::Error),
+    Python(PyErr),
+}
+
+impl Camera<'_> {
+    fn each(
+        &self,
+        t: &[f64],
+        x: &[f64],
+        out: &mut [f64],
+        one: impl Fn(&Visual, f64, &[f64], &mut [f64]) -> Result<(), inertial::Error>,
+    ) -> Result<(), Fault> {
+        self.py.check_signals().map_err(Fault::Python)?;
+        let (n, size) = (self.visual.states(), out.len() / t.len().max(1));
+        for ((&t, x), out) in t
+            .iter()
+            .zip(x.chunks_exact(n))
+            .zip(out.chunks_exact_mut(size))
+        {
+            one(&self.visual, t, x, out).map_err(Fault::Model)?;
+        }
+        Ok(())
+    }
+}
+
+impl System for Camera<'_> {
+    type Error = Fault;
+
+    fn states(&self) -> usize {
+        self.visual.states()
+    }
+
+    fn outputs(&self) -> usize {
+        self.visual.outputs()
+    }
+
+    fn rate(&mut self, t: &[f64], x: &[f64], out: &mut [f64]) -> Result<(), Fault> {
+        self.each(t, x, out, |v, t, x, out| {
+            v.rate(t, x, out);
+            Ok(())
+        })
+    }
+
+    fn rate_jacobian(&mut self, t: &[f64], x: &[f64], out: &mut [f64]) -> Result<(), Fault> {
+        self.each(t, x, out, |v, t, x, out| {
+            v.rate_jacobian(t, x, out);
+            Ok(())
+        })
+    }
+
+    fn output(&mut self, t: &[f64], x: &[f64], out: &mut [f64]) -> Result<(), Fault> {
+        self.each(t, x, out, Visual::output)
+    }
+
+    fn output_jacobian(
+        &mut self,
+        t: &[f64],
+        x: &[f64],
+        out: &mut [f64],
+        _: &mut [f64],
+    ) -> Result<(), Fault> {
+        self.each(t, x, out, |v, _, x, out| {
+            v.output_jacobian(x, out);
+            Ok(())
+        })
+    }
+}
+
+fn vectors(values: &[f64]) -> Vec<[f64; 3]> {
+    values.as_chunks::<3>().0.to_vec()
+}
+
+/// The trajectory of a camera beside a navigator, as `dynamics_follow` gives one, after its
+/// first state. Mounting: rows of the matrix from body to camera, then the arm, then gravity.
+#[pyfunction]
+#[allow(clippy::too_many_arguments, clippy::needless_pass_by_value)] // Python's values.
+fn inertial_visual(
+    py: Python<'_>,
+    times: Vec<f64>,
+    gyro: Vec<f64>,
+    accel: Vec<f64>,
+    landmarks: Vec<f64>,
+    mounting: Vec<f64>,
+    start: Vec<f64>,
+    unknown: Vec<String>,
+    rtol: f64,
+    most: usize,
+) -> PyResult<(Vec<f64>, Followed<'_>)> {
+    let input = |error: inertial::Error| InputError::new_err(error.to_string());
+    let unknown = unknown
+        .iter()
+        .map(|name| {
+            Ok(match name.as_str() {
+                "camera_rotation" => Unknown::CameraRotation,
+                "camera_arm" => Unknown::CameraArm,
+                "gravity" => Unknown::Gravity,
+                "gravity_strength" => Unknown::GravityStrength,
+                "scale" => Unknown::Scale,
+                "landmarks" => Unknown::Landmarks,
+                _ => return Err(InputError::new_err(format!("unknown has {name:?}"))),
+            })
+        })
+        .collect::<PyResult<_>>()?;
+    let [a, b, c, arm, gravity] = vectors(&mounting)[..] else {
+        return Err(InputError::new_err("mounting: must be 15 numbers"));
+    };
+    let [place, attitude, velocity] = [0..3, 3..7, 7..10].map(|part| start.get(part));
+    let (Some(place), Some(attitude), Some(velocity)) = (place, attitude, velocity) else {
+        return Err(InputError::new_err("start: must be 10 numbers"));
+    };
+    let visual = Visual {
+        times: times.clone(),
+        gyro: vectors(&gyro),
+        accel: vectors(&accel),
+        camera: [a, b, c],
+        arm,
+        gravity,
+        landmarks: vectors(&landmarks),
+        unknown,
+    };
+    visual.check().map_err(input)?;
+    let x0 = visual
+        .start(
+            core::array::from_fn(|i| place[i]),
+            core::array::from_fn(|i| attitude[i]),
+            core::array::from_fn(|i| velocity[i]),
+        )
+        .map_err(input)?;
+    let shape = [visual.states(), visual.outputs()];
+    let mut system = Camera { py, visual };
+    let found = dynamics::integrate(&mut system, &x0, &times, rtol, most);
+    let told = |fault| match fault {
+        Fault::Model(error) => input(error),
+        Fault::Python(error) => error,
+    };
+    Ok((x0, packed(py, found, told, shape, &times)?))
 }
 
 /// What a trajectory left behind, as Python holds it.
@@ -301,6 +472,7 @@ fn dynamics_windows<'py>(
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(dynamics_follow, module)?)?;
+    module.add_function(wrap_pyfunction!(inertial_visual, module)?)?;
     module.add_function(wrap_pyfunction!(dynamics_rows, module)?)?;
     module.add_function(wrap_pyfunction!(dynamics_windows, module)?)
 }

@@ -299,6 +299,12 @@ impl LinearAnalysis {
         (found.weakest, found.rejected)
     }
 
+    /// Whether the rank may be larger.
+    #[getter]
+    fn undecided(&self) -> bool {
+        self.inner.undecided()
+    }
+
     /// A bound on how much the steps magnify rounding.
     #[getter]
     fn growth(&self) -> f64 {
@@ -561,6 +567,12 @@ impl LinearUnobservable {
     fn margins(&self) -> (f64, f64, f64) {
         let found = self.inner.found();
         (found.rejected, found.weakest, found.rtol)
+    }
+
+    /// Whether another tolerance would have found another dimension.
+    #[getter]
+    fn undecided(&self) -> bool {
+        self.inner.found().undecided
     }
 
     /// What the states and the unit of time were multiplied by.

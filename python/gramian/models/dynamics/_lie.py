@@ -24,6 +24,8 @@ __all__ = ["LieDerivatives", "lie_derivatives"]
 
 Array = NDArray[np.float64]
 
+#: The unit in the last place.
+EPSILON = float(np.finfo(float).eps)
 #: What the imaginary part of a complex step is: its square is lost in rounding.
 _STEP = 1e-30
 #: Points near x0 at which the generic rank is looked for.
@@ -184,15 +186,18 @@ def lie_derivatives(
     deviation = np.broadcast_to(given, (p,)) if given.shape in ((), (1,), (p,)) else None
     if deviation is None or not (deviation > 0).all():
         raise InputError("sigma: must be > 0, one number or one for each output")
-    ranks, null = _ranks(gradients / deviation[:, None], labels, moves, tolerance)
+    weight = 1 / deviation[:, None]
+    off = _errors(f, h, start, at, gradients)
+    ranks, null = _ranks(weight * gradients, weight * off, labels, moves, tolerance)
     best = list(ranks)
     for _ in range(_POINTS):
         point = start + 0.1 * moves * rng.uniform(-1, 1, n)
         try:
             _, near = _at_point(f, h, point, at, highest)
+            off = _errors(f, h, point, at, near)
         except InputError:
             continue
-        other, _ = _ranks(near / deviation[:, None], labels, moves, tolerance)
+        other, _ = _ranks(weight * near, weight * off, labels, moves, tolerance)
         best = [max(pair) for pair in zip(best, other, strict=True)]
     return LieDerivatives(
         names=labels,
@@ -229,6 +234,20 @@ def _at_point(f: Function, h: Function, x0: Array, at: float, order: int) -> tup
     return values, np.ascontiguousarray(gradients)
 
 
+def _errors(f: Function, h: Function, x0: Array, at: float, gradients: Array) -> Array:
+    """Return how wrong the gradients may be by rounding: terms that cancel leave it behind.
+
+    They are found again at points a few units in the last place away.
+    """
+    rng = np.random.default_rng(1)
+    off = np.zeros_like(gradients)
+    for _ in range(3):
+        near = x0 * (1 + 4 * EPSILON * rng.choice((-1.0, 1.0), len(x0)))
+        _, other = _at_point(f, h, near, at, len(gradients) - 1)
+        off = np.maximum(off, np.abs(other - gradients))
+    return 4 * (off + EPSILON * np.abs(gradients))
+
+
 def _called(function: Function, name: str, clock: Any, series: Any, size: int | None) -> Any:
     x = np.empty(len(series), dtype=object)
     for i, own in enumerate(series):
@@ -253,7 +272,7 @@ def _called(function: Function, name: str, clock: Any, series: Any, size: int | 
 
 
 def _ranks(
-    gradients: Array, names: tuple[str, ...], moves: Array, rtol: float | None
+    gradients: Array, errors: Array, names: tuple[str, ...], moves: Array, rtol: float | None
 ) -> tuple[list[int], Array]:
     """Return the ranks up to each derivative, and the null space of all."""
     orders = len(gradients)
@@ -265,11 +284,15 @@ def _ranks(
     later = [(first / size[k]) ** (1 / k) for k in range(1, orders) if size[k] > 0]
     unit = min([*later, 1e30]) if later else 1.0
     with np.errstate(over="ignore"):
-        rows = scaled * (unit ** np.arange(orders))[:, None, None] * moves
+        factors = (unit ** np.arange(orders))[:, None, None] * moves
+        factors = factors / np.array([factorial(k) for k in range(orders)])[:, None, None]
+        rows, off = gradients * factors, errors * factors
+    width = len(names)
     ranks = []
     answer = None
     for k in range(orders):
-        answer = analyze(Problem(rows[: k + 1].reshape(-1, len(names)), names), rtol=rtol)
+        seen, wrong = rows[: k + 1].reshape(-1, width), off[: k + 1].reshape(-1, width)
+        answer = analyze(Problem(seen, names, row_error=wrong), rtol=rtol)
         ranks.append(answer.rank)
     assert answer is not None
     null = answer.null_space * moves[:, None]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any
 
@@ -257,7 +258,9 @@ def from_ode(
     -----
     Gauss-Legendre steps of order six, each differentiated as it was computed (the
     variational equations); their number between two times is doubled until state and
-    transition agree to `rtol`. An h whose differences at two steps do not agree (an angle
+    transition agree to `rtol`. Vectorized functions are asked about all steps of many
+    intervals at once, by one Newton iteration for all of them, and so also about states
+    that are guesses. An h whose differences at two steps do not agree (an angle
     that wraps there, detail within the step) is an error.
 
     Examples
@@ -369,19 +372,22 @@ def _follow(
     if scale is None:
         taken = {"f": rate if by_rate is None else None, "h": output if by_output is None else None}
         moves = found_moves(taken, at[0], start, labels, moves)
-    states, outputs, transitions, jacobians, changes, errors, steps = _core.dynamics_follow(
-        rate,
-        by_rate,
-        output,
-        by_output,
-        p,
-        moves.tolist(),
-        start.tolist(),
-        at.tolist(),
-        rtol,
-        most,
-        list(labels),
-    )
+    # Guesses that go astray are no news; what is not finite in the end is an error.
+    with np.errstate(all="ignore") if vectorized else nullcontext():
+        states, outputs, transitions, jacobians, changes, errors, steps = _core.dynamics_follow(
+            rate,
+            by_rate,
+            output,
+            by_output,
+            p,
+            moves.tolist(),
+            start.tolist(),
+            at.tolist(),
+            rtol,
+            most,
+            list(labels),
+            vectorized,
+        )
     free = None
     if tangent is not None:
         options.function(tangent, "tangent")

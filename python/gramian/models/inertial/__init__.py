@@ -11,6 +11,7 @@ Scale factors, misalignments, lever arms and more can be estimated beside them.
   `NAMES` and `UNITS` of the 15 states, `ESTIMATED` what can be estimated beside them,
   `OUTPUTS` what can be measured.
 - `segments`, of `Leg`, `recorded` and `sway`: a whole flight, as a `Flight`.
+- `visual_inertial`: a camera beside a navigator, as a `gramian.dynamics.Trajectory`.
 - `maneuvers`: which leg of a flight makes which state observable, as `Maneuvers`.
 - `rotation`, `gravity`, `radii`, `EARTH_RATE`: attitude and the earth.
 """
@@ -27,6 +28,7 @@ from gramian.models.inertial._model import (
     rotation,
     static_base,
 )
+from gramian.models.inertial._visual import visual_inertial
 
 __all__ = [
     "EARTH_RATE",
@@ -46,6 +48,7 @@ __all__ = [
     "segments",
     "static_base",
     "sway",
+    "visual_inertial",
 ]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -24,6 +25,8 @@ _Flown = tuple[tuple[Array, Array, Array], Array, NDArray[np.uintp]]
 
 #: Below this speed, m/s, a vehicle stands.
 STANDING = 0.1
+#: m/s. Faster, the nose of a vehicle points about where it goes.
+MOVING = 5.0
 #: Of a flight: each is analysed by itself.
 MOST_SEGMENTS = 10_000
 
@@ -272,11 +275,17 @@ def recorded(
     -------
     Flight
 
+    Warns
+    -----
+    UserWarning
+        Where heading and course agree in other axes or units and not in these, where samples
+        are missing, and where one alone jumps away and back.
+
     Raises
     ------
     InputError
         Shapes that do not fit, times that do not increase, a turn too far between
-        samples, more than 10 000 segments, what `error_model` refuses.
+        samples, a pitch beyond the vertical, more than 10 000 segments, what `error_model` refuses.
 
     Notes
     -----
@@ -325,6 +334,21 @@ def recorded(
             f"legs[{index}] = {borders[index]} s: must be later than the leg before it by a "
             f"sample, and before the end, {t[-1]} s"
         )
+    _look_through(t, table["velocity"], table["attitude"])
+    return _sampled(t, table, borders, latitude, height, longitude, step, largest_turn, model)
+
+
+def _sampled(
+    t: Array,
+    table: dict[str, Array],
+    borders: Array,
+    latitude: float,
+    height: float,
+    longitude: float,
+    step: float,
+    largest_turn: float,
+    model: dict[str, object],
+) -> Flight:
     positive(step=step, largest_turn=largest_turn)
     for name in ("specific_force", "angular_rate"):
         if name in model:
@@ -342,6 +366,62 @@ def recorded(
         wanted(model),
     )
     return _bounded(_flown(system, found))
+
+
+def _look_through(t: Array, velocity: Array, attitude: Array) -> None:
+    """Refuse or warn of samples that are in other units or axes, missing, or failed."""
+    for column, name, most in ((1, "pitch", np.pi / 2), (2, "roll", 2 * np.pi)):
+        if (bad := np.flatnonzero(np.abs(attitude[:, column]) > most + 1e-9)).size:
+            k = bad[0]
+            raise InputError(
+                f"attitude[{k}]: {name} = {attitude[k, column]:g} rad: must be within "
+                f"{most:.4g}; is it in degrees?"
+            )
+    # The nose of what moves points about where it goes: where it does not as given, and does
+    # so in other axes or units, these are meant.
+    moving = np.hypot(velocity[:, 0], velocity[:, 1]) > MOVING
+    if np.count_nonzero(moving) >= 3:
+        first, second = velocity[moving, 0], velocity[moving, 1]
+        courses = {
+            "": np.arctan2(-second, first),
+            "velocity in north, east": np.arctan2(second, first),
+            "velocity in east, north": np.arctan2(first, second),
+        }
+        angles = {"": attitude[moving, 0], "attitude in degrees": np.radians(attitude[moving, 0])}
+        fits = {
+            " and ".join(part for part in (axes, unit) if part): np.cos(heading - course).mean()
+            for unit, heading in angles.items()
+            for axes, course in courses.items()
+        }
+        given = fits.pop("")
+        likely = max(fits, key=lambda meaning: fits[meaning])
+        if given < 0.5 and fits[likely] > 0.97:
+            _warn(
+                f"heading and course differ by {np.degrees(np.arccos(given)):.0f} deg; they would "
+                f"agree with {likely}: is it north, west, up and radians?"
+            )
+    spans = np.diff(t)
+    usual = float(np.median(spans))
+    if (long := int(np.argmax(spans))) >= 0 and spans[long] > max(20 * usual, 5.0):
+        _warn(
+            f"times: nothing from {t[long]:g} to {t[long + 1]:g} s, where samples are {usual:g} s "
+            "apart: taken for one steady motion; split the flight there if it was not"
+        )
+    if len(t) > 2:
+        turns = np.abs(np.angle(np.exp(1j * np.diff(attitude, axis=0)))).max(axis=1)
+        across = np.abs(np.angle(np.exp(1j * (attitude[2:] - attitude[:-2])))).max(axis=1)
+        there_and_back = np.minimum(turns[:-1], turns[1:])
+        failed = np.flatnonzero((there_and_back > 0.2) & (across < 0.1 * there_and_back))
+        if 0 < failed.size <= max(3, len(t) // 50):
+            k = int(failed[0]) + 1
+            _warn(
+                f"attitude[{k}] at {t[k]:g} s jumps by {np.degrees(turns[k - 1]):.0f} deg and "
+                "back: a sample that failed?"
+            )
+
+
+def _warn(told: str) -> None:
+    warnings.warn(told, stacklevel=4)
 
 
 def _bounded(flight: Flight) -> Flight:
@@ -417,4 +497,5 @@ def sway(
     angles = _core.inertial_sway(times, *swings.values())
     angles[:, 0] += number(heading, "heading")
     speeds = np.broadcast_to(vector(velocity, "velocity"), angles.shape)
-    return recorded(times, speeds, angles, latitude, height, step=step, largest_turn=np.pi, **model)  # type: ignore[arg-type]
+    table = {"velocity": np.ascontiguousarray(speeds), "attitude": angles}
+    return _sampled(times, table, np.zeros(0), latitude, height, 0.0, step, np.pi, model)

@@ -84,7 +84,8 @@ class BatchLevels(Answer):
         The level of each state; `inf` where no derivative determines it, NaN where
         `reliable` is False.
     rank : ndarray of int, shape (...)
-        Rank of the whole observability matrix.
+        Rank of the whole observability matrix; where rounding does not decide it, the least
+        it may be: see `Levels.undecided`.
     reliable : ndarray of bool, shape (...)
         Whether levels can be determined in double precision.
     """
@@ -116,7 +117,10 @@ class Levels(Answer):
         Rank of O_k for k = 0, 1, .., n - 1. None where levels cannot be determined in double
         precision: see `reason`.
     rank, nullity : int
-        Of the whole observability matrix: right in any case.
+        Of the whole observability matrix: right in any case, unless `undecided`.
+    undecided : bool
+        Whether the rank may be larger: what decides it is too near to rounding. Always
+        False where `rtol` was given.
     states : mapping of str to (int or None), or None
         The level of each state: the derivative from which on it is known. None
         for never; None in place of the mapping where levels cannot be determined.
@@ -147,6 +151,7 @@ class Levels(Answer):
     margins: tuple[float, float]
     rtol: float
     rank: int
+    undecided: bool
     reason: str | None
     _system: System
 
@@ -198,6 +203,8 @@ class Levels(Answer):
         n = len(self.names)
         head = "OBSERVABLE" if self.nullity == 0 else "UNOBSERVABLE"
         lines = [f"{head}: rank {self.rank} of {n}"]
+        if self.undecided:
+            lines = [f"UNDECIDED: rank {self.rank} of {n} at least"]
         if self.ranks is None:
             lines.append(f"  {self.reason}")
         else:
@@ -315,6 +322,7 @@ def levels(
         margins=analysis.margins,
         rtol=analysis.rtol,
         rank=analysis.rank,
+        undecided=analysis.undecided,
         reason=None if told else reason,
         _system=system,
     )

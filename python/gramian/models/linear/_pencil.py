@@ -169,6 +169,9 @@ class Unobservable(Answer):
         The smallest singular value that counted and the largest that was taken for
         rounding, over the norm of the balanced pencil; the tolerance is between them.
     rtol : float
+    undecided : bool
+        Whether a singular value is so near to rounding that it may be zero or not; always
+        False where `rtol` was given. `nullity` is the most it may be then.
     scales : ndarray, shape (n,)
         What each balanced state is multiplied by to give the physical one: powers of two.
     time_scale : float
@@ -181,12 +184,13 @@ class Unobservable(Answer):
     modes: tuple[Mode, ...]
     margins: tuple[float, float]
     rtol: float
+    undecided: bool
     scales: Array
     time_scale: float
     time: Time
     _system: System
 
-    _more_in_dict = ("nullity", "detectable", "null_combinations")
+    _more_in_dict = ("status", "nullity", "detectable", "null_combinations")
 
     @cached_property
     def _found(self) -> _core.LinearUnobservable:
@@ -201,6 +205,13 @@ class Unobservable(Answer):
     def rank(self) -> int:
         """Number of combinations that are shown."""
         return len(self.names) - self.nullity
+
+    @property
+    def status(self) -> Literal["observable", "undecided", "unobservable"]:
+        """What is known of the whole state."""
+        if self.undecided:
+            return "undecided"
+        return "unobservable" if self.nullity else "observable"
 
     @property
     def detectable(self) -> bool:
@@ -251,6 +262,12 @@ class Unobservable(Answer):
             return f"OBSERVABLE: rank {n} of {n}, margin {brief(self.margins[0])} of the norm"
         harm = "all decay: detectable" if self.detectable else "not detectable"
         lines = [f"UNOBSERVABLE: rank {self.rank} of {n}; {harm}"]
+        if self.undecided:
+            lines = [
+                f"UNDECIDED: rank {self.rank} of {n} at least; a singular value is too near to "
+                "rounding to tell whether it is zero",
+                f"if it is, not shown; {harm}",
+            ]
         for mode in self.modes:
             lines.append(f"  {mode.motion}:")
             lines += [f"    {text}" for text in mode.texts]
@@ -382,7 +399,9 @@ def unobservable(
         The states; x0, x1, ... by default.
     rtol : float, optional
         A singular value of the balanced pencil below this part of its norm counts as
-        zero; 1024 eps sqrt(n) by default. Raise it for matrices from measurements.
+        zero; 1024 eps sqrt(n) by default, and then one near to it, or to the rounding of
+        the entries of A, makes the status "undecided". Raise it for matrices from
+        measurements.
     time : {"continuous", "discrete"}
         Whether A is that of x' = A x or of x[k+1] = A x[k]; an object with a nonzero
         attribute ``dt`` is discrete.
@@ -430,6 +449,7 @@ def unobservable(
         ),
         margins=(weakest, rejected),
         rtol=used,
+        undecided=found.undecided,
         scales=np.array(scales),
         time_scale=time_scale,
         time=time,

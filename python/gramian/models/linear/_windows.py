@@ -33,6 +33,10 @@ Array = NDArray[np.float64]
 
 #: Rows are kept, a block for each sample.
 MOST_SAMPLES = 10_000_000
+#: Panels of a quadrature that are halved at once.
+MOST_PANELS = 4096
+#: How often a function of time is looked at between the nodes of a panel.
+PROBES = 128
 
 
 def transition(A: ArrayLike, duration: float) -> Array:
@@ -67,6 +71,7 @@ def gramian(
     times: ArrayLike | None = None,
     R: ArrayLike | None = None,
     Q: ArrayLike | None = None,
+    breakpoints: ArrayLike | None = None,
 ) -> Array:
     """Return the observability Gramian of a finite window: the information about x(0).
 
@@ -91,6 +96,9 @@ def gramian(
     Q : array_like, shape (n, n), optional
         Covariance of the process noise of a step, in continuous time its
         density. It makes what is seen late say less about the beginning.
+    breakpoints : array_like, shape (m,), optional
+        Of a system that varies: times inside the window where A(t) or C(t) jumps, or
+        where something short begins or ends.
 
     Returns
     -------
@@ -108,9 +116,12 @@ def gramian(
     -----
     A short window by the exponential of Van Loan 1978's block matrix, then
     doubled as often as it takes; all sums are of positive terms. Rank and
-    bounds of long windows keep twice the digits when taken from `problem`. Where A
-    varies, Gauss-Legendre quadrature, its panels halved until the Gramian keeps eleven
-    digits.
+    bounds of long windows keep twice the digits when taken from `problem`.
+
+    Where A or C varies, Gauss-Legendre quadrature, each panel halved until the Gramian keeps
+    eleven digits. Functions can be asked at points only: A(t) and C(t) are looked at 512
+    times in the window, between breakpoints at least 64 times. What is shorter than a
+    hundredth of that may be missed, and is not unless `breakpoints` name it.
 
     Examples
     --------
@@ -119,8 +130,8 @@ def gramian(
            [2.        , 2.66666667]])
     """
     if times is not None:
-        if window is not None or dt is not None or Q is not None:
-            raise InputError("times goes without window, dt and Q")
+        if any(given is not None for given in (window, dt, Q, breakpoints)):
+            raise InputError("times goes without window, dt, Q and breakpoints")
         seen = rows(A, C, times=times, R=R)
         return _square(seen, "times")
     if window is None:
@@ -128,7 +139,9 @@ def gramian(
     if _varies(A) or _varies(C):
         if dt is not None or Q is not None:
             raise InputError("a system that varies goes without dt and Q")
-        return _integral(A, C, number(window, "window"), R)
+        return _integral(A, C, number(window, "window"), R, breakpoints)
+    if breakpoints is not None:
+        raise InputError("breakpoints go with A(t) or C(t), and a window")
     dt = sampled(A, dt)
     constant: tuple[Any, Any] = (A, C)
     a, c = matrices(*constant)
@@ -160,26 +173,101 @@ def _square(seen: Array, what: str) -> Array:
     return found
 
 
-def _integral(A: Any, C: Any, window: float, R: ArrayLike | None) -> Array:
+def _integral(
+    A: Any, C: Any, window: float, R: ArrayLike | None, breakpoints: ArrayLike | None
+) -> Array:
     """Return the Gramian of a system that varies."""
     if not window > 0:
         raise InputError(f"window = {window}: must be > 0 and finite")
     nodes, weights = np.polynomial.legendre.leggauss(8)
-    before: Array | None = None
-    for panels in 2 ** np.arange(1, 12):
-        width = window / panels
-        at = (width * (np.arange(panels)[:, None] + (nodes + 1) / 2)).ravel()
+    begins, ends = _resolved(A, C, _panels(window, breakpoints), nodes)
+
+    def grams(begins: Array, ends: Array) -> Array:
+        # All at once: the transition is followed through the nodes of all panels in turn.
+        half = (ends - begins) / 2
+        at = ((begins + half)[:, None] + half[:, None] * nodes).ravel()
         seen = rows(A, C, times=np.concatenate([[0.0], at]), R=R)
-        block = seen.shape[0] // (len(at) + 1)
-        root = np.sqrt(np.tile(weights * width / 2, panels)).repeat(block)
-        found = _square(root[:, None] * seen[block:], f"window = {window}")
-        if before is not None and np.abs(found - before).max() <= 1e-11 * np.abs(found).max():
-            return found
-        before = found
+        seen = seen.reshape(len(at) + 1, -1, seen.shape[1])[1:]
+        seen = seen * np.sqrt(half[:, None] * weights).ravel()[:, None, None]
+        seen = seen.reshape(len(begins), -1, seen.shape[2])
+        with np.errstate(over="ignore", invalid="ignore"):
+            found: Array = np.swapaxes(seen, 1, 2) @ seen
+        if not np.isfinite(found).all():
+            raise InputError(f"window = {window}: the Gramian overflows float64")
+        return found
+
+    coarse = grams(begins, ends)
+    done: Array = np.zeros(coarse.shape[1:])
+    for _ in range(20):
+        middles = (begins + ends) / 2
+        order = np.argsort(np.concatenate([begins, middles]), kind="stable")
+        begins = np.concatenate([begins, middles])[order]
+        ends = np.concatenate([middles, ends])[order]
+        fine = grams(begins, ends)
+        halves = fine.reshape(-1, 2, *fine.shape[1:]).sum(axis=1)
+        size = np.abs(done + halves.sum(axis=0)).max()
+        off = np.abs(halves - coarse).max(axis=(1, 2)) > 1e-12 * size
+        done += halves[~off].sum(axis=0)
+        if not off.any():
+            return done
+        again = off.repeat(2)
+        begins, ends, coarse = begins[again], ends[again], fine[again]
+        if len(begins) > MOST_PANELS:
+            break
     raise InputError(
-        f"window = {window}: {8 * panels} samples do not suffice for the Gramian: is A(t) "
-        "smooth, and the window not too long?"
+        f"window = {window}: the Gramian does not settle about t = {begins[0]:.6g}: A(t) or C(t) "
+        "jumps there, which breakpoints would say, or the window is too long"
     )
+
+
+def _panels(window: float, breakpoints: ArrayLike | None) -> Array:
+    """Return the ends of the first panels of a quadrature, (panels + 1,)."""
+    given = np.atleast_1d(finite([] if breakpoints is None else breakpoints, "breakpoints [-]"))
+    if given.ndim != 1:
+        raise InputError(f"breakpoints has shape {given.shape}: must be (m,)")
+    if (bad := np.flatnonzero((given <= 0) | (given >= window))).size:
+        k = bad[0]
+        raise InputError(
+            f"breakpoints[{k}] = {given[k]}: must be inside the window, between 0 and {window}"
+        )
+    inner = np.unique(given)
+    between = np.concatenate([[0.0], inner, [window]])
+    counts = np.maximum(2, np.ceil(16 * np.diff(between) / window)).astype(int)
+    parts = [
+        np.linspace(a, b, count + 1)[:-1]
+        for a, b, count in zip(between[:-1], between[1:], counts, strict=True)
+    ]
+    return np.concatenate([*parts, [window]])
+
+
+def _resolved(A: Any, C: Any, edges: Array, nodes: Array) -> tuple[Array, Array]:
+    """Return beginnings and ends of panels, those cut that hide something between nodes."""
+    powers = np.polynomial.legendre.legvander(nodes, 7)
+    todo = list(zip(edges[:-1], edges[1:], [5] * (len(edges) - 1), strict=True))
+    # What A(t) and C(t) are between the nodes, at times without a pattern.
+    inside = np.concatenate([[0.0, 1.0], (np.arange(PROBES) * 0.618033988749895) % 1.0])
+    out: list[tuple[float, float]] = []
+    functions = [(given, name) for given, name in ((A, "A"), (C, "C")) if _varies(given)]
+    largest = {name: 0.0 for _, name in functions}
+    while todo:
+        begin, end, left = todo.pop()
+        middle, half = (begin + end) / 2, (end - begin) / 2
+        smooth = True
+        for given, name in functions:
+            values = np.array([_at(given, middle + half * x, name, None) for x in nodes])
+            fit = np.linalg.solve(powers, values.reshape(len(nodes), -1))
+            at = 2 * inside - 1
+            guess = np.polynomial.legendre.legvander(at, 7) @ fit
+            seen = np.array([_at(given, middle + half * x, name, None) for x in at])
+            seen = seen.reshape(guess.shape)
+            largest[name] = max(largest[name], float(np.abs(seen).max(initial=0.0)))
+            smooth &= bool(np.abs(seen - guess).max(initial=0.0) <= 1e-3 * largest[name])
+        if smooth or left == 0:
+            out.append((begin, end))
+        else:
+            todo += [(begin, middle, left - 1), (middle, end, left - 1)]
+    found = np.array(sorted(out))
+    return found[:, 0], found[:, 1]
 
 
 def rows(

@@ -197,6 +197,9 @@ def linear_report(
         )
     )
     tone, headline, weakness = linear_verdict(found.nullity, observed)
+    if found.undecided:
+        tone, headline = "weak", "UNDECIDED"
+        weakness = "; what decides it is too near to rounding, the rank may be larger"
     verdict += weakness
     if observed is not None and (unlearned := _unlearned(observed.information)):
         told = ", ".join(f"{name} ({brief(ratio)} of the prior)" for name, ratio in unlearned)

@@ -922,6 +922,17 @@ fn pivoted<T: Real>(a: &[T], n: usize, rtol: T, rank: usize, s: &[T]) -> Option<
     })
 }
 
+/// The size of a part of a vector that was taken for rounding and may be none, else zero: a row
+/// that shows a direction shows it with these parts and without.
+fn doubtful<T: Real>(x: T, touch: T) -> T {
+    let size = x.abs();
+    if size <= touch && size > T::EPSILON * T::of(64.0) {
+        size
+    } else {
+        T::zero()
+    }
+}
+
 /// The directions that the spectrum of `a` leaves open, asked again of rows so light
 /// that rounding of the heavy ones hid them.
 #[allow(clippy::too_many_arguments)]
@@ -947,6 +958,9 @@ fn levels<T: Real>(
         })
         .collect();
     let p = n - rank;
+    let dropped: Vec<Vec<T>> = (rank..n)
+        .map(|k| unit(k).into_iter().map(|x| doubtful(x, touch)).collect())
+        .collect();
     let mut rest = vec![T::zero(); a.len() / n * p];
     let mut found = false;
     // Far above what inaccurate rows leave: a light row is seen by most of its size.
@@ -965,11 +979,13 @@ fn levels<T: Real>(
         if here <= most * T::EPSILON.sqrt() {
             continue;
         }
-        for (vector, x) in open.iter().zip(out) {
+        for ((vector, left_out), x) in open.iter().zip(&dropped).zip(out) {
             let (mut sum, mut size, mut part) = (T::zero(), T::zero(), T::zero());
-            for ((&r, &c), &d) in row.iter().zip(vector).zip(scale) {
+            let mut without = T::zero();
+            for (((&r, &c), &d), &l) in row.iter().zip(vector).zip(scale).zip(left_out) {
                 sum += r * d * c;
                 size += (r * d * c).abs();
+                without += (r * d).abs() * l;
                 if c != T::zero() {
                     part += (r * d).abs();
                 }
@@ -978,7 +994,7 @@ fn levels<T: Real>(
                 let each = errors.iter().zip(vector).zip(scale);
                 each.fold(T::zero(), |doubt, ((&e, &c), &d)| doubt + e * d * c.abs())
             });
-            if sum.abs() > sure * size + touch * part + doubt * T::of(3.0) {
+            if sum.abs() > sure * size + touch * part + without + doubt * T::of(3.0) {
                 *x = sum;
                 found = true;
                 light_doubt = light_doubt.max(doubt / sum.abs());

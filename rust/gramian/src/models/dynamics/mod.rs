@@ -5,6 +5,7 @@
 //! differentiated exactly (the variational equations, discretised as the state is), so
 //! that the transitions are those of the numbers that were computed.
 
+mod blocks;
 mod trajectory;
 mod windows;
 

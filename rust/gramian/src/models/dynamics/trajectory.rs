@@ -3,6 +3,7 @@
 use alloc::vec;
 use alloc::vec::Vec;
 
+use super::blocks;
 use crate::linear::window::solve;
 use crate::scalar::{NumberError, all_finite, check_finite, check_length};
 
@@ -15,6 +16,15 @@ pub trait System {
     fn states(&self) -> usize;
     /// Number of outputs.
     fn outputs(&self) -> usize;
+    /// Whether its functions take many points in little more time than one: then they are
+    /// asked about many at once, of which some are guesses far from the trajectory.
+    fn takes_many(&self) -> bool {
+        false
+    }
+    /// Whether an error ends everything, even where a guess may be what caused it.
+    fn is_final(&self, _: &Self::Error) -> bool {
+        true
+    }
     /// f: k x n.
     ///
     /// # Errors
@@ -107,7 +117,7 @@ pub struct Trajectory {
 }
 
 /// Gauss-Legendre, three stages, order six.
-mod gauss {
+pub(super) mod gauss {
     const ROOT: f64 = 3.872_983_346_207_417; // sqrt(15)
     pub const NODES: [f64; 3] = [0.5 - ROOT / 10.0, 0.5, 0.5 + ROOT / 10.0];
     pub const WEIGHTS: [f64; 3] = [5.0 / 18.0, 4.0 / 9.0, 5.0 / 18.0];
@@ -130,7 +140,7 @@ mod gauss {
     ];
 }
 
-const STAGES: usize = 3;
+pub(super) const STAGES: usize = 3;
 
 /// Follows x' = f(t, x) from `x0` at `times[0]` through all `times`.
 ///
@@ -160,50 +170,153 @@ pub fn integrate<S: System>(
         }
         .into());
     }
-    let (mut states, mut transitions) = (x0.to_vec(), Vec::new());
-    let mut changes = Changes::new(n);
-    let (mut substeps, mut steps, mut tried) = (1_usize, 0, 0_usize);
-    for pair in times.windows(2) {
-        let from = states.len() - n;
-        let x = states[from..].to_vec();
+    let mut way = Way {
+        states: x0.to_vec(),
+        transitions: Vec::new(),
+        changes: Changes::new(n),
+        substeps: 1,
+        steps: 0,
+        tried: 0,
+        most,
+    };
+    let (mut first, mut length) = (0, 32);
+    while first + 1 < times.len() {
+        let last = (first + length).min(times.len() - 1);
+        if system.takes_many()
+            && last > first + 1
+            && way.many(system, &times[first..=last], rtol)?
+        {
+            (first, length) = (last, (2 * length).min(256));
+            continue;
+        }
+        way.one(system, times[first], times[first + 1], rtol)?;
+        (first, length) = (first + 1, (length / 4).max(2));
+    }
+    let (states, transitions) = (way.states, way.transitions);
+    look(system, states, transitions, &way.changes, times, way.steps)
+}
+
+/// A trajectory as far as it has come.
+struct Way {
+    states: Vec<f64>,
+    transitions: Vec<f64>,
+    changes: Changes,
+    /// What the last interval took.
+    substeps: usize,
+    steps: usize,
+    /// Steps that were taken, those of rejected attempts among them.
+    tried: usize,
+    most: usize,
+}
+
+impl Way {
+    fn allow<E>(&mut self, steps: usize, time: f64) -> Result<(), Failure<E>> {
+        self.tried += steps;
+        let most = self.most;
+        if self.tried > most {
+            return Err(Failure::TooFar { most, time });
+        }
+        Ok(())
+    }
+
+    /// One interval.
+    fn one<S: System>(
+        &mut self,
+        system: &mut S,
+        from: f64,
+        to: f64,
+        rtol: f64,
+    ) -> Result<(), Failure<S::Error>> {
+        let n = system.states();
+        let x = self.states[self.states.len() - n..].to_vec();
         // What served before, or half of it.
-        substeps = (substeps / 2).max(1);
-        let mut allow = |steps: usize| {
-            tried += steps;
-            let time = pair[0];
-            if tried > most {
-                return Err(Failure::TooFar { most, time });
-            }
-            Ok(())
-        };
-        allow(substeps)?;
-        let mut coarse = leap(system, &x, pair[0], pair[1], substeps)?;
+        let mut substeps = (self.substeps / 2).max(1);
+        self.allow(substeps, from)?;
+        let mut coarse = leap(system, &x, from, to, substeps)?;
         loop {
             substeps *= 2;
             if substeps > 1 << 14 {
                 return Err(Failure::Stuck {
-                    time: pair[0],
-                    step: (pair[1] - pair[0]) / substeps as f64,
+                    time: from,
+                    step: (to - from) / substeps as f64,
                 });
             }
-            allow(substeps)?;
-            let fine = leap(system, &x, pair[0], pair[1], substeps)?;
-            steps += substeps;
+            self.allow(substeps, from)?;
+            let fine = leap(system, &x, from, to, substeps)?;
+            self.steps += substeps;
             if let (Some(a), Some(b)) = (&coarse, &fine)
                 && close(&a.0, &b.0, rtol)
                 && close(&a.1, &b.1, rtol)
             {
-                states.extend_from_slice(&b.0);
-                transitions.extend_from_slice(&b.1);
-                changes.add(a, b);
+                self.states.extend_from_slice(&b.0);
+                self.transitions.extend_from_slice(&b.1);
+                self.changes.add([&a.0, &a.1], [&b.0, &b.1]);
                 // The difference is that of the coarse one: these were enough.
-                substeps /= 2;
-                break;
+                self.substeps = substeps / 2;
+                return Ok(());
             }
             coarse = fine;
         }
     }
-    look(system, states, transitions, &changes, times, steps)
+
+    /// All intervals of `times` at once, by the same criterion; whether they could be.
+    fn many<S: System>(
+        &mut self,
+        system: &mut S,
+        times: &[f64],
+        rtol: f64,
+    ) -> Result<bool, Failure<S::Error>> {
+        let n = system.states();
+        let x = self.states[self.states.len() - n..].to_vec();
+        let count = times.len() - 1;
+        let mut substeps = vec![2 * self.substeps.div_ceil(2).max(1); count];
+        // States at the beginnings of the intervals, and at the end.
+        let mut path = x.repeat(count + 1);
+        for _ in 0..6 {
+            self.allow(substeps.iter().sum::<usize>() * 3 / 2, times[0])?;
+            let mesh = blocks::mesh(times, &substeps, false);
+            let fine = match blocks::ends(system, &mesh, &substeps, &x, &path) {
+                Ok(Some(fine)) => fine,
+                Err(error) if system.is_final(&error) => return Err(Failure::System(error)),
+                Ok(None) | Err(_) => return Ok(false),
+            };
+            path.truncate(n);
+            path.extend_from_slice(&fine.states);
+            let half: Vec<usize> = substeps.iter().map(|s| s / 2).collect();
+            let mesh = blocks::mesh(times, &half, true);
+            let long = match blocks::ends(system, &mesh, &half, &path[..count * n], &path) {
+                Ok(Some(long)) => long,
+                Err(error) if system.is_final(&error) => return Err(Failure::System(error)),
+                Ok(None) | Err(_) => return Ok(false),
+            };
+            self.steps += substeps.iter().sum::<usize>();
+            let ends = |of: &blocks::Ends, k: usize| -> [Vec<f64>; 2] {
+                [
+                    of.states[k * n..(k + 1) * n].to_vec(),
+                    of.transitions[k * n * n..(k + 1) * n * n].to_vec(),
+                ]
+            };
+            let mut done = true;
+            for (k, substeps) in substeps.iter_mut().enumerate() {
+                let (a, b) = (ends(&long, k), ends(&fine, k));
+                if !(close(&a[0], &b[0], rtol) && close(&a[1], &b[1], rtol)) {
+                    *substeps *= 2;
+                    done = false;
+                }
+            }
+            if done {
+                for k in 0..count {
+                    let (a, b) = (ends(&long, k), ends(&fine, k));
+                    self.changes.add([&a[0], &a[1]], [&b[0], &b[1]]);
+                }
+                self.states.extend_from_slice(&fine.states);
+                self.transitions.extend_from_slice(&fine.transitions);
+                self.substeps = substeps[count - 1] / 2;
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
 }
 
 /// What steps twice as long would have changed.
@@ -222,14 +335,14 @@ impl Changes {
     }
 
     /// One more interval: state and transition at its end by long steps, and by short ones.
-    fn add(&mut self, long: &(Vec<f64>, Vec<f64>), short: &(Vec<f64>, Vec<f64>)) {
-        let n = short.0.len();
+    fn add(&mut self, long: [&[f64]; 2], short: [&[f64]; 2]) {
+        let n = short[0].len();
         let before = self.states[self.states.len() - n..].to_vec();
         for i in 0..n {
-            let carried: f64 = (0..n).map(|j| short.1[i * n + j] * before[j]).sum();
-            self.states.push(carried + long.0[i] - short.0[i]);
+            let carried: f64 = (0..n).map(|j| short[1][i * n + j] * before[j]).sum();
+            self.states.push(carried + long[0][i] - short[0][i]);
         }
-        for (x, y) in long.1.iter().zip(&short.1) {
+        for (x, y) in long[1].iter().zip(short[1]) {
             // A few units in the last place, up and down without a pattern.
             let place = self.transitions.len() as u64;
             let sign = if place.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 63 == 0 {
@@ -275,8 +388,7 @@ pub fn iterate<S: System>(
         .chunks_exact(n)
         .zip(transitions.chunks_exact(n * n))
     {
-        let end = (x.to_vec(), phi.to_vec());
-        changes.add(&end, &end);
+        changes.add([x, phi], [x, phi]);
     }
     look(system, states, transitions, &changes, times, count)
 }
@@ -466,32 +578,19 @@ fn leap<S: System>(
         system
             .rate_jacobian(&stage_times, &points, &mut local)
             .map_err(Failure::System)?;
-        // d rates: (I - h A (x) J) dK = J.
-        let rhs = local.clone();
-        let Some(derivative) = all_finite(&local)
-            .then(|| solve_block(&local, h, n, rhs, n))
-            .flatten()
-        else {
+        let step = all_finite(&local)
+            .then(|| blocks::transition(&local, h, n))
+            .flatten();
+        let Some(step) = step else {
             return Ok(None);
         };
-        let mut step = vec![0.0; n * n];
-        for i in 0..n {
-            step[i * n + i] = 1.0;
-        }
-        for (s, weight) in gauss::WEIGHTS.iter().enumerate() {
-            for i in 0..n {
-                x[i] += h * weight * rates[s * n + i];
-            }
-            for (y, d) in step.iter_mut().zip(&derivative[s * n * n..]) {
-                *y += h * weight * d;
-            }
-        }
+        blocks::advance(&mut x, &rates, h);
         phi = product(&step, &phi, n);
     }
     Ok((all_finite(&x) && all_finite(&phi)).then_some((x, phi)))
 }
 
-fn product(a: &[f64], b: &[f64], n: usize) -> Vec<f64> {
+pub(super) fn product(a: &[f64], b: &[f64], n: usize) -> Vec<f64> {
     let mut out = vec![0.0; n * n];
     for (row, line) in out.chunks_exact_mut(n).zip(a.chunks_exact(n)) {
         for (&factor, b) in line.iter().zip(b.chunks_exact(n)) {
@@ -560,7 +659,7 @@ fn stages<S: System>(
 }
 
 /// Solves (I - h A (x) J) y = rhs, `columns` columns, for the three stages at once.
-fn solve_block(
+pub(super) fn solve_block(
     jacobian: &[f64],
     h: f64,
     n: usize,

@@ -106,18 +106,23 @@ impl<T: Real> Motion<T> {
         if let Some(force) = &self.specific_force {
             check_finite("specific_force", force)?;
         }
-        let tolerance = T::of(1e-9).max(T::of(32.0) * T::EPSILON);
-        for (i, a) in self.attitude.iter().enumerate() {
-            for (j, b) in self.attitude.iter().enumerate() {
-                let unit = if i == j { T::one() } else { T::zero() };
-                let error = dot(a, b) - unit;
-                if !(error.abs() <= tolerance) {
-                    return Err(Error::Attitude);
-                }
+        check_rotation(&self.attitude)
+    }
+}
+
+/// Refuses what is not orthogonal.
+pub(super) fn check_rotation<T: Real>(matrix: &[[T; 3]; 3]) -> Result<(), Error> {
+    let tolerance = T::of(1e-9).max(T::of(32.0) * T::EPSILON);
+    for (i, a) in matrix.iter().enumerate() {
+        for (j, b) in matrix.iter().enumerate() {
+            let unit = if i == j { T::one() } else { T::zero() };
+            let error = dot(a, b) - unit;
+            if !(error.abs() <= tolerance) {
+                return Err(Error::Attitude);
             }
         }
-        Ok(())
     }
+    Ok(())
 }
 
 /// States of the full model; see [`Group`].

@@ -10,12 +10,15 @@
 //!
 //! [`error_model`] gives the matrices of x' = A x, z = C x for [`linear`](crate::linear);
 //! [`Segments`] splits a flight of legs into parts with constant matrices, [`Recorded`] one
-//! given by samples of attitude and velocity, such as those of a [`Sway`].
+//! given by samples of attitude and velocity, such as those of a [`Sway`]. [`Visual`] is a
+//! camera beside a navigator, for [`dynamics`](crate::dynamics).
 
 mod earth;
 mod error_model;
 mod flight;
 mod recorded;
+#[cfg(feature = "alloc")]
+mod visual;
 
 pub use earth::{EARTH_RATE, check_place, gravity, radii};
 pub use error_model::{
@@ -24,6 +27,8 @@ pub use error_model::{
 };
 pub use flight::{Leg, MOST_SEGMENTS, Segment, Segments, Start};
 pub use recorded::{Recorded, Sample, Sway};
+#[cfg(feature = "alloc")]
+pub use visual::{CORE, Unknown, Visual};
 
 use crate::numbers::errors::Shown;
 use crate::scalar::{NumberError, Real};
@@ -115,6 +120,14 @@ pub enum Error {
         leg: usize,
         /// How many it would make.
         segments: f64,
+    },
+    /// A landmark that the camera cannot see.
+    #[error("landmarks[{landmark}] is not in front of the camera at t = {} s", Shown(*.time))]
+    Behind {
+        /// Which landmark.
+        landmark: usize,
+        /// When, s.
+        time: f64,
     },
     /// A number that is not finite or not positive, or a result that overflows.
     #[error(transparent)]

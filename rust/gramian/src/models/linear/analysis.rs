@@ -34,6 +34,7 @@ pub struct Analysis<T> {
     ranks: Vec<usize>,
     rank: usize,
     reliable: bool,
+    undecided: bool,
     found: Found<T>,
     rtol: T,
 }
@@ -77,14 +78,17 @@ impl<T: Real> Analysis<T> {
             check_rtol(rtol)?;
         }
         let (mut a, mut c) = (a.to_vec(), c.to_vec());
-        let scale = balance(&mut a, &mut c, n).states;
+        let balanced = balance(&mut a, &mut c, n);
+        let scale = balanced.states;
         scaling::check(&a, &c, n)?;
+        let given = rtol;
         let rtol = rtol.unwrap_or_else(|| staircase::default_rtol(n));
         let mut rows = vec![T::zero(); n.max(p) * n];
         let (mut v, mut w) = (vec![T::zero(); n], vec![T::zero(); n]);
         a.chunks_exact(n * n)
             .zip(c.chunks_exact(p * n))
-            .map(|(a, c)| {
+            .zip(&balanced.centers)
+            .map(|((a, c), &center)| {
                 let mut basis = vec![T::zero(); n * n];
                 let mut ranks = vec![0; n];
                 let form = Staircase {
@@ -107,11 +111,14 @@ impl<T: Real> Analysis<T> {
                     ranks,
                     rank,
                     reliable: found.reliable(n),
+                    undecided: false,
                     found,
                     rtol,
                 };
+                let center = center * balanced.time;
+                form.reliable &= found.above_rounding_of(center, n);
                 if !form.reliable {
-                    form.decide_on_the_pencil(a, c)?;
+                    form.decide_on_the_pencil(a, c, given, center)?;
                 }
                 Ok(form)
             })
@@ -119,10 +126,23 @@ impl<T: Real> Analysis<T> {
     }
 
     /// Rank and kernel where the staircase cannot be relied on.
-    fn decide_on_the_pencil(&mut self, a: &[T], c: &[T]) -> Result<(), Error> {
+    fn decide_on_the_pencil(
+        &mut self,
+        a: &[T],
+        c: &[T],
+        rtol: Option<T>,
+        center: T,
+    ) -> Result<(), Error> {
         let double = |x: &[T]| x.iter().map(|x| x.double()).collect::<Vec<f64>>();
-        let rtol = Some(self.rtol.double());
-        let decided = super::unobservable::deflated(&double(a), &double(c), self.n, rtol)?;
+        // In single precision the tolerance is that of its rounding.
+        let rtol = if T::EPSILON.double() > 1e-10 {
+            Some(self.rtol.double())
+        } else {
+            rtol.map(T::double)
+        };
+        let (a, c, center) = (double(a), double(c), center.double());
+        let decided = super::unobservable::decided(&a, &c, self.n, rtol, center)?;
+        self.undecided = decided.undecided;
         self.rank = self.n - decided.dimension();
         self.basis = decided
             .row_space
@@ -139,6 +159,12 @@ impl<T: Real> Analysis<T> {
     /// that they cannot be told. [`rank`](Self::rank) and the kernel are right all the same.
     pub fn ranks(&self) -> Option<&[usize]> {
         self.reliable.then_some(&self.ranks)
+    }
+
+    /// Whether the rank may be larger: a singular value of the pencil is so near to rounding
+    /// that it may be zero, and was counted as zero.
+    pub fn undecided(&self) -> bool {
+        self.undecided
     }
 
     /// The rank of the whole observability matrix.

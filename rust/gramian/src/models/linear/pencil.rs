@@ -100,6 +100,9 @@ pub struct Unobservable {
     pub weakest: f64,
     /// What was decided with, over the norm.
     pub rtol: f64,
+    /// Whether a singular value was so near to the tolerance that another one would have
+    /// found another dimension; this one is then the most it may be.
+    pub undecided: bool,
     states: usize,
 }
 
@@ -428,6 +431,7 @@ impl Pencil {
             rejected: left.rejected / norm,
             weakest: weakest / norm,
             rtol,
+            undecided: false,
             states: n,
         })
     }
@@ -602,6 +606,112 @@ pub(super) fn restricted(a: &[f64], n: usize, kernel: &[f64]) -> Vec<f64> {
         }
     }
     restricted
+}
+
+/// X (k x m) with a X - X own = -out and c X = -shown as nearly as can be, to first order the
+/// step to an invariant subspace that is not seen: a (k x k), c (p x k), own (m x m), out
+/// (k x m), shown (p x m). `None` where a step is not small.
+pub(super) fn correction(
+    a: &[f64],
+    c: &[f64],
+    own: &[f64],
+    out: &[f64],
+    shown: &[f64],
+) -> Result<Option<Vec<f64>>, Error> {
+    let m = order_of(own);
+    let k = out.len() / m;
+    let p = c.len() / k;
+    let form = Schur::new(a, k)?;
+    let seen = product_with_vectors(c, &form.vectors);
+    let inner = Schur::new(own, m)?;
+    // In the Schur vectors of both the columns come one after the other.
+    let turned = |x: &[f64], rows: usize, j: usize| -> Vec<C64> {
+        (0..rows)
+            .map(|i| {
+                (0..m).fold(C64::default(), |sum, l| {
+                    sum - inner.vectors.get(j, l) * x[i * m + l]
+                })
+            })
+            .collect()
+    };
+    let mut columns: Vec<Vec<C64>> = Vec::with_capacity(m);
+    let mut r = Matrix::zeros(k, k);
+    for j in 0..m {
+        let plain = turned(out, k, j);
+        // Q^H of it: the rows of `vectors` are the columns of Q.
+        let mut right: Vec<C64> = (0..k)
+            .map(|i| {
+                (0..k).fold(C64::default(), |sum, l| {
+                    sum + form.vectors.get(i, l).conj() * plain[l]
+                })
+            })
+            .collect();
+        for (before, column) in columns.iter().enumerate() {
+            let factor = inner.t.get(before, j);
+            for (x, &y) in right.iter_mut().zip(column) {
+                *x += factor * y;
+            }
+        }
+        let z = inner.eigenvalue(j);
+        r.re.copy_from_slice(&form.t.re);
+        r.im.copy_from_slice(&form.t.im);
+        for i in 0..k {
+            r.set(i, i, form.t.get(i, i) - z);
+        }
+        let more = turned(shown, p, j);
+        for (o, &target) in more.iter().enumerate() {
+            let mut target = target;
+            let (mut x_re, mut x_im) = (
+                seen.re[o * k..(o + 1) * k].to_vec(),
+                seen.im[o * k..(o + 1) * k].to_vec(),
+            );
+            for i in 0..k {
+                let x = C64::new(x_re[i], x_im[i]);
+                if x.norm_sqr() == 0.0 {
+                    continue;
+                }
+                let g = Rotation::onto_first(r.get(i, i), x);
+                let row = i * k + i..(i + 1) * k;
+                rotate(
+                    &mut r.re[row.clone()],
+                    &mut r.im[row],
+                    &mut x_re[i..],
+                    &mut x_im[i..],
+                    g,
+                );
+                let (u, w) = (right[i], target);
+                right[i] = u * g.c + g.s * w;
+                target = w * g.c - g.s.conj() * u;
+            }
+        }
+        let (mut re, mut im): (Vec<f64>, Vec<f64>) = right.iter().map(|z| (z.re, z.im)).unzip();
+        if (0..k).any(|i| abs(r.get(i, i)) == 0.0) {
+            return Ok(None);
+        }
+        solve(&r, &mut re, &mut im);
+        columns.push(re.iter().zip(&im).map(|(&x, &y)| C64::new(x, y)).collect());
+    }
+    // X = Q Y U^H
+    let mut x = vec![0.0; k * m];
+    for (j, column) in columns.iter().enumerate() {
+        for i in 0..k {
+            let value = (0..k).fold(C64::default(), |sum, l| {
+                sum + form.vectors.get(l, i) * column[l]
+            });
+            for l in 0..m {
+                x[i * m + l] += (value * inner.vectors.get(j, l).conj()).re;
+            }
+        }
+    }
+    let size = x.iter().map(|x| x * x).sum::<f64>();
+    Ok((size < 0.25).then_some(x))
+}
+
+/// The n of an n x n matrix.
+fn order_of(square: &[f64]) -> usize {
+    (0..=square.len())
+        .find(|m| m * m >= square.len())
+        .unwrap_or(0)
 }
 
 /// Orthonormal rows that span the invariant subspaces of the eigenvalues left and right

@@ -44,12 +44,22 @@ pub struct Found<T> {
     pub first: T,
     /// A bound on how much the steps together magnify a relative error of A and C.
     pub growth: T,
+    /// The length of the longest row of A.
+    pub size: T,
 }
 
 impl<T: Real> Found<T> {
     /// A component of a basis vector below this is rounding.
     pub(crate) fn touch(&self, rtol: T) -> T {
         (T::of(4.0) * rtol / self.weakest).clamp(T::of(4.0) * T::EPSILON, T::of(1e-2))
+    }
+
+    /// Whether all couplings that counted exceed what rounding leaves in a balanced A of which
+    /// `center` was taken: its entries are rounded as large as they came.
+    pub(crate) fn above_rounding_of(&self, center: T, n: usize) -> bool {
+        let rounding = T::of(16.0 * n as f64) * T::EPSILON * center.abs();
+        // Where nothing is left A was that multiple of the identity.
+        self.weakest * self.size > rounding || self.size == T::zero() || rounding == T::zero()
     }
 
     /// Whether rounding, magnified, leaves the kernels of n states to three digits.
@@ -71,7 +81,9 @@ pub fn default_rtol<T: Real>(n: usize) -> T {
 
 /// Takes the middle diagonal entry from the whole diagonal: the row spaces of
 /// all `O_k` stay as they are, and a discrete system near the identity keeps its
-/// digits. Differences that are rounding become zero. Returns what was taken.
+/// digits. Differences that are rounding become zero, and so do couplings between two states
+/// without such a difference, there and back, of which the product is rounding squared: a
+/// multiple of the identity in other coordinates has no other. Returns what was taken.
 #[inline(always)]
 pub fn center<T: Real>(a: &mut [T], n: usize, stride: usize, sorted: &mut [T]) -> T {
     for i in 0..n {
@@ -93,6 +105,20 @@ pub fn center<T: Real>(a: &mut [T], n: usize, stride: usize, sorted: &mut [T]) -
         } else {
             centered
         };
+    }
+    let rounding = T::of(2.0 * n as f64) * T::EPSILON * middle;
+    let rounding = rounding * rounding;
+    for i in 0..n {
+        if a[i * stride + i] != T::zero() {
+            continue;
+        }
+        for j in 0..i {
+            let product = a[i * stride + j] * a[j * stride + i];
+            if product.abs() <= rounding && product != T::zero() && a[j * stride + j] == T::zero() {
+                a[i * stride + j] = T::zero();
+                a[j * stride + i] = T::zero();
+            }
+        }
     }
     middle
 }
@@ -125,6 +151,7 @@ impl<T: Real> Staircase<'_, T> {
             rejected: zero,
             first: T::one(),
             growth: T::one(),
+            size,
         };
         let (mut first, mut rank) = (0, 0);
         // What is left open in the kernel after each step by an error of one: a bound.

@@ -76,7 +76,7 @@ impl Unobservable {
         let scales = balance(&mut a, &mut c, n);
         scaling::check(&a, &c, n)?;
         let (states, time, center) = (scales.states, scales.time, scales.centers[0]);
-        let found = deflated(&a, &c, n, rtol)?;
+        let found = decided(&a, &c, n, rtol, center * time)?;
         let touch = found.touch();
         let null_space = reduced_null_space(&found.kernel, &states, touch).0;
         let mut modes = Vec::new();
@@ -204,6 +204,212 @@ impl Unobservable {
     }
 }
 
+/// The unobservable subspace of a balanced system from the diagonal of which `center` was
+/// taken. The tolerance, where none is given, is that for rounding; where it is not clear
+/// whether a singular value is, what may be lost is counted.
+pub(super) fn decided(
+    a: &[f64],
+    c: &[f64],
+    n: usize,
+    rtol: Option<f64>,
+    center: f64,
+) -> Result<pencil::Unobservable, Error> {
+    let found = deflated(a, c, n, rtol)?;
+    if rtol.is_some() {
+        return Ok(found);
+    }
+    let size = root(dot(a, a) + dot(c, c)).max(f64::MIN_POSITIVE);
+    // The entries of A are rounded as large as they came, center and all; where nothing is
+    // left A was that multiple of the identity.
+    let entries = if a.iter().all(|x| *x == 0.0) {
+        0.0
+    } else {
+        16.0 * f64::EPSILON * center.abs() / size
+    };
+    let zero = found.rtol / 16.0;
+    let clear = (16.0 * found.rtol).max(entries);
+    if found.rejected <= zero && found.weakest >= clear.max(SUSPECT) {
+        return Ok(found);
+    }
+    // Which directions to split off, a tolerance may choose badly where eigenvalues are
+    // defective. So several do; what counts is whether their subspace, refined, is one.
+    let mut best = found.clone();
+    let mut known = Subspace {
+        kernel: found.kernel.clone(),
+        rest: found.row_space.clone(),
+    };
+    best.rejected = known.refine(a, c, n)? / size;
+    if best.rejected > zero {
+        known = Subspace::none(n);
+        best.rejected = 0.0;
+    }
+    let mut possible = known.clone();
+    for tolerance in [1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, found.rtol, zero] {
+        let [rest, kernel] = by_steps(a, c, n, tolerance).0;
+        let by_pencil = Pencil::new(a, c, n)?.unobservable(Some(tolerance))?;
+        for (kernel, rest) in [(kernel, rest), (by_pencil.kernel, by_pencil.row_space)] {
+            if kernel.len() > known.kernel.len() {
+                let mut candidate = Subspace { kernel, rest };
+                let left = candidate.refine(a, c, n)? / size;
+                if left <= clear && candidate.kernel.len() > possible.kernel.len() {
+                    possible = candidate.clone();
+                }
+                if left <= zero {
+                    (known, best.rejected) = (candidate, left);
+                }
+            }
+        }
+    }
+    best.weakest = f64::INFINITY;
+    if !known.rest.is_empty() {
+        let (inner, seen) = known.quotient(a, c, n);
+        let left = Pencil::new(&inner, &seen, known.rest.len() / n)?;
+        best.weakest = left.distance().distance / size;
+    }
+    best.kernel = known.kernel;
+    best.row_space = known.rest;
+    if best.weakest >= clear {
+        return Ok(best);
+    }
+    let most = deflated(a, c, n, Some(clear.min(0.01)))?;
+    best.undecided = true;
+    if possible.kernel.len() > best.kernel.len() {
+        (best.kernel, best.row_space) = (possible.kernel, possible.rest);
+    }
+    if most.kernel.len() > best.kernel.len() {
+        (best.kernel, best.row_space) = (most.kernel, most.row_space);
+    }
+    Ok(best)
+}
+
+/// Nearer to an unobservable pair than this part of the norm, a decision is looked at again.
+const SUSPECT: f64 = 1e-5;
+
+/// Orthonormal rows that may span an unobservable subspace, and those of the complement.
+#[derive(Clone)]
+struct Subspace {
+    kernel: Vec<f64>,
+    rest: Vec<f64>,
+}
+
+impl Subspace {
+    fn none(n: usize) -> Self {
+        let mut rest = vec![0.0; n * n];
+        for i in 0..n {
+            rest[i * n + i] = 1.0;
+        }
+        Self {
+            kernel: Vec::new(),
+            rest,
+        }
+    }
+
+    /// A and C of what is left.
+    fn quotient(&self, a: &[f64], c: &[f64], n: usize) -> (Vec<f64>, Vec<f64>) {
+        (
+            pencil::restricted(a, n, &self.rest),
+            times_rows(c, &self.rest, n),
+        )
+    }
+
+    /// How far A leads out of the subspace, and C sees it: the change of both that would make
+    /// it unobservable.
+    fn leaves(&self, a: &[f64], c: &[f64], n: usize) -> f64 {
+        let mut sum = 0.0;
+        for v in self.kernel.chunks_exact(n) {
+            let image: Vec<f64> = a.chunks_exact(n).map(|line| dot(line, v)).collect();
+            sum += self
+                .rest
+                .chunks_exact(n)
+                .map(|line| dot(line, &image) * dot(line, &image))
+                .chain(c.chunks_exact(n).map(|line| dot(line, v) * dot(line, v)))
+                .sum::<f64>();
+        }
+        root(sum)
+    }
+
+    /// Newton's iteration for the nearest invariant subspace that is not seen; returns what
+    /// is left to it.
+    fn refine(&mut self, a: &[f64], c: &[f64], n: usize) -> Result<f64, Error> {
+        let mut left = self.leaves(a, c, n);
+        if self.kernel.is_empty() || self.rest.is_empty() {
+            return Ok(left);
+        }
+        for _ in 0..6 {
+            let (inner, seen) = self.quotient(a, c, n);
+            let out: Vec<f64> = {
+                let images = times_rows(a, &self.kernel, n);
+                // Q A V^T
+                let m = self.kernel.len() / n;
+                self.rest
+                    .chunks_exact(n)
+                    .flat_map(|line| {
+                        let mut row = vec![0.0; m];
+                        for (&x, image) in line.iter().zip(images.chunks_exact(m)) {
+                            add(&mut row, x, image);
+                        }
+                        row
+                    })
+                    .collect()
+            };
+            let shown = times_rows(c, &self.kernel, n);
+            let own = pencil::restricted(a, n, &self.kernel);
+            let Some(x) = pencil::correction(&inner, &seen, &own, &out, &shown)? else {
+                break;
+            };
+            let m = self.kernel.len() / n;
+            let mut kernel = self.kernel.clone();
+            for (line, x) in self.rest.chunks_exact(n).zip(x.chunks_exact(m)) {
+                for (row, &x) in kernel.chunks_exact_mut(n).zip(x) {
+                    add(row, x, line);
+                }
+            }
+            let mut next = Self {
+                kernel: Vec::with_capacity(kernel.len()),
+                rest: Vec::with_capacity(self.rest.len()),
+            };
+            append_orthonormal(&kernel, n, &[], &mut next.kernel);
+            append_orthonormal(&self.rest, n, &next.kernel, &mut next.rest);
+            let now = next.leaves(a, c, n);
+            if !(now < left) {
+                break;
+            }
+            let done = now > 0.5 * left;
+            (left, *self) = (now, next);
+            if done {
+                break;
+            }
+        }
+        Ok(left)
+    }
+}
+
+/// Rows made orthonormal, and orthogonal to those of `before`.
+fn append_orthonormal(rows: &[f64], n: usize, before: &[f64], out: &mut Vec<f64>) {
+    for row in rows.chunks_exact(n) {
+        let mut v = row.to_vec();
+        for _ in 0..2 {
+            for known in before.chunks_exact(n).chain(out.chunks_exact(n)) {
+                let along = dot(known, &v);
+                add(&mut v, -along, known);
+            }
+            let size = root(dot(&v, &v));
+            let factor = if size > 0.0 { 1.0 / size } else { 0.0 };
+            for x in &mut v {
+                *x *= factor;
+            }
+        }
+        out.extend_from_slice(&v);
+    }
+}
+
+/// M B^T for rows M (k x n) and B (m x n).
+fn times_rows(rows: &[f64], basis: &[f64], n: usize) -> Vec<f64> {
+    rows.chunks_exact(n)
+        .flat_map(|line| basis.chunks_exact(n).map(move |v| dot(line, v)))
+        .collect()
+}
+
 /// From so many states on what both ways found is not asked again.
 const SMALL: usize = 40;
 
@@ -221,7 +427,7 @@ pub(super) fn deflated(
     let mut found = Pencil::new(a, c, n)?.unobservable(rtol)?;
     let rtol = found.rtol;
     let mut again = found.dimension() > 0 && n <= SMALL;
-    let steps = by_steps(a, c, n, rtol);
+    let steps = accepted(by_steps(a, c, n, rtol), rtol);
     if steps[1].len() > found.kernel.len() {
         [found.row_space, found.kernel] = steps;
         again = true;
@@ -230,12 +436,9 @@ pub(super) fn deflated(
         let rows = &found.row_space;
         let m = rows.len() / n;
         let inner = pencil::restricted(a, n, rows);
-        let seen: Vec<f64> = c
-            .chunks_exact(n)
-            .flat_map(|line| rows.chunks_exact(n).map(move |v| dot(line, v)))
-            .collect();
+        let seen = times_rows(c, rows, n);
         let more = Pencil::new(&inner, &seen, m)?.unobservable(Some(rtol))?;
-        let steps = by_steps(&inner, &seen, m, rtol);
+        let steps = accepted(by_steps(&inner, &seen, m, rtol), rtol);
         found.weakest = more.weakest;
         found.rejected = found.rejected.max(more.rejected);
         let [left, hidden] = if steps[1].len() > more.kernel.len() {
@@ -252,9 +455,20 @@ pub(super) fn deflated(
     Ok(found)
 }
 
-/// Row space and kernel by the staircase form; no kernel where it leads out of itself, or is
-/// seen, by more than its tolerance allows.
-fn by_steps(a: &[f64], c: &[f64], n: usize, rtol: f64) -> [Vec<f64>; 2] {
+/// Row space and kernel; no kernel where it leads out of itself, or is seen, by more than its
+/// tolerance allows.
+fn accepted((found, leaves): ([Vec<f64>; 2], f64), rtol: f64) -> [Vec<f64>; 2] {
+    if leaves <= 4.0 * rtol {
+        return found;
+    }
+    let [mut basis, kernel] = found;
+    basis.extend(kernel);
+    [basis, Vec::new()]
+}
+
+/// Row space and kernel by the staircase form, and how far A leads out of the kernel and C sees
+/// it, over their norm.
+fn by_steps(a: &[f64], c: &[f64], n: usize, rtol: f64) -> ([Vec<f64>; 2], f64) {
     let outputs = c.len() / n.max(1);
     let mut basis = vec![0.0; n * n];
     let mut ranks = vec![0; n];
@@ -271,23 +485,13 @@ fn by_steps(a: &[f64], c: &[f64], n: usize, rtol: f64) -> [Vec<f64>; 2] {
     form.reduce(rtol, &mut v, &mut w, &mut ranks);
     let rank = ranks.last().copied().unwrap_or(0);
     let kernel = basis.split_off(rank * n);
-    let size = root(dot(a, a) + dot(c, c));
-    let mut leaves = 0.0;
-    for v in kernel.chunks_exact(n) {
-        let image: Vec<f64> = a.chunks_exact(n).map(|line| dot(line, v)).collect();
-        for line in basis.chunks_exact(n) {
-            leaves += dot(line, &image) * dot(line, &image);
-        }
-        for line in c.chunks_exact(n) {
-            leaves += dot(line, v) * dot(line, v);
-        }
-    }
-    if root(leaves) <= 4.0 * rtol * size {
-        [basis, kernel]
-    } else {
-        basis.extend(kernel);
-        [basis, Vec::new()]
-    }
+    let size = root(dot(a, a) + dot(c, c)).max(f64::MIN_POSITIVE);
+    let found = Subspace {
+        kernel,
+        rest: basis,
+    };
+    let leaves = found.leaves(a, c, n) / size;
+    ([found.rest, found.kernel], leaves)
 }
 
 /// Rows (k x m) in coordinates of the rows of a basis (m x n).

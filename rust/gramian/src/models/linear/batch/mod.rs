@@ -30,6 +30,7 @@ pub fn linear_levels(
     out: &mut [f64],
 ) {
     let p = c.size().checked_div(n).unwrap_or(0);
+    let given = rtol;
     let rtol = rtol.unwrap_or_else(|| staircase::default_rtol(n));
     let cost = linear_cost(n, p);
     let each = |space: &mut Space, trial: usize, out: &mut [f64]| -> Result<(), Infallible> {
@@ -42,7 +43,7 @@ pub fn linear_levels(
             out,
         });
         if !reliable {
-            carefully(a, c, n, rtol, out);
+            carefully(a, c, n, given, out);
         }
         Ok(())
     };
@@ -51,9 +52,9 @@ pub fn linear_levels(
 
 /// The levels of one system whose staircase may not be relied on: NaN where they cannot
 /// be told, but for the last rank, which the pencil decides.
-fn carefully(a: &[f64], c: &[f64], n: usize, rtol: f64, out: &mut [f64]) {
+fn carefully(a: &[f64], c: &[f64], n: usize, rtol: Option<f64>, out: &mut [f64]) {
     out.fill(f64::NAN);
-    let Ok(found) = Analysis::new(a, c, n, Some(rtol)) else {
+    let Ok(found) = Analysis::new(a, c, n, rtol) else {
         return;
     };
     let (ranks, levels) = out.split_at_mut(n);
@@ -148,7 +149,7 @@ impl pulp::WithSimd for LevelsKernel<'_> {
                 to[n..].fill(0.0);
             }
         }
-        staircase::center(a, n, stride, states);
+        let center = staircase::center(a, n, stride, states);
         let systems = Systems { a, c, n, stride };
         let work = Work {
             pattern,
@@ -177,7 +178,7 @@ impl pulp::WithSimd for LevelsKernel<'_> {
         staircase::state_levels(basis, n, stride, ranks, touch, |i, level| {
             level_out[i] = level.map_or(f64::INFINITY, |level| level as f64);
         });
-        found.reliable(n)
+        found.reliable(n) && found.above_rounding_of(center * balance.time, n)
     }
 }
 
