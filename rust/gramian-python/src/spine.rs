@@ -105,19 +105,20 @@ fn crlb_std<'py>(
     let batch = Batch::of(&mut [&mut rows])?;
     let rows = rows.items()?;
     let cost = (count * n * n + 100 * n * n * n) as f64;
+    if dense::is_large(n) {
+        return batch.fill_apart(py, &[n], cost, |trial| {
+            let rows = rows.get(trial).to_vec();
+            move |_, out: &mut [f64]| -> PyResult<()> {
+                let found = dense::crlb_std(&rows, n, rtol).map_err(|e| input_at("", e))?;
+                out.copy_from_slice(&found);
+                expect_representable(out, &rows, n)
+            }
+        });
+    }
     let mut refused = None;
     let out = batch.fill(py, &[n], cost, |range, threads, out| {
         let rows = rows.skip(range.start);
-        if dense::is_large(n) {
-            for (trial, std) in out.chunks_exact_mut(n).enumerate() {
-                match dense::crlb_std(rows.get(trial), n, rtol) {
-                    Ok(found) => std.copy_from_slice(&found),
-                    Err(error) => refused = Some(input_at("", error)),
-                }
-            }
-        } else {
-            gramian::bounds::batch::crlb_std(rows, n, rtol, threads, Path::Best, out);
-        }
+        gramian::bounds::batch::crlb_std(rows, n, rtol, threads, Path::Best, out);
         for (trial, std) in out.chunks_exact(n).enumerate() {
             if refused.is_none() {
                 refused = expect_representable(std, rows.get(trial), n).err();
