@@ -289,23 +289,7 @@ def _report(
     soonest = found if isinstance(found, _soonest.Soonest) else None
     plan = found if isinstance(found, _planner.Plan) else found.plan
     tone, headline, verdict = _judged(found, plan)
-    facts = [
-        ("which optimum", ("the one" if plan.optima == 1 else f"the best of {plan.optima}")
-         + f" that {len(plan.starts)} starts led to, chosen among {plan.guesses} guesses"),
-    ]  # fmt: skip
-    if plan.starts:
-        facts.append(("where from", plan.starts[0].name))
-    if np.isfinite(plan.clearance):
-        facts.append(("nearest to a limit", f"{number(max(plan.clearance, 0.0), 3)} m"))
-    facts.append(("first-order optimum", f"projected gradient {brief(plan.projected_gradient, 2)}"))
-    if np.isfinite(plan.gap):
-        facts.append(
-            ("of any path", f"no path is better by more than {brief(100 * (plan.gap - 1), 2)} %"
-             + (" in det^(1/n)" if plan.criterion == "D" else ""))
-        )  # fmt: skip
-    if plan.turns.size:
-        times = ", ".join(f"{plan.times[turn]:.6g} s" for turn in plan.turns)
-        facts.append(("turns at", times))
+    facts = _plan_facts(plan) if shortest is None else _shortest_facts(shortest)
     if loop is not None:
         first = loop.runs[0]
         facts.append(
@@ -380,6 +364,40 @@ def _report(
         pictures=shown,
         data=data,
     )
+
+
+def _plan_facts(plan: Plan) -> list[tuple[str, str]]:
+    """Return how the plan was found, and how far from the best it can be."""
+    facts = [
+        ("which optimum", ("the one" if plan.optima == 1 else f"the best of {plan.optima}")
+         + f" that {len(plan.starts)} starts led to, chosen among {plan.guesses} guesses"),
+    ]  # fmt: skip
+    if plan.starts:
+        facts.append(("where from", plan.starts[0].name))
+    if np.isfinite(plan.clearance):
+        facts.append(("nearest to a limit", f"{number(max(plan.clearance, 0.0), 3)} m"))
+    facts.append(("first-order optimum", f"projected gradient {brief(plan.projected_gradient, 2)}"))
+    if np.isfinite(plan.gap):
+        facts.append(
+            ("of any path", f"no path is better by more than {brief(100 * (plan.gap - 1), 2)} %"
+             + (" in det^(1/n)" if plan.criterion == "D" else ""))
+        )  # fmt: skip
+    if plan.turns.size:
+        times = ", ".join(f"{plan.times[turn]:.6g} s" for turn in plan.turns)
+        facts.append(("turns at", times))
+    return facts
+
+
+def _shortest_facts(shortest: ShortestInterval) -> list[tuple[str, str]]:
+    """Return where the path is from, and when it turns where it has legs."""
+    name, count = shortest.candidates[0][0], len(shortest.candidates)
+    facts = [("where from", f"{name}: the shortest of {count} different paths")]
+    bends = np.abs(np.diff(np.atleast_2d(shortest.headings), axis=1)).max(axis=0) > 1e-6
+    turns = shortest.times[1:-1][bends]
+    if 0 < turns.size <= 8:
+        facts.append(("turns at", ", ".join(f"{turn:.6g} s" for turn in turns)))
+    facts.append(("the tables below", 'are of the plan for "D", which it was compared with'))
+    return facts
 
 
 def _judged(found: Plan | Soonest | ShortestInterval, plan: Plan) -> tuple[Tone, str, str]:
