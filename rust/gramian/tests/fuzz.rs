@@ -1173,6 +1173,7 @@ fn levels<T: Number>(draw: &mut Draw<T>) {
 mod sized {
     use super::{Draw, Number, all_finite, layout};
     use gramian::chi_square::Goodness;
+    use gramian::inertial::{Unknown, Visual};
     use gramian::linear::analysis::Analysis;
     use gramian::linear::piecewise::Piecewise;
     use gramian::linear::window::{self, Window};
@@ -1232,6 +1233,62 @@ mod sized {
         draw.sound = all_finite(&combination);
         if let Some(std) = draw.taken(found.combination_std(&combination)) {
             draw.bounds(&[std]);
+        }
+    }
+
+    /// A camera beside a navigator, in doubles alone: nothing panics, and what moderate numbers
+    /// give is finite.
+    pub fn visual_inertial<T: Number>(draw: &mut Draw<T>) {
+        let (count, marks) = (draw.index(4), draw.index(3));
+        let times = draw.times(count).into_iter().map(T::double).collect();
+        let vector = |draw: &mut Draw<T>| draw.array::<3>().map(T::double);
+        let gyro = (0..count).map(|_| vector(draw)).collect();
+        let accel = (0..count).map(|_| vector(draw)).collect();
+        let all = [
+            Unknown::CameraRotation,
+            Unknown::CameraArm,
+            Unknown::Gravity,
+            Unknown::GravityStrength,
+            Unknown::Scale,
+            Unknown::Landmarks,
+        ];
+        let model = Visual {
+            times,
+            gyro,
+            accel,
+            camera: [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]],
+            arm: vector(draw),
+            gravity: vector(draw),
+            landmarks: (0..marks).map(|_| vector(draw)).collect(),
+            unknown: all.into_iter().filter(|_| draw.below(2) == 0).collect(),
+        };
+        if draw.taken(model.check()).is_none() {
+            return;
+        }
+        let (place, velocity) = (vector(draw), vector(draw));
+        let q = [1.0, 0.0, 0.0, 0.0];
+        let Some(x) = draw.taken(model.start(place, q, velocity)) else {
+            return;
+        };
+        let (n, p) = (model.states(), model.outputs());
+        assert_eq!(x.len(), n);
+        let moderate = |values: &[f64]| values.iter().all(|v| v.abs() < 1e50);
+        let whole = moderate(&x)
+            && moderate(model.gyro.as_flattened())
+            && moderate(model.accel.as_flattened())
+            && moderate(model.landmarks.as_flattened())
+            && moderate(&model.gravity);
+        let sound = |values: &[f64]| !whole || values.iter().all(|v| v.is_finite());
+        let (mut rate, mut by_state) = (vec![0.0; n], vec![0.0; n * n]);
+        model.rate(model.times[0], &x, &mut rate);
+        model.rate_jacobian(model.times[0], &x, &mut by_state);
+        assert_eq!(rate[..3], velocity);
+        assert!(sound(&rate) && sound(&by_state));
+        let (mut image, mut lines) = (vec![0.0; p], vec![0.0; p * n]);
+        if model.output(model.times[0], &x, &mut image).is_ok() {
+            model.output_jacobian(&x, &mut lines);
+            let near = image.iter().all(|v| v.abs() < 1e50);
+            assert!(!near || image.len() == 2 * marks);
         }
     }
 
@@ -1310,6 +1367,8 @@ mod sized {
             return;
         };
         assert!(found.rank() <= n);
+        // What may be zero was counted as zero.
+        assert!(!found.undecided() || found.rank() < n);
         assert!(found.ranks().is_none_or(|ranks| ranks.len() == n));
         assert!(found.state_levels().is_none_or(|levels| levels.len() == n));
         draw.finite(found.scale());
@@ -1476,6 +1535,8 @@ cases![
     levels,
     #[cfg(feature = "alloc")]
     sized::observability,
+    #[cfg(feature = "alloc")]
+    sized::visual_inertial,
     #[cfg(feature = "alloc")]
     sized::verdicts,
     #[cfg(feature = "alloc")]

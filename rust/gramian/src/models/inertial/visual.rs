@@ -100,6 +100,8 @@ impl Visual {
     /// rotation.
     pub fn check(&self) -> Result<(), Error> {
         let count = self.times.len();
+        // One sample holds from its time on: without any nothing is known.
+        check_length("times", count, count.max(1))?;
         check_length("gyro", self.gyro.len(), count)?;
         check_length("accel", self.accel.len(), count)?;
         check_finite("times", &self.times)?;
