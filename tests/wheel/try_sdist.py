@@ -12,10 +12,8 @@ import tarfile
 import tempfile
 from pathlib import Path
 
-from try_wheel import tried
 
-
-def main():
+def main(tried):
     folder, maturin = Path(sys.argv[1]).resolve(), str(Path(sys.argv[2]).absolute())
     (sdist,) = folder.glob("*.tar.gz")
     with tempfile.TemporaryDirectory() as place:
@@ -32,4 +30,7 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    # Beside this file, which only a script sees.
+    from try_wheel import tried
+
+    main(tried)

@@ -261,6 +261,7 @@ Limits.polygons | m | outlines of areas that are not entered | [[[0.0, 500.0], [
 Goal.criterion | | determinant, trace or largest axis of the covariance | "A"
 Goal.combination | | what is to be known best: "range", "bearing", "speed", "course", or a number for each state | "range"
 Goal.accuracy | m, m/s, rad | the standard deviation of that combination to reach in as few samples as possible, `count` at most | 50.0
+Goal.interval | | instead: of what the likelihood interval is to be shortest, a state, "range" or "range at the end" | "range"
 Goal.over | | the expectation over several possible targets, or the worst of them | "worst"
 Goal.chance | | instead: what the criterion is at least as good as with this probability | 0.9
 Goal.starts | | how many starts the search has | 24
