@@ -111,3 +111,12 @@ def test_the_time_is_kept():
         *FAR, sigma=0.035, legs=2, evaluations=100_000, time_limit=1.0, **EFFORT
     )
     assert found.stopped in ("time", "done")
+
+
+def test_numbers_of_any_kind_are_taken():
+    from decimal import Decimal
+
+    found = gm.maneuver.shortest_interval(
+        [0.0, 3000.0], [0.0, 0.0], 8.0, 20.0, 8, sigma=Decimal("0.05"), evaluations=0, **EFFORT
+    )
+    assert found.length > 0

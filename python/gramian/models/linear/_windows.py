@@ -32,7 +32,7 @@ __all__ = ["Piecewise", "gramian", "piecewise", "problem", "rows", "transition"]
 Array = NDArray[np.float64]
 
 #: Rows are kept, a block for each sample.
-MOST_SAMPLES = 10_000_000
+MOST_SAMPLES = 1_000_000
 #: Panels of a quadrature that are halved at once.
 MOST_PANELS = 4096
 #: How often a function of time is looked at between the nodes of a panel.

@@ -420,7 +420,7 @@ class _Judge:
         seen = []
         for distances, angles in zip(range_, relative, strict=True):
             for sensing in self.task.sensors:
-                lost = distances > (np.inf if sensing.reach is None else sensing.reach)
+                lost = distances > (np.inf if sensing.reach is None else float(sensing.reach))
                 for begin, end in sensing.blind:
                     lost |= np.mod(angles - begin, 2 * np.pi) <= np.mod(end - begin, 2 * np.pi)
                 seen.append(~lost)
@@ -440,7 +440,7 @@ class _Judge:
 def _sensor(sensing: Sensing, carrier: Carrier, times: Array) -> Sensor:
     """Return a sensor of a scene as an observer of a plan has it."""
     # A reading that is lost with a probability tells less by as much, as expected.
-    noise: dict[str, Any] = {"sigma": sensing.sigma / np.sqrt(sensing.detection)}
+    noise: dict[str, Any] = {"sigma": float(sensing.sigma) / float(sensing.detection) ** 0.5}
     if sensing.bias:
         noise["bias"] = sensing.bias
     chosen = {**sensing.parameters, **sensing.unknown}
