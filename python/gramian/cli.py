@@ -453,7 +453,8 @@ def schema(
         bool, typer.Option("--markdown", metavar="", help="Print a page of every key instead.")
     ] = False,
     json: Annotated[
-        bool, typer.Option("--json", metavar="", help="As it does anyway.", show_default=False)
+        bool,
+        typer.Option("--json", metavar="", help="Print JSON: the default.", show_default=False),
     ] = True,
 ) -> None:
     """Print the JSON Schema of a model's scenario files, for editors; or a page of its keys."""

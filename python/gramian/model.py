@@ -808,9 +808,10 @@ def from_function(
     Each derivative comes with its error, from the differences of a ladder of steps and
     the measured noise of `h` (Ridders 1982; More & Wild 2011). `analyze` decides ranks
     above it, and calls "undecided" what it cannot tell; `model.accuracy` says what was
-    found. It takes about 6 evaluations a state and up to 18 for the noise, of which never more
-    than 18 a state in all, the value at x included, and none twice. Outputs of seven
-    decimals or fewer at every point count as rounded to them.
+    found. It takes about 6 evaluations a state for a smooth `h` of many states, more where
+    the noise must be measured, and never more than 18, the value at x included; no point is
+    evaluated twice. Outputs of seven decimals or fewer at every point count as rounded to
+    them.
 
     Examples
     --------

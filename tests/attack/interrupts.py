@@ -171,70 +171,39 @@ def _registration_trials() -> Callable[[], Any]:
     )
 
 
-def _plan() -> Callable[[], Any]:
-    def plan() -> None:
+def _planned(function: Callable[..., Any], **options: Any) -> Callable[[], Any]:
+    """Plan for long, and raise what ended it: the best path so far is the answer."""
+
+    def work() -> None:
         with warnings.catch_warnings():
             # That it was interrupted is said in a warning.
             warnings.simplefilter("ignore")
-            found = gm.maneuver.plan(
+            found = function(
                 [0.0, 2000.0, 1.0, 1.0],
                 np.zeros(2),
                 speed=5.0,
                 dt=5.0,
                 samples=400,
                 sigma=0.01,
-                criterion="D",
                 legs=8,
-                starts=200,
+                **options,
             )
-        # The best path so far is the answer.
         if found.stopped == "interrupted":
             raise KeyboardInterrupt
 
-    return plan
+    return work
+
+
+def _plan() -> Callable[[], Any]:
+    return _planned(gm.maneuver.plan, criterion="D", starts=200)
 
 
 def _shortest_interval() -> Callable[[], Any]:
-    def shortest() -> None:
-        found = gm.maneuver.shortest_interval(
-            [0.0, 2000.0, 1.0, 1.0],
-            np.zeros(2),
-            speed=5.0,
-            dt=5.0,
-            samples=400,
-            sigma=0.01,
-            legs=8,
-            starts=2,
-            restarts=0,
-            evaluations=100_000,
-        )
-        # The best path so far is the answer.
-        if found.stopped == "interrupted":
-            raise KeyboardInterrupt
-
-    return shortest
+    return _planned(gm.maneuver.shortest_interval, starts=2, restarts=0, evaluations=100_000)
 
 
 def _soonest() -> Callable[[], Any]:
-    def soonest() -> None:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            found = gm.maneuver.soonest(
-                [0.0, 2000.0, 1.0, 1.0],
-                np.zeros(2),
-                speed=5.0,
-                dt=5.0,
-                samples=400,
-                accuracy=("range", 5.0),
-                sigma=0.01,
-                legs=8,
-                starts=200,
-            )
-        # The best path so far is the answer.
-        if found.stopped == "interrupted":
-            raise KeyboardInterrupt
-
-    return soonest
+    return _planned(gm.maneuver.soonest, accuracy=("range", 5.0), starts=200)
 
 
 def _closed_loop() -> Callable[[], Any]:

@@ -404,3 +404,18 @@ def test_a_discrete_object_is_taken_as_one():
         gm.linear.rows(sampled, window=1.0, dt=0.2)
     with pytest.raises(gm.InputError, match="is a discrete system"):
         gm.linear.split_gramian(sampled)
+
+
+def test_rows_of_long_windows_are_those_of_each_sample():
+    """Moved on a thousand at a time, and one by one where what is not seen overflows."""
+    turn, shrink = 1e-3, 0.9999
+    a = shrink * np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    seen = gm.linear.rows(a, [[1.0, 0.0]], window=4999.0, dt=1.0, time="discrete")
+    k = np.arange(5000.0)
+    wanted = shrink ** k[:, None] * np.stack([np.cos(k * turn), np.sin(k * turn)], axis=1)
+    np.testing.assert_allclose(seen, wanted, rtol=0, atol=1e-12)
+    unseen = gm.linear.rows(
+        np.diag([0.5, 4.0]), [[1.0, 0.0]], window=1999.0, dt=1.0, time="discrete"
+    )
+    np.testing.assert_array_equal(unseen[:, 1], 0.0)
+    np.testing.assert_array_equal(unseen[:1000, 0], 0.5 ** np.arange(1000))

@@ -123,7 +123,9 @@ def test_the_shortest_interval_is_planned_for(tmp_path):
     report = load(write(tmp_path, text)).plan()
     assert report.headline == "PLANNED"
     assert report.verdict.startswith("95 % interval of range: ")
-    assert report.tables[0].rows[0][1] == report.tables[0].rows[0][1]
     found = report.data["interval"]
-    assert found["length"] == found["candidates"][0][1]
+    assert [row[0] for row in report.tables[0].rows] == [c[0] for c in found["candidates"][:12]]
+    assert found["length"] == min(length for _, length, _ in found["candidates"])
+    assert f"{float(report.tables[0].rows[0][1]):.3g}" == f"{found['length']:.3g}"
+    assert report.facts[0][1].startswith(found["candidates"][0][0])
     assert report.pictures[0].draw() is not None

@@ -106,11 +106,28 @@ def test_what_cannot_be_asked(options, words):
         gm.maneuver.shortest_interval(target, [0.0, 0.0], 8.0, 10.0, 20, **asked)
 
 
-def test_the_time_is_kept():
+def test_the_time_is_kept(monkeypatch):
+    """A clock that has leapt on once the search goes: the best so far is the answer."""
+    from gramian.models.maneuver import _shortest
+
+    judged = 0
+
+    def clock():
+        return 1e9 if judged > 3 else 0.0
+
+    def progress(done, of, best):
+        nonlocal judged
+        judged = done if of == 100_000 else judged
+
+    monkeypatch.setattr(_shortest, "monotonic", clock)
     found = gm.maneuver.shortest_interval(
-        *FAR, sigma=0.035, legs=2, evaluations=100_000, time_limit=1.0, **EFFORT
-    )
-    assert found.stopped in ("time", "done")
+        *FAR, sigma=0.035, legs=2, evaluations=100_000, time_limit=60.0, progress=progress,
+        **EFFORT,
+    )  # fmt: skip
+    assert judged == 4
+    assert found.stopped == "time"
+    assert "the time was up" in found.reason
+    assert found.length == min(length for _, length, _ in found.candidates)
 
 
 def test_numbers_of_any_kind_are_taken():

@@ -175,7 +175,7 @@ def changed(array, index, value):
         ),
         (
             lambda: gm.linear.rows([[0, 1], [0, 0]], [[1, 0]], window=1e9, dt=1.0),
-            "1000000001 samples, more than 1000000: sample less",
+            "1000000001 samples, more than 10000000: sample less",
         ),
         (
             lambda: gm.dipole.localize(

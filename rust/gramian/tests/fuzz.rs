@@ -1277,6 +1277,7 @@ mod sized {
             && moderate(model.gyro.as_flattened())
             && moderate(model.accel.as_flattened())
             && moderate(model.landmarks.as_flattened())
+            && moderate(&model.arm)
             && moderate(&model.gravity);
         let sound = |values: &[f64]| !whole || values.iter().all(|v| v.is_finite());
         let (mut rate, mut by_state) = (vec![0.0; n], vec![0.0; n * n]);
@@ -1286,9 +1287,11 @@ mod sized {
         assert!(sound(&rate) && sound(&by_state));
         let (mut image, mut lines) = (vec![0.0; p], vec![0.0; p * n]);
         if model.output(model.times[0], &x, &mut image).is_ok() {
+            // In front of the camera: far off the axis perhaps, but somewhere.
+            assert!(!whole || image.iter().all(|v| !v.is_nan()));
             model.output_jacobian(&x, &mut lines);
-            let near = image.iter().all(|v| v.abs() < 1e50);
-            assert!(!near || image.len() == 2 * marks);
+            let near = image.iter().all(|v| v.abs() < 1e3);
+            assert!(!(whole && near) || lines.iter().any(|v| *v != 0.0));
         }
     }
 
@@ -1624,7 +1627,7 @@ const STILL_WITHOUT: &[&str] = &[
     "linear/schur.rs",
     "linear/pencil.rs",
     "choose",
-    "numbers/derivative.rs",
+    "numbers/derivative",
     "spine/rounding.rs",
     "dipole/measured.rs",
     "registration/measured.rs",

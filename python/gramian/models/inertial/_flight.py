@@ -398,7 +398,7 @@ def _look_through(t: Array, velocity: Array, attitude: Array) -> None:
         if given < 0.5 and fits[likely] > 0.97:
             _warn(
                 f"heading and course differ by {np.degrees(np.arccos(given)):.0f} deg; they would "
-                f"agree with {likely}: is it north, west, up and radians?"
+                f"agree with {likely}: velocities must be north, west, up, and attitudes in radians"
             )
     spans = np.diff(t)
     usual = float(np.median(spans))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from inspect import signature
 from time import monotonic
 from typing import Any
 
@@ -221,10 +222,7 @@ def shortest_interval(
     if not ends > 0:
         raise InputError(f"time_limit = {time_limit} s: must be > 0")
     ends += monotonic()
-    task = Task.checked(
-        target=target, start=start, speed=speed, dt=dt, samples=samples,
-        criterion="D", **(_NOTHING | {k: v for k, v in options_of_plan.items() if k in _NOTHING}),
-    )  # fmt: skip
+    task = _task(target, start, speed, dt, samples, options_of_plan)
     judge = _Judge(task, name, level)
     found: list[_Judged] = []
     plans: list[Plan] = []
@@ -277,13 +275,20 @@ def shortest_interval(
     )
 
 
-#: What `plan` takes besides, and what stands for nothing given.
-_NOTHING: dict[str, Any] = {
-    "sigma": None, "sensors": None, "belief": None, "over": "expectation", "standoff": None,
-    "keep_out": None, "polygons": None, "max_turn_rate": None, "heading": None, "legs": None,
-    "return_to": None, "max_distance": None, "separation": None, "current": None,
-    "prior": None, "weights": None, "scale": None,
-}  # fmt: skip
+def _task(
+    target: ArrayLike,
+    start: ArrayLike,
+    speed: float | tuple[float, float],
+    dt: float,
+    samples: int,
+    given: Mapping[str, Any],
+) -> Task:
+    """Return what is asked of `plan`, checked, with its own defaults."""
+    defaults = {name: one.default for name, one in signature(plan).parameters.items()}
+    asked = {name for name in signature(Task.checked).parameters if name in defaults}
+    asked -= {"target", "start", "speed", "dt", "samples"}
+    chosen = {name: given.get(name, defaults[name]) for name in asked}
+    return Task.checked(target=target, start=start, speed=speed, dt=dt, samples=samples, **chosen)
 
 
 def _paths(made: Plan, criterion: str) -> Iterator[tuple[str, Array]]:

@@ -56,12 +56,7 @@ def paths(plan: Plan) -> Figure:
             label = "turns" if i == 0 else None
             turns = path[plan.turns].T
             axes.plot(*turns, "s", color=COLORS["observer"], markersize=7, label=label)
-    _targets(plan, axes)
-    _areas(plan, axes)
-    axes.set_aspect("equal")
-    axes.set_xlabel("east, m")
-    axes.set_ylabel("north, m")
-    axes.grid(alpha=0.3)
+    _surroundings(plan, axes)
     fig.legend(loc="outside upper center", ncols=3, fontsize="small", frameon=False)
     return fig
 
@@ -78,12 +73,7 @@ def shortest(found: ShortestInterval) -> Figure:
         axes.plot(*path.T, ".-", color=COLORS["observer"], markersize=4, label=label)
         label = "start" if i == 0 else None
         axes.plot(*path[0], "o", color=COLORS["observer"], markersize=8, label=label)
-    _targets(found.plan, axes)
-    _areas(found.plan, axes)
-    axes.set_aspect("equal")
-    axes.set_xlabel("east, m")
-    axes.set_ylabel("north, m")
-    axes.grid(alpha=0.3)
+    _surroundings(found.plan, axes)
     fig.legend(loc="outside upper center", ncols=3, fontsize="small", frameon=False)
     return fig
 
@@ -109,12 +99,7 @@ def candidates(plan: Plan, most: int = 12) -> Figure:
             axes.plot(*path.T, "-", color=color, linewidth=2.2 if best else 1.1, label=label)
     handles, labels = axes.get_legend_handles_labels()
     axes.plot(*plan.paths[:, 0].T, "o", color=COLORS["observer"], markersize=8)
-    _targets(plan, axes)
-    _areas(plan, axes)
-    axes.set_aspect("equal")
-    axes.set_xlabel("east, m")
-    axes.set_ylabel("north, m")
-    axes.grid(alpha=0.3)
+    _surroundings(plan, axes)
     # Below the map: beside it a long name would leave the map a strip.
     fig.legend(
         handles[::-1],
@@ -229,6 +214,16 @@ def errors(loop: ClosedLoop) -> Figure:
     for axes in (left, right):
         axes.grid(alpha=0.3)
     return fig
+
+
+def _surroundings(plan: Plan, axes: Axes) -> None:
+    """Draw the targets and what is kept clear of, and make the axes those of a map."""
+    _targets(plan, axes)
+    _areas(plan, axes)
+    axes.set_aspect("equal")
+    axes.set_xlabel("east, m")
+    axes.set_ylabel("north, m")
+    axes.grid(alpha=0.3)
 
 
 def _targets(plan: Plan, axes: Axes) -> None:

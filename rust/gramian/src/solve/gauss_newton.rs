@@ -120,7 +120,7 @@ pub struct Solution {
     pub slopes: Vec<f64>,
 }
 
-/// A rise of chi2 that tells two states apart: its 95 % point, one degree of freedom.
+/// A rise of chi2 that tells two states apart: about the 95 % point with one degree of freedom.
 const TELLS: f64 = 4.0;
 
 /// A function to hold, and the value it is held at.

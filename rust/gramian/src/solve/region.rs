@@ -187,11 +187,13 @@ impl<M: Model + ?Sized> Profile<'_, M> {
 
 /// A state near another one where a function has a value, whatever the measurements say: by
 /// Newton's method along its gradient; `None` where that does not come there.
-fn reached(function: &dyn Function, value: f64, start: &[f64]) -> Option<Vec<f64>> {
+pub(super) fn reached(function: &dyn Function, value: f64, start: &[f64]) -> Option<Vec<f64>> {
     let (mut x, mut gradient) = (start.to_vec(), vec![0.0; start.len()]);
     let mut left = value - function.value(&x, &mut gradient);
+    // The value may be zero.
+    let size = value.abs().max(left.abs());
     for _ in 0..60 {
-        if left.abs() <= 1e-9 * value.abs() || !left.is_finite() {
+        if left.abs() <= 1e-9 * size || !left.is_finite() {
             break;
         }
         let square = dot(&gradient, &gradient);
@@ -212,7 +214,7 @@ fn reached(function: &dyn Function, value: f64, start: &[f64]) -> Option<Vec<f64
             }
         }
     }
-    (left.abs() <= 1e-6 * value.abs()).then_some(x)
+    (left.abs() <= 1e-6 * size).then_some(x)
 }
 
 /// The values of `function` at which the least chi2 is at most `rise` above that of

@@ -289,3 +289,27 @@ fn a_prior_is_one_more_measurement() {
     // Without it one range does not tell a place.
     assert!(!minimize(&model, &[41.0, 20.0], &[], Options::default()).determined);
 }
+
+/// sin x, which is at most one.
+struct Sine;
+
+impl Function for Sine {
+    fn value(&self, x: &[f64], gradient: &mut [f64]) -> f64 {
+        gradient[0] = x[0].cos();
+        x[0].sin()
+    }
+}
+
+#[test]
+fn a_state_with_a_value_is_found_along_the_function_where_there_is_one() {
+    let east = Combination(vec![1.0, 0.0]);
+    assert_eq!(
+        region::reached(&east, 0.0, &[5.0, 1.0]),
+        Some(vec![0.0, 1.0])
+    );
+    let found = region::reached(&Sine, 0.5, &[0.1]).unwrap();
+    assert!((found[0].sin() - 0.5).abs() < 1e-9);
+    assert_eq!(region::reached(&Sine, 1.5, &[0.1]), None);
+    // No direction leads anywhere.
+    assert_eq!(region::reached(&Combination(vec![0.0]), 1.0, &[2.0]), None);
+}
