@@ -99,7 +99,9 @@ def timed(work: Callable[[], Any], repeats: int) -> tuple[float, Any]:
     return best, answer
 
 
-def ours(example: str, t: Array, u: Array, width: int, vectorized: bool = True) -> tuple[Any, Any]:
+def ours(
+    example: str, t: Array, u: Array, width: int, vectorized: bool | None = None
+) -> tuple[Any, Any]:
     f, h, _, names, x0, sigma, _ = EXAMPLES[example]
 
     def held(when: Array) -> Array:

@@ -257,6 +257,7 @@ BAD = [
     ({"scale": [1.0, -1.0]}, r"scale\[1\] = -1.0"),
     ({"rtol": 0.0}, "rtol = 0.0"),
     ({"jacobian": "guess"}, "jacobian = 'guess'"),
+    ({"vectorized": "yes"}, "vectorized = 'yes': must be True or False"),
     ({"f": lambda t, x: x[:1]}, "f returned shape"),
     ({"f": lambda t, x: x**2, "x0": [1.0, 1.0]}, "cannot be followed beyond t = 0.3"),
     ({"tangent": lambda x: np.eye(3)}, "tangent returned shape"),

@@ -17,7 +17,7 @@ from gramian._arrays import as_float_array, finite, number, real, whole
 from gramian._units import labelled
 from gramian.bounds import PosteriorBound, posterior
 from gramian.exceptions import InputError
-from gramian.models.dynamics._functions import Function, derivative, found_moves, many
+from gramian.models.dynamics._functions import Function, OneByOne, System
 from gramian.models.dynamics._windows import Windows
 from gramian.problem import Problem
 
@@ -56,6 +56,9 @@ class Trajectory(Answer):
         The directions that constraints on the state leave free.
     steps : int
         Steps the integrator took.
+    vectorized : tuple of str
+        Which of the functions (f, h and the Jacobians given) were asked about many states
+        in one call.
     """
 
     names: tuple[str, ...]
@@ -71,6 +74,7 @@ class Trajectory(Answer):
     scale: Array
     tangent: Array | None
     steps: int
+    vectorized: tuple[str, ...]
 
     def _white(self) -> Array:
         return np.ascontiguousarray(self.jacobians / self.sigma[:, None])
@@ -205,7 +209,7 @@ def from_ode(
     units: Sequence[str] | None = None,
     scale: ArrayLike | None = None,
     jacobian: str | tuple[Any, Any] = "auto",
-    vectorized: bool = False,
+    vectorized: bool | None = None,
     tangent: Callable[[Array], ArrayLike] | None = None,
     rtol: float = 1e-9,
     max_steps: int = MOST_STEPS,
@@ -215,8 +219,8 @@ def from_ode(
     Parameters
     ----------
     f : callable
-        f(t, x) -> (n,), x of shape (n,). An input is a function of t inside f. With
-        `vectorized`, t has shape (k,), x (n, k) and the value (n, k).
+        f(t, x) -> (n,), x of shape (n,). An input is a function of t inside f. Of many
+        states, t has shape (k,), x (n, k) and the value (n, k).
     h : callable
         h(t, x) -> (p,), likewise.
     x0 : array_like, shape (n,)
@@ -234,8 +238,10 @@ def from_ode(
         Where df/dx and dh/dx come from: complex steps (exact where the code is analytic),
         central differences with extrapolation, JAX, or two functions of (t, x). "auto"
         takes complex steps where they agree with differences at x0, differences elsewhere.
-    vectorized : bool
-        Whether f and h take many states at once: much faster.
+    vectorized : bool, optional
+        Whether f and h take many states at once: much faster. By default it is found out,
+        and the answer is the same: most functions that are written for one state take an
+        array of many as it is (`x[0] * np.cos(x[2])`). See the notes.
     tangent : callable, optional
         tangent(x) -> (n, m): the directions that constraints on the state leave free at
         x, as `unit_norm` makes. Answers are then about these.
@@ -260,7 +266,16 @@ def from_ode(
     variational equations); their number between two times is doubled until state and
     transition agree to `rtol`. Vectorized functions are asked about all steps of many
     intervals at once, by one Newton iteration for all of them, and so also about states
-    that are guesses. An h whose differences at two steps do not agree (an angle
+    that are guesses.
+
+    Whether a function takes many states is found out by comparing, to rounding, what it
+    says of a dozen near x0, and of both signs, with what it says of each alone. Constants in
+    a list of outputs, `[x[1], 0.0]`, may stay. It is compared again in every call, at one
+    state at least and wherever a state or the time is beyond what was compared before;
+    where it does not agree, everything is done again, one state at a time.
+    `Trajectory.vectorized` says what was found.
+
+    An h whose differences at two steps do not agree (an angle
     that wraps there, detail within the step) is an error.
 
     Examples
@@ -297,7 +312,7 @@ def from_map(
     units: Sequence[str] | None = None,
     scale: ArrayLike | None = None,
     jacobian: str | tuple[Any, Any] = "auto",
-    vectorized: bool = False,
+    vectorized: bool | None = None,
     tangent: Callable[[Array], ArrayLike] | None = None,
 ) -> Trajectory:
     """Follow x[k+1] = f(t[k], x[k]) with outputs y = h(t, x).
@@ -332,14 +347,15 @@ def _follow(
     units: Sequence[str] | None,
     scale: ArrayLike | None,
     jacobian: str | tuple[Any, Any],
-    vectorized: bool,
+    vectorized: bool | None,
     tangent: Callable[[Array], ArrayLike] | None,
     rtol: float | None,
     most: int,
 ) -> Trajectory:
     for function, name in ((f, "f"), (h, "h")):
         options.function(function, name)
-    vectorized = options.flag(vectorized, "vectorized")
+    if vectorized is not None:
+        vectorized = options.flag(vectorized, "vectorized")
     start = np.atleast_1d(finite(x0, "x0"))
     if start.ndim != 1 or not start.size:
         raise InputError(f"x0 has shape {start.shape}: must be (n,)")
@@ -355,39 +371,35 @@ def _follow(
         if rtol < 1e-14:
             raise InputError(f"rtol = {rtol}: must be at least 1e-14 and below 1")
     labels, measures, moves = described(names, units, scale, start)
-    here = at[:1], start[None]
-    p = many(h, "h", None, vectorized)(*here).shape[1]
-    rate = many(f, "f", n, vectorized)
-    rate(*here)
-    output = many(h, "h", p, vectorized)
     parts = _two(jacobian)
-    given = as_float_array(sigma, "sigma")
-    if given.shape not in {(), (1,), (p,)}:
-        raise InputError(f"sigma has shape {given.shape}: must be one number or ({p},)")
-    deviations = np.broadcast_to(given, (p,)).copy()
-    if (bad := np.flatnonzero(~((deviations > 0) & np.isfinite(deviations)))).size:
-        raise InputError(f"sigma[{bad[0]}] = {deviations[bad[0]]}: must be > 0 and finite")
-    by_rate = derivative(f, parts[0], "f", (n, n), vectorized, here, moves)
-    by_output = derivative(h, parts[1], "h", (p, n), vectorized, here, moves)
-    if scale is None:
-        taken = {"f": rate if by_rate is None else None, "h": output if by_output is None else None}
-        moves = found_moves(taken, at[0], start, labels, moves)
-    # Guesses that go astray are no news; what is not finite in the end is an error.
-    with np.errstate(all="ignore") if vectorized else nullcontext():
-        states, outputs, transitions, jacobians, changes, errors, steps = _core.dynamics_follow(
-            rate,
-            by_rate,
-            output,
-            by_output,
-            p,
-            moves.tolist(),
-            start.tolist(),
-            at.tolist(),
-            rtol,
-            most,
-            list(labels),
-            vectorized,
-        )
+    singly: set[str] = set()
+    while True:
+        asked = System(f, h, n, vectorized, singly)
+        try:
+            asked.look(at, start, moves, parts)
+            deviations = _deviations(sigma, asked.outputs)
+            step = moves if scale is not None else asked.moves(at[0], start, labels, moves)
+            # Guesses that go astray are no news; what is not finite in the end is an error.
+            with np.errstate(all="ignore") if asked.takes_many else nullcontext():
+                states, outputs, transitions, jacobians, changes, errors, steps = (
+                    _core.dynamics_follow(
+                        asked.rate,
+                        asked.by_rate,
+                        asked.output,
+                        asked.by_output,
+                        asked.outputs,
+                        step.tolist(),
+                        start.tolist(),
+                        at.tolist(),
+                        rtol,
+                        most,
+                        list(labels),
+                        asked.takes_many,
+                    )
+                )
+            break
+        except OneByOne as told:
+            singly.add(told.name)
     free = None
     if tangent is not None:
         options.function(tangent, "tangent")
@@ -406,10 +418,22 @@ def _follow(
         transition_changes=changes,
         jacobian_errors=errors,
         sigma=deviations,
-        scale=moves,
+        scale=step,
         tangent=free,
         steps=steps,
+        vectorized=asked.vectorized,
     )
+
+
+def _deviations(sigma: ArrayLike, p: int) -> Array:
+    """Return the deviation of each output."""
+    given = as_float_array(sigma, "sigma")
+    if given.shape not in {(), (1,), (p,)}:
+        raise InputError(f"sigma has shape {given.shape}: must be one number or ({p},)")
+    deviations = np.broadcast_to(given, (p,)).copy()
+    if (bad := np.flatnonzero(~((deviations > 0) & np.isfinite(deviations)))).size:
+        raise InputError(f"sigma[{bad[0]}] = {deviations[bad[0]]}: must be > 0 and finite")
+    return deviations
 
 
 def _two(jacobian: str | tuple[Any, Any]) -> list[Any]:
@@ -501,7 +525,7 @@ def empirical_gramian(
     step: ArrayLike,
     sigma: ArrayLike = 1.0,
     discrete: bool = False,
-    vectorized: bool = False,
+    vectorized: bool | None = None,
     rtol: float = 1e-9,
     max_steps: int = MOST_STEPS,
 ) -> Array:

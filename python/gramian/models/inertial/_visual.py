@@ -202,4 +202,5 @@ def visual_inertial(
         scale=np.array(moves),
         tangent=np.array([free(x) for x in states]),
         steps=steps,
+        vectorized=(),
     )

@@ -273,7 +273,12 @@ impl Way {
         // States at the beginnings of the intervals, and at the end.
         let mut path = x.repeat(count + 1);
         for _ in 0..6 {
-            self.allow(substeps.iter().sum::<usize>() * 3 / 2, times[0])?;
+            let steps = substeps.iter().sum::<usize>() * 3 / 2;
+            if steps > self.most.saturating_sub(self.tried) {
+                // One by one they may come farther.
+                return Ok(false);
+            }
+            self.allow(steps, times[0])?;
             let mesh = blocks::mesh(times, &substeps, false);
             let fine = match blocks::ends(system, &mesh, &substeps, &x, &path) {
                 Ok(Some(fine)) => fine,
