@@ -412,6 +412,7 @@ class _Localized(TypedDict):
     nullity: _Array
     iterations: _Array
     chi2: _Array
+    lag_p_value: _Array
 
 class _LocalizedTrials(TypedDict):
     error: _Array
@@ -432,6 +433,7 @@ def bearings_localize(
     rtol: float | None,
     max_iterations: int,
     weak_ratio: float,
+    correlation: float,
 ) -> _Localized: ...
 def bearings_localize_trials(
     times: ArrayLike,
@@ -973,6 +975,7 @@ class TrackCarrier:
         heading: ArrayLike | float | None,
     ) -> TrackCarrier: ...
     def at(self, times: ArrayLike) -> tuple[_Array, _Array]: ...
+    def headings(self, times: ArrayLike) -> _Array: ...
 
 def track_statuses() -> list[str]: ...
 
@@ -1023,4 +1026,5 @@ class TrackScene:
         rtol: float | None,
         alpha: float,
         weak_ratio: float,
+        correlation: float,
     ) -> dict[str, _Array]: ...

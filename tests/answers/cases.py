@@ -194,6 +194,10 @@ def registration():
     yield gm.registration.select({"one": positions}, sensors, sigma, budget=1)
     yield from gm.registration.singular_tracks(sensors)[:1]
     yield gm.registration.check_track(positions, sensors)
+    ship = gm.registration.Platform([[0.0, 0.0], [9e3, 0.0]], [0.0, 11.0], azimuths="heading")
+    moving, times = {"A": ship, "B": sensors[1]}, np.arange(12.0)
+    seen = gm.registration.simulate(positions, moving, sigma, seed=1, times=times)
+    yield from (ship, seen, gm.registration.estimate(seen, moving, sigma))
 
 
 def tracks():

@@ -33,6 +33,11 @@ SENSORS = np.array([[0.0, 0.0], [60e3, 0.0]])
 SIGMA2 = np.array([[50.0, 0.002], [50.0, 0.002]])
 PLACES = np.stack([np.linspace(10e3, 50e3, 8), np.linspace(80e3, 60e3, 8)], axis=1)
 REPORTS = gm.registration.simulate(PLACES, SENSORS, SIGMA2, seed=1)
+LOOKS = np.arange(8.0)
+FLEET = {
+    "A": SENSORS[0],
+    "B": gm.registration.Platform(SENSORS + 500.0, [0.0, 7.0], azimuths="heading"),
+}
 
 
 def _ranges(x: Any) -> Any:
@@ -157,7 +162,12 @@ CALLS: dict[str, dict[str, Any]] = {
         "prior": {"x0": 1000.0},
     },
     "monte_carlo.Dipole": {**PASS, "times": PASS_TIMES, "sigma": 1e-9, "known": ("vz",)},
-    "monte_carlo.Registration": {"positions": PLACES, "sensors": SENSORS, "sigma": SIGMA2},
+    "monte_carlo.Registration": {
+        "positions": PLACES,
+        "sensors": FLEET,
+        "sigma": SIGMA2,
+        "times": LOOKS,
+    },
     "monte_carlo.run": {"problem": _linear(), "trials": 20, "seed": 1, "progress": False},
     "monte_carlo.sweep": {
         "scenario": lambda size: gm.Problem(ROWS * size, ["x", "y", "z"]),
@@ -404,11 +414,18 @@ CALLS: dict[str, dict[str, Any]] = {
     "linear.rows": {"A": A2, "C": C2, "window": 2.0, "dt": 0.5, "R": np.eye(1)},
     "linear.transition": {"A": A2, "duration": 2.0},
     "registration.check_track": {"positions": PLACES, "sensors": SENSORS, "tolerance": 1.0},
+    "registration.Platform": {
+        "path": PATH,
+        "times": T,
+        "heading": np.zeros(T.size),
+        "azimuths": "heading",
+    },
     "registration.degree": {
         "positions": PLACES,
-        "sensors": SENSORS,
+        "sensors": FLEET,
         "sigma": SIGMA2,
         "method": "eta",
+        "times": LOOKS,
     },
     "registration.estimate": {
         "reports": REPORTS.values,
@@ -422,12 +439,13 @@ CALLS: dict[str, dict[str, Any]] = {
     },
     "registration.estimate_trials": {
         "positions": PLACES,
-        "sensors": SENSORS,
+        "sensors": FLEET,
         "sigma": SIGMA2,
         "biases": np.zeros(4),
         "seed": 1,
         "trials": 2,
         "first": 0,
+        "times": LOOKS,
     },
     "registration.eta": {"positions": PLACES, "sensors": SENSORS, "sigma": SIGMA2},
     "registration.field": {
@@ -440,11 +458,12 @@ CALLS: dict[str, dict[str, Any]] = {
     },
     "registration.fisher": {
         "positions": PLACES,
-        "sensors": SENSORS,
+        "sensors": FLEET,
         "sigma": SIGMA2,
         "biases": np.zeros(4),
+        "times": LOOKS,
     },
-    "registration.gauges": {"sensors": SENSORS, "extras": ()},
+    "registration.gauges": {"sensors": FLEET, "extras": (), "times": LOOKS},
     "registration.match": {
         "recordings": {
             "A": (np.arange(8.0), REPORTS.values[:, 0]),
@@ -456,9 +475,10 @@ CALLS: dict[str, dict[str, Any]] = {
     },
     "registration.problem": {
         "positions": PLACES,
-        "sensors": SENSORS,
+        "sensors": FLEET,
         "sigma": SIGMA2,
         "scale": {"A.range": 10.0},
+        "times": LOOKS,
     },
     "registration.rows": {
         "positions": PLACES,
@@ -468,18 +488,20 @@ CALLS: dict[str, dict[str, Any]] = {
     },
     "registration.select": {
         "tracks": {"one": PLACES, "two": PLACES + 3e3},
-        "sensors": SENSORS,
+        "sensors": FLEET,
         "sigma": SIGMA2,
         "budget": 1,
         "prior": np.full(4, 100.0),
+        "times": {"one": LOOKS, "two": LOOKS},
     },
     "registration.simulate": {
         "positions": PLACES,
-        "sensors": SENSORS,
+        "sensors": FLEET,
         "sigma": SIGMA2,
         "biases": np.zeros(4),
         "seed": 1,
         "trials": 2,
+        "times": LOOKS,
     },
     "registration.singular_tracks": {"sensors": SENSORS},
     "maneuver.closed_loop": {

@@ -345,3 +345,38 @@ def test_a_channel_that_gives_zero_is_named_though_something_fits_it():
     dead = localize(times, np.zeros(times.size), observer, 1e-2)
     assert dead.status != "determined"
     assert "bearing is constant over the record: dead or stuck" in dead.summary()
+
+
+def neighbours(noise, rho):
+    """Noise of which neighbours are correlated."""
+    out = noise.copy()
+    for k in range(1, noise.shape[1]):
+        out[:, k] = rho * out[:, k - 1] + np.sqrt(1 - rho**2) * noise[:, k]
+    return out
+
+
+@pytest.mark.parametrize("prior", [None, {"vx": (3.0, 1.0)}])
+@pytest.mark.parametrize("count", [14, 40, 60])
+def test_correlated_residuals_are_a_misfit_of_a_batch_as_of_one_record(count, prior):
+    """By the same test as of one record; chi2 does not see them."""
+    times, observer = circling(count)
+    exact = simulate(times, observer, np.array([2000, 7000, 3, -2.0]), 1e-12, seed=2)
+    noise = np.random.default_rng(count).normal(size=(24, count))
+    seen = np.concatenate([exact + 5e-3 * neighbours(noise, rho) for rho in (0.0, 0.4, 0.8)])
+    together = localize_many(times, seen, observer, 5e-3, prior)
+    ship = gm.tracks.Carrier(observer, times)
+    sensor = gm.tracks.Sensor.bearing(ship, times, sigma=5e-3)
+    scene = gm.tracks.Scene(gm.tracks.Motion.constant_velocity(), [sensor])
+    tracked = gm.tracks.estimate_many(scene, seen, prior=prior)
+    for k, record in enumerate(seen):
+        one = localize(times, record, observer, 5e-3, prior)
+        expected = one.fit.dof >= 10 and one.fit.lag1[3] < 1e-4 and one.fit.p_value <= 0.999
+        assert together.correlated[k] == tracked.correlated[k] == expected
+        if expected:
+            assert one.status == together.status[k] == tracked.status[k] == "misfit"
+    assert (together.correlated.sum() > 5) == (count > 14)
+    assert not together.correlated[:24].any()
+    # A stricter level lets some pass, and a robust loss is not tested, as of one record.
+    strict = localize_many(times, seen, observer, 5e-3, prior, alpha=1e-6).correlated
+    assert (strict <= together.correlated).all()
+    assert not gm.tracks.estimate_many(scene, seen, prior=prior, loss="huber").correlated.any()

@@ -111,6 +111,68 @@ def test_mistakes_are_named(tmp_path, text, message):
         load(scenario_file(tmp_path, text))
 
 
+def test_a_radar_on_a_ship(tmp_path):
+    """At a steady velocity, or along the same path from a file: one answer."""
+    scenario = load(EXAMPLES / "radar_on_a_ship.toml")
+    report = scenario.analyze()
+    assert report.headline == "OBSERVABLE"
+    assert dict(report.facts)["ship.azimuth is"].endswith("of its azimuths and of ship's heading")
+    report.write(tmp_path)
+    found = scenario.localize()
+    estimate = found.data["estimates"]["all targets"]
+    error = (np.array(estimate["state"]) - [120.0, 0.0, -60.0, np.radians(1.5)]) / estimate["std"]
+    assert np.abs(error).max() < 4
+    assert scenario.simulate(300, 1, progress=False).headline == "REACHES THE BOUND"
+    t = np.linspace(0.0, 400.0, 41)
+    east, north = 40e3 + 2 * t, -3e3 + 9 * t
+    heading = np.full(41, np.degrees(np.arctan2(2, 9)))
+    lines = [
+        "t,x,y,hdg",
+        *(",".join(map(repr, r)) for r in np.c_[t, east, north, heading].tolist()),
+    ]
+    (tmp_path / "ship.csv").write_text("\n".join(lines), encoding="utf-8")
+    text = (EXAMPLES / "radar_on_a_ship.toml").read_text(encoding="utf-8")
+    start, end = text.index("east = 40000.0"), text.index("azimuths =")
+    columns = 'columns = { time = "t", east = "x", north = "y", heading_deg = "hdg" }\n'
+    recorded = text[:start] + 'file = "ship.csv"\n' + columns + text[end:]
+    again = load(scenario_file(tmp_path, recorded))
+    assert np.allclose(again.problem.rows, scenario.problem.rows, rtol=1e-9)
+    assert np.allclose(
+        again.localize().data["estimates"]["all targets"]["state"], estimate["state"], rtol=1e-6
+    )
+    short = "\n".join(lines[:30])
+    (tmp_path / "ship.csv").write_text(short, encoding="utf-8")
+    with pytest.raises(gm.InputError, match=r"sensors\['ship'\]: .*outside the carrier's path"):
+        load(scenario_file(tmp_path, recorded)).analyze()
+    (tmp_path / "ship.csv").write_text("\n".join(lines[:2]), encoding="utf-8")
+    with pytest.raises(gm.ScenarioError, match=r"sensors\.ship.*path has 1 place"):
+        load(scenario_file(tmp_path, recorded)).analyze()
+
+
+SHIP = (EXAMPLES / "radar_on_a_ship.toml").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("velocity = [2.0, 9.0]", "", 'needs a heading_deg, or a sensor that moves'),
+        ("velocity = [2.0, 9.0]", "velocity = [2.0, 9.0, 0.0]", "velocity must have 2 numbers"),
+        ("north = -3000.0\n", "", "a sensor needs east and north, or a file of its path"),
+        ('azimuths = "heading"', 'file = "x.csv"', "file and columns go together"),
+        ('azimuths = "heading"', 'azimuths = "bow"', "azimuths"),
+        ('azimuths = "heading"',
+         'file = "x.csv"\ncolumns = { time = "t", east = "x", north = "y" }',
+         "east is for a sensor without a file"),
+        ("[biases.ship]", "[[maps]]\nwest = 0.0\neast = 1.0\nsouth = 0.0\nnorth = 1.0\n[biases.ship]",
+         "maps are for sensors that stand"),
+    ],
+)  # fmt: skip
+def test_mistakes_about_a_ship_are_named(tmp_path, old, new, message):
+    assert SHIP.count(old) == 1
+    with pytest.raises(gm.ScenarioError, match=message):
+        load(scenario_file(tmp_path, SHIP.replace(old, new)))
+
+
 def test_the_claims_of_the_paper():
     report = reproduce("zhu-2013")
     assert report.headline.startswith("REPRODUCED")

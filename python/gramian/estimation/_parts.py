@@ -33,9 +33,15 @@ STATUSES = ("unobservable", "misfit", "not_converged", "ambiguous", "weak", "det
 #: Residuals whose p is larger are too small.
 SMALL = 0.999
 
+#: The level of the test of neighbouring residuals, over that of the tests of the fit.
+NEIGHBOURS = 0.1
+
 
 def not_white(
-    dof: int, p_value: float | Array, lag_p_value: float | Array, alpha: float
+    dof: int | NDArray[np.int_],
+    p_value: float | Array,
+    lag_p_value: float | Array,
+    alpha: float,
 ) -> np.bool_ | NDArray[np.bool_]:
     """Whether neighbouring residuals are correlated by more than chance leaves.
 
@@ -43,7 +49,8 @@ def not_white(
     alternatives; from 10 degrees of freedom on, where the normal tail is never below the true
     one; not of residuals that are too small, since those of exact data repeat themselves.
     """
-    return (dof >= 10) & (np.asarray(lag_p_value) < 0.1 * alpha) & ~(np.asarray(p_value) > SMALL)
+    correlated = np.asarray(lag_p_value) < NEIGHBOURS * alpha
+    return (np.asarray(dof) >= 10) & correlated & ~(np.asarray(p_value) > SMALL)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -178,9 +178,19 @@ RegistrationScenario.seed | | of the noise in simulated reports | 2013
 RegistrationScenario.select | | how many targets to choose | 2
 RegistrationScenario.estimate | | how biases are estimated |
 RegistrationScenario.maps | | maps of where a target tells most |
-Sensor.east | m | its place | 60000.0
-Sensor.north | m | its place | 0.0
-Sensor.up | m | its place, for sensors in space | 20.0
+Sensor.east | m | its place, at time 0 if it moves | 60000.0
+Sensor.north | m | likewise | 0.0
+Sensor.up | m | likewise, for sensors in space | 20.0
+Sensor.velocity | m/s | of a sensor that moves steadily: east, north and up | [0.0, 8.0]
+Sensor.file | | a table of the path of a sensor that moves, CSV or Parquet | "ship.csv"
+Sensor.columns | | what its columns are called |
+Sensor.heading_deg | deg | of what carries it; that of the velocity by default | 30.0
+Sensor.azimuths | | what azimuths count from: north or the heading | "heading"
+PathColumns.time | | the column of times, counted as those of the targets | "t_s"
+PathColumns.east | | the column of positions to the east, m | "east_m"
+PathColumns.north | | the column of positions to the north, m | "north_m"
+PathColumns.up | | the column of heights, m | "altitude_m"
+PathColumns.heading_deg | | the column of headings, degrees clockwise from north | "heading_deg"
 Sensor.sigma_range | m | standard deviation of a range | 50.0
 Sensor.sigma_azimuth_deg | deg | standard deviation of an azimuth | 0.1
 Sensor.sigma_elevation_deg | deg | standard deviation of an elevation, for sensors in space | 0.2
@@ -200,7 +210,7 @@ ReportColumns.target | | the column that says which target it is | "target"
 ReportColumns.time | | the column of times | "t_s"
 ReportColumns.sensor | | the column that says which sensor saw it | "radar"
 ReportColumns.range | | the column of ranges, m | "range_m"
-ReportColumns.azimuth_deg | | the column of azimuths, degrees clockwise from north | "azimuth_deg"
+ReportColumns.azimuth_deg | | the column of azimuths, degrees clockwise from north, or from the sensor's heading | "azimuth_deg"
 ReportColumns.elevation_deg | | the column of elevations, degrees | "elevation_deg"
 Reported.file | | a table, CSV or Parquet | "reports.csv"
 Reported.columns | | what the columns are called |

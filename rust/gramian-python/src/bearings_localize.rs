@@ -99,7 +99,7 @@ fn from_trial<'a>(track: &Track<'a>, first: usize) -> Track<'a> {
 
 /// Results (..., size) as `Layout::size` orders them.
 #[pyfunction]
-#[pyo3(signature = (times, observer, bearings, sigma, states, prior, several, rtol, max_iterations, weak_ratio))]
+#[pyo3(signature = (times, observer, bearings, sigma, states, prior, several, rtol, max_iterations, weak_ratio, correlation))]
 #[allow(clippy::too_many_arguments)]
 fn bearings_localize<'py>(
     py: Python<'py>,
@@ -113,6 +113,7 @@ fn bearings_localize<'py>(
     rtol: Option<f64>,
     max_iterations: u32,
     weak_ratio: f64,
+    correlation: f64,
 ) -> PyResult<Bound<'py, PyDict>> {
     let mut given = Given::new(times, observer, sigma, prior, states, several)?;
     let m = given.times.core_shape()[0];
@@ -123,6 +124,7 @@ fn bearings_localize<'py>(
         rtol,
         max_iterations,
         weak_ratio,
+        correlation,
     };
     let size = Layout { states }.size();
     let (track, bearings) = (given.track()?, bearings.items()?);
@@ -139,7 +141,7 @@ fn bearings_localize<'py>(
         );
     })?;
     let n = states;
-    let parts: [(&str, &[usize]); 7] = [
+    let parts: [(&str, &[usize]); 8] = [
         ("state", &[n]),
         ("null_direction", &[n]),
         ("covariance", &[n, n]),
@@ -147,6 +149,7 @@ fn bearings_localize<'py>(
         ("nullity", &[]),
         ("iterations", &[]),
         ("chi2", &[]),
+        ("lag_p_value", &[]),
     ];
     batch.named(&records, &parts)
 }
@@ -186,6 +189,7 @@ fn bearings_localize_trials<'py>(
         rtol,
         max_iterations,
         weak_ratio,
+        ..Options::default()
     };
     let size = Layout { states }.trial_size();
     let (track, truth) = (given.track()?, truth.items()?);

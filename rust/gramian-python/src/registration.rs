@@ -31,8 +31,39 @@ type Extras = (bool, bool, bool);
 /// Linearisations at most, tolerance, noise share, bend: see `Question`.
 type Settings = (usize, f64, f64, f64);
 
+/// Places (N, d), or with a third axis places (K, N, d) of platforms that move.
+fn sensors_of<'py>(value: &Bound<'py, PyAny>) -> PyResult<Input<'py>> {
+    let axes = value
+        .getattr("ndim")
+        .and_then(|ndim| ndim.extract::<usize>());
+    Input::new(
+        value,
+        "sensors",
+        if axes.is_ok_and(|axes| axes == 3) {
+            3
+        } else {
+            2
+        },
+    )
+}
+
+/// Checks that platforms that move have places for each of `looks` looks.
+fn expect_looks(sensors: &Input<'_>, looks: usize) -> PyResult<()> {
+    match sensors.core_shape() {
+        &[_, count, d] => sensors.expect(
+            &[Some(looks), Some(count), Some(d)],
+            "the places of all sensors for each look",
+        ),
+        _ => Ok(()),
+    }
+}
+
 fn layout_of(sensors: &Input<'_>, (gain, position, attitude): Extras) -> PyResult<Layout> {
-    let dimension = match sensors.core_shape()[1] {
+    let (count, d) = match *sensors.core_shape() {
+        [count, d] | [_, count, d] => (count, d),
+        _ => (0, 0),
+    };
+    let dimension = match d {
         2 => Dimension::Plane,
         3 => Dimension::Space,
         _ => {
@@ -42,7 +73,7 @@ fn layout_of(sensors: &Input<'_>, (gain, position, attitude): Extras) -> PyResul
     };
     Ok(Layout {
         dimension,
-        sensors: sensors.core_shape()[0],
+        sensors: count,
         gain,
         position,
         attitude,
@@ -59,7 +90,7 @@ impl<'py> Given<'py> {
         biases: &Bound<'py, PyAny>,
         extras: Extras,
     ) -> PyResult<Self> {
-        let sensors = Input::new(sensors, "sensors", 2)?;
+        let sensors = sensors_of(sensors)?;
         let layout = layout_of(&sensors, extras)?;
         let (count, d) = (layout.sensors, layout.size());
         let sigma = Input::new(sigma, "sigma", 2)?;
@@ -75,6 +106,7 @@ impl<'py> Given<'py> {
             positions.expect(&wanted, "for each look one line from each sensor")?;
         }
         positions.expect_entries()?;
+        expect_looks(&sensors, positions.core_shape()[0])?;
         Ok(Self {
             layout,
             sensors,
@@ -323,8 +355,7 @@ impl<'py> Asked<'py> {
         method: &str,
         (iterations, tolerance, noise_share, bend): Settings,
     ) -> PyResult<Self> {
-        let sensors = Input::new(sensors, "sensors", 2)?;
-        sensors.expect(&[None, None], "one place for each sensor")?;
+        let sensors = sensors_of(sensors)?;
         let layout = layout_of(&sensors, extras)?;
         let sigma = Input::new(sigma, "sigma", 2)?;
         let wanted = [Some(layout.sensors), Some(layout.size())];
@@ -412,6 +443,7 @@ fn registration_estimate<'py>(
     reports.expect(&wanted, "for each look one line from each sensor")?;
     reports.expect_entries()?;
     let looks = reports.core_shape()[0];
+    expect_looks(&asked.sensors, looks)?;
     let size = batch::answer_size(&layout, if keep_positions { looks } else { 0 });
     let trials = Batch::of(&mut [&mut reports])?;
     let (question, reports) = (asked.question()?, reports.items()?);
@@ -459,6 +491,7 @@ fn registration_estimate_trials<'py>(
     let biases = Input::new(biases, "biases", 1)?;
     biases.expect(&[Some(layout.states())], "the biases of all sensors")?;
     positions.expect_single("all trials share them")?;
+    expect_looks(&asked.sensors, positions.core_shape()[0])?;
     biases.expect_single("all trials share them")?;
     let size = batch::answer_size(&layout, 0);
     let question = asked.question()?;
@@ -487,7 +520,7 @@ impl PyRecord {
         truth: Option<(Bound<'_, PyAny>, Bound<'_, PyAny>)>,
         velocity: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let sensors = Input::new(sensors, "sensors", 2)?;
+        let sensors = sensors_of(sensors)?;
         let layout = layout_of(&sensors, extras)?;
         let shape = [Some(layout.sensors), Some(layout.size())];
         let sigma = Input::new(sigma, "sigma", 2)?;
@@ -497,6 +530,7 @@ impl PyRecord {
         let wanted = [None, shape[0], shape[1]];
         reports.expect(&wanted, "for each look one line from each sensor")?;
         let looks = [Some(reports.core_shape()[0]), shape[1]];
+        expect_looks(&sensors, reports.core_shape()[0])?;
         let of_looks = |value: &Bound<'_, PyAny>, name: &'static str| {
             let value = Input::unchecked(value, name, 2)?;
             value.expect(&looks, "one line for each look")?;

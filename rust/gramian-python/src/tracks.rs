@@ -82,6 +82,20 @@ impl TrackCarrier {
         };
         Ok((array(&found.place)?, array(&found.velocity)?))
     }
+
+    /// Headings (m,) at `times`: those given, or those of the velocity.
+    fn headings<'py>(
+        &self,
+        py: Python<'py>,
+        times: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let times = Input::new(times, "times", 1)?;
+        let found = self.0.headings(times.slice()?);
+        Ok(PyArray1::from_vec(
+            py,
+            found.map_err(|error| input_at("", error))?,
+        ))
+    }
 }
 
 /// Whole numbers are nuisance states, others are values.
@@ -530,7 +544,7 @@ impl TrackScene {
     }
 
     /// Estimates of measurements (..., m), by name.
-    #[pyo3(signature = (measurements, known, mean, sigma, starts, max_iterations, loss, constant, polish, rtol, alpha, weak_ratio))]
+    #[pyo3(signature = (measurements, known, mean, sigma, starts, max_iterations, loss, constant, polish, rtol, alpha, weak_ratio, correlation))]
     #[allow(clippy::too_many_arguments)]
     fn estimate<'py>(
         &self,
@@ -547,6 +561,7 @@ impl TrackScene {
         rtol: Option<f64>,
         alpha: f64,
         weak_ratio: f64,
+        correlation: f64,
     ) -> PyResult<Bound<'py, PyDict>> {
         let (n, m) = (self.scene.states(), self.scene.measurements());
         let mut z = Input::unchecked(measurements, "measurements", 1)?;
@@ -577,6 +592,7 @@ impl TrackScene {
                 loss,
                 polish,
                 rtol,
+                correlation,
             },
         };
         let size = Layout { states: n }.size();
@@ -602,7 +618,7 @@ impl TrackScene {
         }
         let out = PyDict::new(py);
         let mut at = 0;
-        let parts: [(&str, &[usize]); 12] = [
+        let parts: [(&str, &[usize]); 13] = [
             ("state", &[n]),
             ("covariance", &[n, n]),
             ("null_direction", &[n]),
@@ -615,6 +631,7 @@ impl TrackScene {
             ("iterations", &[]),
             ("converged", &[]),
             ("vagueness", &[]),
+            ("lag_p_value", &[]),
         ];
         for (name, shape) in parts {
             let width: usize = shape.iter().product();

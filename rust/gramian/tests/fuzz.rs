@@ -1081,7 +1081,11 @@ fn running<T: Number>(draw: &mut Draw<T>) {
     for _ in 0..4 {
         draw.again();
         let (position, before) = (draw.array(), *running.root());
-        let result = running.push(position);
+        let result = if draw.below(2) == 0 {
+            running.push(position)
+        } else {
+            running.push_from([draw.array(), draw.array()], position)
+        };
         draw.unchanged(&result, running.root(), &before);
         draw.taken(result);
         draw.finite(&[running.eta()]);
@@ -1450,7 +1454,9 @@ mod sized {
     pub fn estimates<T: Number>(draw: &mut Draw<T>) {
         let (layout, looks) = (layout(draw), 1 + draw.index(3));
         let (d, m, n) = (layout.size(), layout.sensors, layout.states());
-        let (sensors, positions) = (draw.numbers(m * d), draw.numbers(looks * d));
+        // Of platforms that move there are places for each look.
+        let places = [1, looks][draw.index(2)];
+        let (sensors, positions) = (draw.numbers(places * m * d), draw.numbers(looks * d));
         let biases = draw.numbers(n);
         let mut reports = vec![T::zero(); looks * m * d];
         let made = report(&layout, &sensors, &biases, &positions, &mut reports);

@@ -25,6 +25,7 @@ from gramian._noise import as_pair
 from gramian._text import brief, plain
 from gramian.estimation import Estimate, estimate
 from gramian.estimation._channels import faulty
+from gramian.estimation._parts import NEIGHBOURS, not_white
 from gramian.exceptions import InputError
 from gramian.models.bearings._model import BearingsModel, channels
 from gramian.models.bearings._rows import check_index, state_names
@@ -74,6 +75,8 @@ class Localizations(Answer):
         Where the nullity is not zero, one change of the states that leaves every
         bearing as it is, per metre of position; zero elsewhere.
     names, units : tuple of str, length n
+    correlated : ndarray of bool, shape (...)
+        Whether neighbouring residuals are correlated by more than noise leaves: a "misfit".
     faults : tuple of str
         Bearings that are stuck at one value, or those of another observer once more: a
         "misfit", whatever chi2 is. Of a batch with the place of the record.
@@ -89,6 +92,7 @@ class Localizations(Answer):
     null_direction: Array
     names: tuple[str, ...]
     units: tuple[str, ...]
+    correlated: NDArray[np.bool_]
     faults: tuple[str, ...] = ()
 
     @property
@@ -130,6 +134,7 @@ class Localizations(Answer):
             "iterations": self.iterations.tolist(),
             "nullity": self.nullity.tolist(),
             "null_direction": _plain(self.null_direction),
+            "correlated": self.correlated.tolist(),
             "faults": list(self.faults),
         }
 
@@ -146,6 +151,8 @@ class Localizations(Answer):
             known = "not determined" if np.isinf(std) else f"{value:.6g} +- {brief(std)} {unit}"
             lines.append(f"  {name}  {known}")
         lines.append(f"  residuals: chi2 {brief(self.chi2, 4)} with {self.dof} degrees of freedom")
+        if self.correlated.any():
+            lines.append("  neighbouring residuals are correlated")
         lines += [f"  {text}" for text in self.faults]
         return "\n".join(lines)
 
@@ -318,7 +325,8 @@ def localize_many(
         coordinates calls for.
     alpha : float
         "misfit" where a true model gives so large a chi-square with a smaller
-        probability than this, in (0, 1).
+        probability than this, in (0, 1), or neighbouring residuals so correlated with a
+        tenth of it.
 
     Returns
     -------
@@ -326,7 +334,8 @@ def localize_many(
         Leading axes are a batch, computed by all threads. Look at each status: "determined";
         "weak", a state whose range is hardly known; "unbounded", the likelihood grows towards
         infinite range; "not_converged", the iterations ran out; "misfit", the bearings
-        contradict the motion or their sigma, or are stuck at one value, which outranks these;
+        contradict the motion or their sigma, or have neighbours whose residuals are
+        correlated, or are stuck at one value, which outranks these;
         "unobservable", a combination of states leaves all bearings as they are. Other
         solutions and intervals of the likelihood: `localize`, of one record.
 
@@ -381,13 +390,15 @@ def localize_many(
         rtol,
         max_iterations,
         weak_ratio,
+        NEIGHBOURS * alpha,
     )
     # Beyond what float64 holds the sum of squares is infinite, whatever it went through.
     chi2 = np.where(np.isnan(found["chi2"]), np.inf, found["chi2"])
     dof = seen.shape[-1] + len(prior or {}) - n
     p_value = _core.chi_square_survival(chi2, dof) if dof > 0 else np.full(chi2.shape, np.nan)
     bad, faults = faulty(seen, sigma, channels(as_float_array(times, "times"), index), p_value)
-    code = np.asarray(_judged(found["status"].astype(np.int8), p_value, bad, alpha))
+    correlated = np.asarray(not_white(dof, p_value, found["lag_p_value"], alpha))
+    code = np.asarray(_judged(found["status"].astype(np.int8), p_value, bad | correlated, alpha))
     return Localizations(
         state=found["state"],
         covariance=found["covariance"],
@@ -399,16 +410,17 @@ def localize_many(
         null_direction=found["null_direction"],
         names=names,
         units=units,
+        correlated=correlated,
         faults=faults if (code == _MISFIT).any() else (),
     )
 
 
 def _judged(
-    code: NDArray[np.int8], p_value: Array, faulty: NDArray[np.bool_], alpha: float
+    code: NDArray[np.int8], p_value: Array, wrong: NDArray[np.bool_], alpha: float
 ) -> NDArray[np.int8]:
     """Return the codes with what does not fit marked: it outranks all that trust the model."""
     with np.errstate(invalid="ignore"):
-        bad = ((p_value < alpha) | faulty) & (code != _UNOBSERVABLE)
+        bad = ((p_value < alpha) | wrong) & (code != _UNOBSERVABLE)
     return np.where(bad, np.int8(_MISFIT), code)
 
 

@@ -104,7 +104,7 @@ class BearingsModel(Value):
         span = self.times[-1] - self.times[0]
         moving[:, 2:4] = (self.observer[-1] - self.observer[0]) / (span or 1.0)
         record = _core.bearings_localize(
-            self.times, self.observer, z, self.sigma, n, None, True, None, 50, 0.25
+            self.times, self.observer, z, self.sigma, n, None, True, None, 50, 0.25, 0.0
         )
         state = np.asarray(record["state"])
         known = [state[None, :]] if np.isfinite(state).all() else []

@@ -1,6 +1,6 @@
 """Registration of sensors: the constant biases of radars that see the same targets.
 
-Each of N sensors at a known place measures range and azimuth, in space also
+Each of N sensors at known places measures range and azimuth, in space also
 elevation, of a target: truth + constant bias + noise. The targets' positions are
 not known and not needed: they are eliminated look by look.
 
@@ -11,6 +11,7 @@ not known and not needed: they are eliminated look by look.
 - `singular_tracks` with `SingularTrack`, `check_track` with `TrackCheck`: where not at all.
 - `select`, with `Selection`: which targets of a crowd tell most.
 - `Reports`: the measurements; `simulate` makes them, `match` pairs recordings.
+- `Platform`: a sensor that moves, or whose azimuths count from its heading.
 
 Metres and radians; x is east, y is north; azimuths clockwise from north.
 """
@@ -27,6 +28,7 @@ from gramian.models.registration._field import Field, field
 from gramian.models.registration._model import fisher, gauges, problem, rows
 from gramian.models.registration._reports import Reports, match, simulate
 from gramian.models.registration._select import Selection, select
+from gramian.models.registration._setup import Platform
 from gramian.models.registration._tracks import (
     SingularTrack,
     TrackCheck,
@@ -38,6 +40,7 @@ __all__ = [
     "Estimate",
     "Estimates",
     "Field",
+    "Platform",
     "RegistrationModel",
     "Reports",
     "Selection",

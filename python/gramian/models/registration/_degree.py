@@ -12,8 +12,8 @@ from gramian import _core
 from gramian import _options as options
 from gramian._arrays import whole
 from gramian.exceptions import InputError
-from gramian.models.registration._reports import Reports, targets
-from gramian.models.registration._setup import Array, Extra, SensorsLike, Setup, setup
+from gramian.models.registration._reports import Reports, stage, targets
+from gramian.models.registration._setup import Array, Extra, SensorsLike, Setup
 
 Method = Literal["eta", "pair", "paper"]
 
@@ -29,6 +29,7 @@ def degree(
     window: int | None = None,
     smoothing: int | None = None,
     biases: ArrayLike | Mapping[str, float] | None = None,
+    times: ArrayLike | None = None,
 ) -> Array:
     """Return how well the biases can be determined, along a track or between instants.
 
@@ -55,6 +56,8 @@ def degree(
         Number of looks, odd, over which positions are smoothed by a parabola first.
     biases : array_like, shape (n,), or mapping of str to float, optional
         Taken off reports before they become positions.
+    times : array_like, shape (K,), optional
+        Of the looks, seconds, for platforms that move.
 
     Returns
     -------
@@ -87,7 +90,7 @@ def degree(
     array([0.    , 0.2075])
     """
     options.choice(method, "method", ("eta", "pair", "paper"))
-    known = setup(sensors, sigma)
+    known = stage(positions, sensors, sigma, times=times)
     lag = whole(lag, "lag", 1)
     if window is not None:
         window = whole(window, "window", 2)
@@ -128,12 +131,18 @@ def _pairs(instants: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
     return chosen
 
 
-def eta(positions: ArrayLike | Reports, sensors: SensorsLike, sigma: ArrayLike) -> Array:
+def eta(
+    positions: ArrayLike | Reports,
+    sensors: SensorsLike,
+    sigma: ArrayLike,
+    *,
+    times: ArrayLike | None = None,
+) -> Array:
     """Return the degree eta of whole sets of looks, one number for each.
 
     Parameters
     ----------
-    positions, sensors, sigma
+    positions, sensors, sigma, times
         As for `rows`; leading axes are sets.
 
     Returns
@@ -146,14 +155,14 @@ def eta(positions: ArrayLike | Reports, sensors: SensorsLike, sigma: ArrayLike) 
     >>> float(eta([[20e3, 30e3], [45e3, 25e3]], [[0, 0], [60e3, 0]], (50, 0.00175)).round(3))
     0.207
     """
-    known = setup(sensors, sigma)
+    known = stage(positions, sensors, sigma, times=times)
     return _core.registration_eta(
         targets(known, positions, None), known.places, known.sigma, np.zeros(known.n)
     )
 
 
 def _two_in_the_plane(known: Setup, what: str, extras: Sequence[Extra] = ()) -> None:
-    if known.places.shape != (2, 2) or extras:
+    if known.places.shape[-2:] != (2, 2) or extras:
         raise InputError(
             f"{what} is for two sensors in the plane, here are {len(known.labels)} with "
             f'{known.d} coordinates: use method "eta" or the problem\'s analysis'

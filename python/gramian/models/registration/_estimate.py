@@ -23,9 +23,9 @@ from gramian.estimation import estimate as estimate_model
 from gramian.estimation._knowledge import levels
 from gramian.estimation._parts import Status
 from gramian.exceptions import ConvergenceError, InputError, UnobservableError
-from gramian.models.registration._model import gauges
-from gramian.models.registration._reports import Reports, report_array
-from gramian.models.registration._setup import Array, Extra, SensorsLike, Setup, setup
+from gramian.models.registration._model import gauges_of
+from gramian.models.registration._reports import Reports, report_array, stage
+from gramian.models.registration._setup import Array, Extra, SensorsLike, Setup
 from gramian.models.registration._tracks import singular_tracks
 
 Method = Literal["ls", "gls", "ml"]
@@ -44,7 +44,7 @@ class RegistrationModel(Value):
     Attributes
     ----------
     sensors : Setup
-        Names, places, noise and kinds of biases.
+        Names, places, noise and kinds of biases; of platforms that move, at the looks.
     reports : ndarray, shape (K, N, d)
         Reports near which the model is asked, NaN where one is missing: `h` says what is
         measured of their targets.
@@ -114,7 +114,7 @@ class RegistrationModel(Value):
         if self.truth is not None and self.truth_sigma is not None:
             truth = (self.truth, self.truth_sigma)
         return _core.RegistrationRecord(
-            values,
+            known.to_north(values),
             known.places,
             known.sigma,
             known.flags,
@@ -144,14 +144,16 @@ class RegistrationModel(Value):
         places = self.record(self.reports).positions(self.x.tolist())
         exact = np.full(self.reports.shape, np.nan)
         placed = np.isfinite(places).all(axis=1)
+        there = known.at(placed)
         late = dict(zip(self._clock_names, values[known.n :].tolist(), strict=True))
         for s, label in enumerate(known.labels):
             where = places[placed]
             if self.velocity is not None and (offset := late.get(f"{label}.clock", 0.0)):
                 where = where - offset * self.velocity[placed]
             exact[placed, s] = _core.registration_reports(
-                where, known.places, known.sigma, values[: known.n], known.flags
+                where, there.places, known.sigma, values[: known.n], known.flags
             )[:, s]
+        exact = known.as_measured(exact)
         exact[np.isnan(self.reports)] = np.nan
         return exact.ravel()
 
@@ -365,7 +367,7 @@ def estimate(
     reports : array_like, shape (..., K, N, d), or Reports
         For each look and sensor range (m), azimuth and, with d = 3, elevation
         (rad); NaN where one is missing, in one set of reports with "ml". Leading axes are
-        trials.
+        trials. Platforms that move need `Reports` with times.
     sensors, sigma, extras
         As for `rows`.
     method : {"ls", "gls", "ml"}
@@ -394,7 +396,7 @@ def estimate(
     clocks : bool
         Whether the clocks of the sensors may be off: the states "B.clock", .. (s), how late
         the stamps are, against the first sensor's or against the truth. Needs the times of
-        the looks and targets that move.
+        the looks and targets that move. The path of a platform is on the clock of its sensor.
     fixed : mapping of str to float, optional
         Biases that are known: an extra that only some sensors have is fixed at 0 for the
         others.
@@ -450,8 +452,8 @@ def estimate(
     True
     """
     options.choice(method, "method", ("ls", "gls", "ml"))
-    known = setup(sensors, sigma, extras, 2 if truth is None else 1)
     values = reports.values if isinstance(reports, Reports) else report_array(reports)
+    known = stage(reports, sensors, sigma, extras, 2 if truth is None else 1)
     if method == "ls" and prior is not None:
         raise InputError('method "ls" is not weighted: a prior needs "gls" or "ml"')
     options.choice(on_failure, "on_failure", ("raise", "report"))
@@ -480,7 +482,7 @@ def estimate(
         return _general(model, prior, fixed, loss, on_failure, limits)
     deviations = _prior(known.names, known.units, prior)
     found = _core.registration_estimate(
-        values, known.places, known.sigma, known.flags, deviations, method,
+        known.to_north(values), known.places, known.sigma, known.flags, deviations, method,
         (count, tolerance, NOISE_SHARE, BEND), True,
     )  # fmt: skip
     looks = values.shape[-3]
@@ -503,12 +505,13 @@ def estimate_trials(
     extras: Sequence[Extra] = (),
     iterations: int | None = None,
     tolerance: float = 1e-6,
+    times: ArrayLike | None = None,
 ) -> Estimates:
     """Simulate and estimate in one pass: what `estimate` makes of `simulate`, for many trials.
 
     Parameters
     ----------
-    positions, biases
+    positions, biases, times
         The truth, as for `simulate`.
     sensors, sigma, extras, method, prior, iterations, tolerance
         As for `estimate`.
@@ -528,7 +531,7 @@ def estimate_trials(
     >>> estimate_trials(path, sensors, sigma, {"A.range": 300}, seed=1, trials=50).summary()
     '50 estimates: 50 determined, 0 not_converged, 0 unobservable'
     """
-    known = setup(sensors, sigma, extras)
+    known = stage(positions, sensors, sigma, extras, times=times)
     seed, first = whole(seed, "seed", 0, SEED_MOST), whole(first, "first")
     trials = whole(trials, "trials", 1)
     options.choice(method, "method", ("ls", "gls", "ml"))
@@ -625,7 +628,7 @@ def _model(
     if clocks and times is None:
         raise InputError("clocks need the times of the looks: give Reports(values, times)")
     return RegistrationModel(
-        known,
+        known.at(use),
         values[use],
         None if places is None else places[use],
         spread,
@@ -672,8 +675,9 @@ def _general(
     whole_looks = np.isfinite(values).all(axis=(1, 2))
     if model.truth is None and len(known.labels) > 1 and whole_looks.any():
         # Whether the noise of the positions makes the information: see `estimate`.
+        there = known.at(whole_looks)
         first = _core.registration_estimate(
-            values[whole_looks], known.places, known.sigma, known.flags,
+            there.to_north(values[whole_looks]), there.places, known.sigma, known.flags,
             None if deviations is None else deviations[: known.n], "ml",
             (100, 1e-6, NOISE_SHARE, BEND), True,
         )  # fmt: skip
@@ -847,9 +851,7 @@ def _named(known: Setup, directions: Array, scale: Array) -> tuple[tuple[str, ..
                     return (track.combinations[side],), f" (as for targets {track.where})"
     freedoms = {
         name: vector
-        for name, vector in gauges(
-            dict(zip(known.labels, known.places, strict=True)), known.extras
-        ).items()
+        for name, vector in gauges_of(known).items()
         if np.linalg.norm(basis.T @ (vector / scale)) > 0.98 * np.linalg.norm(vector / scale)
     }
     scaled = np.array([vector / scale / np.linalg.norm(vector / scale)

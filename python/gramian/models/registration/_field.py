@@ -119,7 +119,7 @@ def field(
     >>> here.values[0, 0].round(6)
     np.float64(0.031317)
     """  # noqa: E501
-    known = setup(sensors, sigma)
+    known = setup(sensors, sigma, still="field")
     if known.d != 2:
         raise InputError("field is a map of the plane: give sensors (N, 2)")
     edges = as_float_array(extent, "extent")

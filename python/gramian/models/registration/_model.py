@@ -11,8 +11,8 @@ from gramian import _core
 from gramian import _options as options
 from gramian._arrays import above_rounding, number, require_finite
 from gramian.exceptions import InputError
-from gramian.models.registration._reports import Reports, targets
-from gramian.models.registration._setup import Array, Extra, SensorsLike, setup
+from gramian.models.registration._reports import Reports, stage, targets
+from gramian.models.registration._setup import Array, Extra, SensorsLike, Setup, setup
 from gramian.problem import Problem
 
 
@@ -23,6 +23,7 @@ def rows(
     *,
     extras: Sequence[Extra] = (),
     biases: ArrayLike | Mapping[str, float] | None = None,
+    times: ArrayLike | None = None,
 ) -> Array:
     """Return whitened rows on the biases alone, the targets' positions unknown.
 
@@ -33,7 +34,8 @@ def rows(
         metres. Of `Reports` the positions that they give together.
     sensors : array_like, shape (N, d), or mapping of str to array_like, shape (d,)
         Places of the N >= 2 sensors, metres, with their names; without names
-        they are A, B, C, ...
+        they are A, B, C, ... A `Platform` in place of a place moves, or has azimuths
+        that count from its heading.
     sigma : array_like, shape (d,) or (N, d)
         Standard deviations of range (m), azimuth and, with d = 3, elevation
         (rad): of every sensor, or a line for each.
@@ -44,6 +46,8 @@ def rows(
     biases : array_like, shape (..., n), or mapping of str to float, optional
         The biases about which to linearise; 0 by default. They matter for
         reports, and for gain, tilts and position errors that are not small.
+    times : array_like, shape (K,), optional
+        Of the looks, seconds: what platforms that move need, unless `Reports` have them.
 
     Returns
     -------
@@ -55,7 +59,8 @@ def rows(
     ------
     InputError
         Coincident sensors, a target on a sensor or straight above one, a wrong
-        shape, a number that is not finite, a deviation that is not positive.
+        shape, a number that is not finite, a deviation that is not positive; a time outside
+        the path of a platform, or times that are missing.
 
     Notes
     -----
@@ -73,7 +78,7 @@ def rows(
     >>> look.shape
     (2, 4)
     """
-    known = setup(sensors, sigma, extras)
+    known = stage(positions, sensors, sigma, extras, times=times)
     about = known.biases(biases)
     return require_finite(
         _core.registration_rows(
@@ -90,13 +95,14 @@ def problem(
     *,
     extras: Sequence[Extra] = (),
     biases: ArrayLike | Mapping[str, float] | None = None,
+    times: ArrayLike | None = None,
     scale: Mapping[str, float] | None = None,
 ) -> Problem:
     """Return the problem of registering these sensors by these targets.
 
     Parameters
     ----------
-    positions, sensors, sigma, extras, biases
+    positions, sensors, sigma, extras, biases, times
         As for `rows`, without leading axes: the looks of all targets together.
     scale : mapping of str to float, optional
         For a bias ("A.range") or a kind of bias ("range") the deviation that
@@ -122,7 +128,7 @@ def problem(
     >>> gm.analyze(problem(along, sensors, (50.0, 0.00175))).null_combinations
     ('A.range +1, B.range -1',)
     """
-    known = setup(sensors, sigma, extras)
+    known = stage(positions, sensors, sigma, extras, times=times)
     about = known.biases(biases)
     places = targets(known, positions, about)
     values = _core.registration_rows(places, known.places, known.sigma, about, known.flags)
@@ -158,12 +164,13 @@ def fisher(
     *,
     extras: Sequence[Extra] = (),
     biases: ArrayLike | Mapping[str, float] | None = None,
+    times: ArrayLike | None = None,
 ) -> Array:
     """Return the Fisher information on the biases, the targets' positions unknown.
 
     Parameters
     ----------
-    positions, sensors, sigma, extras, biases
+    positions, sensors, sigma, extras, biases, times
         As for `rows`.
 
     Returns
@@ -185,20 +192,24 @@ def fisher(
     >>> round(float(np.trace(j * np.outer(s, s))), 12)  # the same for every look
     2.0
     """
-    known = setup(sensors, sigma, extras)
+    known = stage(positions, sensors, sigma, extras, times=times)
     about = known.biases(biases)
     return _core.registration_fisher(
         targets(known, positions, about), known.places, known.sigma, about, known.flags
     )
 
 
-def gauges(sensors: SensorsLike, extras: Sequence[Extra] = ()) -> dict[str, Array]:
+def gauges(
+    sensors: SensorsLike, extras: Sequence[Extra] = (), *, times: ArrayLike | None = None
+) -> dict[str, Array]:
     """Return the combinations of biases that no target whatever can tell, by name.
 
     Parameters
     ----------
     sensors, extras
         As for `rows`.
+    times : array_like, shape (K,), optional
+        Of the looks, seconds, for platforms that move.
 
     Returns
     -------
@@ -206,7 +217,8 @@ def gauges(sensors: SensorsLike, extras: Sequence[Extra] = ()) -> dict[str, Arra
         "shift east", "shift north", "shift up" and "turn": all sensors and
         targets moved together; "stretch": all distances from the origin longer;
         "A.heading = A.azimuth": two names for one thing. "tilt east" and
-        "tilt north" tilt the whole map, with attitude and position errors.
+        "tilt north" tilt the whole map, with attitude and position errors. Of sensors that
+        move against each other the shifts alone are left, and the two names.
 
     Examples
     --------
@@ -215,7 +227,11 @@ def gauges(sensors: SensorsLike, extras: Sequence[Extra] = ()) -> dict[str, Arra
     >>> list(gauges([[0, 0], [60e3, 0]]))
     []
     """
-    known = setup(sensors, None, extras)
+    return gauges_of(setup(sensors, None, extras, times=times))
+
+
+def gauges_of(known: Setup) -> dict[str, Array]:
+    """Return the `gauges` of sensors that are set up."""
     found: dict[str, Array] = {}
     axes = ("east", "north", "up")[: known.d]
 
@@ -227,10 +243,18 @@ def gauges(sensors: SensorsLike, extras: Sequence[Extra] = ()) -> dict[str, Arra
         return out
 
     ones, zeros = np.ones(len(known.labels)), np.zeros(len(known.labels))
-    place = dict(zip(("east", "north", "up"), [*known.places.T, zeros], strict=False))
+    places, rigid = known.places, True
+    if known.moves:
+        # Where all move alike, the targets may be turned about the first.
+        apart = known.places - known.places[:, :1]
+        size = float(np.abs(known.places).max(initial=0.0))
+        rigid = bool(np.abs(apart - apart[:1]).max(initial=0.0) <= 1e-12 * size)
+        places = apart[0]
+    place = dict(zip(("east", "north", "up"), [*places.T, zeros], strict=False))
     if "position" in known.extras:
         for axis in axes:
             found[f"shift {axis}"] = vector({axis: ones})
+    if "position" in known.extras and rigid:
         # Clockwise by a small angle: all azimuths come out too small by it.
         found["turn"] = vector({"east": place["north"], "north": -place["east"], "azimuth": -ones})
         if "gain" in known.extras:

@@ -28,7 +28,8 @@ class Reports(Value):
     values : array_like, shape (..., K, N, d)
         For each look and sensor: range (m), azimuth and, with d = 3, elevation (rad).
     times : array_like, shape (K,), optional
-        Instants of the looks, seconds.
+        Instants of the looks, seconds: those of one target after the other, where a time that
+        does not increase begins the next. Platforms that move need them.
     """
 
     values: Array
@@ -67,8 +68,8 @@ class Reports(Value):
         ndarray, shape (..., K, d)
             The mean of the sensors' positions, weighted by their noise.
         """
-        known = setup(sensors, sigma, extras)
-        return fused(known, self.values, known.biases(biases))
+        known = stage(self, sensors, sigma, extras)
+        return targets(known, self, biases)
 
 
 def report_array(value: ArrayLike | Sequence[ArrayLike]) -> Array:
@@ -104,6 +105,7 @@ def report_array(value: ArrayLike | Sequence[ArrayLike]) -> Array:
 
 def fused(known: Setup, reports: Array, biases: Array) -> Array:
     """Return the weighted mean (..., K, d) of the sensors' positions."""
+    reports = known.to_north(reports)
     places = _core.registration_places(reports, known.places, known.sigma, biases, known.flags)
     offset = places - known.places
     if not (np.abs(offset) < 1e150).all():
@@ -142,6 +144,32 @@ def fused(known: Setup, reports: Array, biases: Array) -> Array:
     return positions
 
 
+def stage(
+    value: ArrayLike | Reports,
+    sensors: SensorsLike,
+    sigma: ArrayLike | None,
+    extras: Sequence[Extra] = (),
+    least: int = 2,
+    times: ArrayLike | None = None,
+) -> Setup:
+    """Return the sensors at the looks of positions or reports, whose own times come first."""
+    if isinstance(value, Reports) and value.times is not None:
+        times = value.times
+    known = setup(sensors, sigma, extras, least, times=times)
+    looked = known.places if known.moves else known.headings
+    if looked is not None and looked.ndim > 1:
+        if isinstance(value, Reports):
+            shape = value.values.shape[:-1]
+        else:
+            shape = as_float_array(value, "positions").shape
+        looks = shape[-2] if len(shape) > 1 else 0
+        if looks != len(looked):
+            raise InputError(
+                f"times has shape ({len(looked)},): must be ({looks},), one for each look"
+            )
+    return known
+
+
 def targets(
     known: Setup, value: ArrayLike | Reports, biases: ArrayLike | Mapping[str, float] | None
 ) -> Array:
@@ -177,7 +205,7 @@ def simulate(
     trials : int, optional
         Number of trials; without it one trial without a leading axis.
     times : array_like, shape (K,), optional
-        Kept in the reports.
+        Of the looks, seconds: where platforms that move are then. Kept in the reports.
 
     Returns
     -------
@@ -193,14 +221,14 @@ def simulate(
     seed = whole(seed, "seed", 0, SEED_MOST)
     if trials is not None:
         trials = whole(trials, "trials", 1)
-    known = setup(sensors, sigma, extras)
+    known = stage(positions, sensors, sigma, extras, times=times)
     exact = _core.registration_reports(
         positions, known.places, known.sigma, known.biases(biases), known.flags
     )
     if exact.ndim != 3:
         raise InputError("simulate takes one set of looks, positions (K, d)")
     noise = _core.normals(seed, 0, trials or 1, exact.size).reshape(-1, *exact.shape)
-    values = exact + known.sigma * noise
+    values = known.as_measured(exact + known.sigma * noise)
     return Reports(
         values if trials is not None else values[0],
         None if times is None else as_float_array(times, "times"),

@@ -80,6 +80,7 @@ def select(
     goal: str = "information",
     extras: Sequence[Extra] = (),
     prior: ArrayLike | Mapping[str, float] | None = None,
+    times: Mapping[str, ArrayLike] | Sequence[ArrayLike] | None = None,
 ) -> Selection:
     """Choose the targets of a crowd that tell most about the biases.
 
@@ -98,6 +99,8 @@ def select(
         already; or the name of a bias, whose bound is to fall.
     prior : mapping of str to float, or array_like, shape (n,), optional
         Deviations of biases known beforehand.
+    times : mapping of str to array_like, shape (K_i,), or sequence of those, optional
+        Of the looks of each track, seconds, for platforms that move.
 
     Returns
     -------
@@ -122,34 +125,41 @@ def select(
     >>> select(crowd, [[0, 0], [60e3, 0]], (50.0, 0.00175), 2).chosen
     ('across it', 'along the baseline')
     """
-    known = setup(sensors, sigma, extras)
-    if isinstance(tracks, Mapping):
-        named = {str(name): track for name, track in tracks.items()}
-    elif isinstance(tracks, (list, tuple)) or (isinstance(tracks, np.ndarray) and tracks.ndim):
-        named = {f"track {i}": track for i, track in enumerate(tracks)}
-    else:
+    named = _named(tracks, "tracks", "positions")
+    when = None if times is None else _named(times, "times", "times")
+    if when is not None and list(when) != list(named):
         raise InputError(
-            f"tracks = {options.given(tracks)}: must be a mapping of name to positions, "
-            "or a sequence of positions"
+            f"times is of {', '.join(when)}: must be of the tracks, {', '.join(named)}"
         )
+    known = setup(sensors, sigma, extras, times=None if when is None else next(iter(when.values())))
     looks: dict[str, tuple[str, slice]] = {}
-    pieces: dict[str, Array] = {}
+    pieces: dict[str, tuple[Array, Array | None]] = {}
     if piece is not None:
         piece = whole(piece, "piece", 1)
     for name, track in named.items():
         places = finite(track, f"track {name!r}")
         if places.ndim != 2 or places.shape[1] != known.d or not len(places):
             raise InputError(f"track {name!r} has shape {places.shape}: must be (K, {known.d})")
+        at = None if when is None else finite(when[name], f"times of track {name!r}")
+        if at is not None and at.shape != places.shape[:1]:
+            raise InputError(
+                f"times of track {name!r} has shape {at.shape}: must be ({len(places)},), one "
+                "for each look"
+            )
         step = piece or len(places)
         for start in range(0, len(places), step):
             end = min(start + step, len(places))
             key = name if piece is None else f"{name}[{start}:{end}]"
-            looks[key], pieces[key] = (name, slice(start, end)), places[start:end]
+            looks[key] = (name, slice(start, end))
+            pieces[key] = places[start:end], None if at is None else at[start:end]
     budget = whole(budget, "budget", 1)
     if budget > len(pieces):
         raise InputError(f"budget = {budget}: must be from 1 to {len(pieces)}, the number there is")
     keys = list(pieces)
-    factors = [_factor(rows(p, sensors, sigma, extras=extras)) for p in pieces.values()]
+    factors = [
+        _factor(rows(places, sensors, sigma, extras=extras, times=at))
+        for places, at in pieces.values()
+    ]
     beforehand = np.full(known.n, np.inf) if prior is None else known.biases(prior, "prior")
     if isinstance(prior, Mapping):
         beforehand = np.where(beforehand == 0, np.inf, beforehand)
@@ -177,6 +187,20 @@ def select(
         names=known.names,
         units=known.units,
         looks={keys[i]: looks[keys[i]] for i in chosen},
+    )
+
+
+def _named(
+    given: Mapping[str, ArrayLike] | Sequence[ArrayLike], what: str, values: str
+) -> dict[str, ArrayLike]:
+    """Return what is given for each track, by its name."""
+    if isinstance(given, Mapping):
+        return {str(name): one for name, one in given.items()}
+    if isinstance(given, (list, tuple)) or (isinstance(given, np.ndarray) and given.ndim):
+        return {f"track {i}": one for i, one in enumerate(given)}
+    raise InputError(
+        f"{what} = {options.given(given)}: must be a mapping of name to {values}, "
+        f"or a sequence of {values}"
     )
 
 

@@ -118,7 +118,7 @@ def singular_tracks(sensors: SensorsLike) -> tuple[SingularTrack, ...]:
     abeam A {'left': 'A.range +60000, A.azimuth +1, B.azimuth +1', 'right': 'A.range -60000, A.azimuth +1, B.azimuth +1'}
     abeam B {'left': 'A.azimuth +1, B.range -60000, B.azimuth +1', 'right': 'A.azimuth +1, B.range +60000, B.azimuth +1'}
     """  # noqa: E501
-    known = setup(sensors, None)
+    known = setup(sensors, None, still="singular_tracks")
     if known.places.shape != (2, 2):
         raise InputError(
             f"singular_tracks is for two sensors in the plane, here are {len(known.labels)} with "

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from gramian import _core
 from gramian._arrays import as_float_array
 from gramian.models.registration import _estimate, _model
-from gramian.models.registration._setup import Extra, Setup, setup
+from gramian.models.registration._reports import stage
+from gramian.models.registration._setup import Extra, Platform, SensorsLike, Setup
 from gramian.monte_carlo.experiment import Estimates, Experiment, squared_over
 from gramian.problem import Problem
 
@@ -38,6 +39,8 @@ class Registration(Experiment):
         The true biases: ``{"A.range": 300.0}``; 0 where none is given.
     extras : sequence of str
         As for `registration.rows`.
+    times : array_like, shape (K,), optional
+        Of the looks, seconds, for platforms that move.
 
     Notes
     -----
@@ -60,27 +63,31 @@ class Registration(Experiment):
     sigma: Array
     biases: Array
     extras: tuple[Extra, ...]
+    times: Array | None
     estimators: ClassVar[tuple[str, ...]] = ("ml", "gls", "ls")
 
     def __init__(
         self,
         positions: ArrayLike,
-        sensors: ArrayLike | Mapping[str, ArrayLike],
+        sensors: SensorsLike,
         sigma: ArrayLike,
         biases: ArrayLike | Mapping[str, float] | None = None,
         extras: Sequence[Extra] = (),
+        times: ArrayLike | None = None,
     ) -> None:
         object.__setattr__(self, "positions", as_float_array(positions, "positions").copy())
         object.__setattr__(self, "sensors", _copied(sensors))
         object.__setattr__(self, "sigma", as_float_array(sigma, "sigma").copy())
         object.__setattr__(self, "extras", tuple(extras))
+        when = None if times is None else as_float_array(times, "times").copy()
+        object.__setattr__(self, "times", when)
         object.__setattr__(self, "biases", np.array(self._setup.biases(biases)))
         # Checks everything else.
         self.problem()
 
     @property
     def _setup(self) -> Setup:
-        return setup(self.sensors, self.sigma, self.extras)
+        return stage(self.positions, self.sensors, self.sigma, self.extras, times=self.times)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -105,7 +112,12 @@ class Registration(Experiment):
     def problem(self) -> Problem:
         """Return the problem at the true biases."""
         return _model.problem(
-            self.positions, self.sensors, self.sigma, extras=self.extras, biases=self.biases
+            self.positions,
+            self.sensors,
+            self.sigma,
+            extras=self.extras,
+            biases=self.biases,
+            times=self.times,
         )
 
     def simulate(self, seed: int, first: int, trials: int) -> Array:
@@ -115,8 +127,7 @@ class Registration(Experiment):
             self.positions, known.places, known.sigma, self.biases, known.flags
         )
         noise = _core.normals(seed, first, trials, exact.size).reshape(-1, *exact.shape)
-        reports: Array = exact + known.sigma * noise
-        return reports
+        return known.as_measured(exact + known.sigma * noise)
 
     def estimate(self, name: str, seed: int, first: int, trials: int) -> Estimates:
         """Return the errors of the estimated biases."""
@@ -131,6 +142,7 @@ class Registration(Experiment):
             first=first,
             method=method,
             extras=self.extras,
+            times=self.times,
         )
         status = np.select(
             [found.status == "not_converged", found.status == "unobservable"], [1, 2], 0
@@ -143,7 +155,11 @@ class Registration(Experiment):
 def _copied(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {
-            str(key): as_float_array(item, f"sensors[{key!r}]").copy()
+            str(key): item
+            if isinstance(item, Platform)
+            else as_float_array(item, f"sensors[{key!r}]").copy()
             for key, item in value.items()
         }
+    if isinstance(value, (list, tuple)) and any(isinstance(item, Platform) for item in value):
+        return tuple(value)
     return as_float_array(value, "sensors").copy()

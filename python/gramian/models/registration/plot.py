@@ -27,19 +27,25 @@ def geometry(
     chosen: Sequence[str] = (),
     singular: bool = True,
 ) -> Figure:
-    """Draw sensors and tracks; with `chosen`, the others are grey.
+    """Draw sensors, with the paths (m, d) of those that move, and tracks.
 
-    With `singular` the lines on which two sensors' biases cannot be determined are shaded.
+    With `chosen` the other tracks are grey. With `singular` the lines on which two sensors'
+    biases cannot be determined are shaded, if both stand.
     """
     fig = figure(6.8, 5.6)
     axes = fig.subplots()
     km = 1e-3
-    places = {name: np.asarray(place, dtype=float)[:2] * km for name, place in sensors.items()}
+    paths = {
+        name: np.atleast_2d(np.asarray(place, dtype=float))[:, :2] * km
+        for name, place in sensors.items()
+    }
+    places = {name: path[0] for name, path in paths.items()}
+    moving = [path for path in paths.values() if len(path) > 1]
     points = [np.asarray(track, dtype=float)[:, :2] * km for track in tracks.values()]
-    everything = np.vstack([*points, np.array(list(places.values()))])
+    everything = np.vstack([*points, *paths.values()])
     low, high = everything.min(axis=0), everything.max(axis=0)
     middle, half = (low + high) / 2, max((high - low).max() / 2, 1e-6) * 1.12
-    if singular and len(places) == 2:
+    if singular and len(places) == 2 and not moving:
         _singular_lines(axes, *places.values())
     bright = 0
     for (name, _), path in zip(tracks.items(), points, strict=True):
@@ -50,6 +56,8 @@ def geometry(
         bright += 1
         axes.plot(*path.T, color=color, linewidth=2, label=name if bright <= 8 else None)
         axes.plot(*path[0], "o", color=color, markersize=4)
+    for path in moving:
+        axes.plot(*path.T, color="black", linewidth=1.2, linestyle="--")
     for name, place in places.items():
         axes.plot(*place, "^", color="black", markersize=10)
         axes.annotate(

@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from gramian._text import brief, count, describe_direction, number, plain
 from gramian.analysis import Observability, analyze
 from gramian.bounds import crlb_std
-from gramian.exceptions import ConvergenceError, UnobservableError
+from gramian.exceptions import ConvergenceError, InputError, UnobservableError
 from gramian.models.registration import (
     _degree,
     _estimate,
@@ -26,6 +26,7 @@ from gramian.models.registration import (
 from gramian.models.registration._estimate import Estimate
 from gramian.models.registration._reports import Reports
 from gramian.models.registration._select import Selection
+from gramian.models.registration._setup import Platform, setup
 from gramian.report import Picture, Report, Table, Tone, answer_pictures, answer_tables, tone_of
 from gramian.scenario.base import Scenario, Section, Simulation
 from gramian.scenario.files import read_columns
@@ -44,21 +45,59 @@ Kind = Literal[
 ]  # fmt: skip
 
 
-class Sensor(Section):
-    """A sensor: its place in metres and its standard deviations."""
+class PathColumns(Section):
+    """The names of the columns in the file of a sensor's path."""
 
-    east: float
-    north: float
+    time: str
+    east: str
+    north: str
+    up: str | None = None
+    heading_deg: str | None = None
+
+
+class Sensor(Section):
+    """A sensor: its place in metres, or its path, and its standard deviations."""
+
+    east: float | None = None
+    north: float | None = None
     up: float | None = None
+    velocity: list[float] | None = Field(default=None, min_length=2, max_length=3)
+    file: str | None = None
+    columns: PathColumns | None = None
+    heading_deg: float | None = None
+    azimuths: Literal["north", "heading"] = "north"
     sigma_range: float = Field(gt=0)
     sigma_azimuth_deg: float = Field(gt=0, lt=90)
     sigma_elevation_deg: float | None = Field(default=None, gt=0, lt=90)
 
     @model_validator(mode="after")
-    def _space(self) -> Sensor:
-        if (self.up is None) != (self.sigma_elevation_deg is None):
+    def _placed(self) -> Sensor:
+        if (self.file is None) != (self.columns is None):
+            raise ValueError("file and columns go together: the path of a sensor that moves")
+        if self.file is not None:
+            fixed = ("east", "north", "up", "velocity", "heading_deg")
+            if given := [key for key in fixed if getattr(self, key) is not None]:
+                raise ValueError(f"{given[0]} is for a sensor without a file of its path")
+        elif self.east is None or self.north is None:
+            raise ValueError("a sensor needs east and north, or a file of its path")
+        up = self.up if self.columns is None else self.columns.up
+        if (up is None) != (self.sigma_elevation_deg is None):
             raise ValueError("up and sigma_elevation_deg go together: both for sensors in space")
+        if self.velocity is not None and len(self.velocity) != self.d:
+            raise ValueError(f"velocity must have {self.d} numbers")
+        if self.azimuths == "heading" and not self.moves and self.heading_deg is None:
+            raise ValueError('azimuths = "heading" needs a heading_deg, or a sensor that moves')
         return self
+
+    @property
+    def d(self) -> int:
+        """Number of coordinates."""
+        return 2 if self.sigma_elevation_deg is None else 3
+
+    @property
+    def moves(self) -> bool:
+        """Whether it has a path."""
+        return self.file is not None or self.velocity is not None
 
 
 class TargetColumns(Section):
@@ -161,7 +200,7 @@ class RegistrationScenario(Scenario):
 
     @model_validator(mode="after")
     def _whole(self) -> RegistrationScenario:
-        if len({sensor.up is None for sensor in self.sensors.values()}) > 1:
+        if len({sensor.d for sensor in self.sensors.values()}) > 1:
             raise ValueError("sensors: all of them in space, with up, or none")
         given = [self.targets is not None, bool(self.tracks), self.reports is not None]
         if sum(given) != 1:
@@ -177,19 +216,64 @@ class RegistrationScenario(Scenario):
                     )
         if self.biases and self.reports is not None:
             raise ValueError("biases are for simulated reports: recorded ones have their own")
+        if self.maps and self.moving:
+            raise ValueError("maps are for sensors that stand")
         return self
 
     @property
     def d(self) -> int:
         """Number of coordinates."""
-        return 2 if next(iter(self.sensors.values())).up is None else 3
+        return next(iter(self.sensors.values())).d
+
+    @property
+    def moving(self) -> bool:
+        """Whether a sensor moves."""
+        return any(sensor.moves for sensor in self.sensors.values())
 
     @cached_property
-    def places(self) -> dict[str, Array]:
+    def places(self) -> dict[str, Array | Platform]:
         """Where the sensors are, m."""
+        return {name: self._place(name, sensor) for name, sensor in self.sensors.items()}
+
+    def _place(self, name: str, sensor: Sensor) -> Array | Platform:
+        if sensor.file is not None and sensor.columns is not None:
+            columns = sensor.columns
+            numbers = {"time": columns.time, "east": columns.east, "north": columns.north}
+            if columns.up is not None:
+                numbers["up"] = columns.up
+            axes = tuple(numbers)[1:]
+            if columns.heading_deg is not None:
+                numbers["heading"] = columns.heading_deg
+            values, _ = read_columns(self.beside(sensor.file), numbers)
+            path = np.stack([values[axis] for axis in axes], axis=1)
+            heading = np.radians(values["heading"]) if "heading" in values else None
+            try:
+                return Platform(path, values["time"], heading, sensor.azimuths)
+            except InputError as error:
+                raise self.error(f"sensors.{name}", str(error)) from error
+        place = np.array([sensor.east, sensor.north, sensor.up][: self.d], dtype=float)
+        turn = None if sensor.heading_deg is None else float(np.radians(sensor.heading_deg))
+        if sensor.velocity is None:
+            if sensor.azimuths == "north":
+                return place
+            return Platform(place, heading=turn, azimuths=sensor.azimuths)
+        looks = np.concatenate(
+            [_times(reports) for reports in self.measured.values()]
+            if self.reports is not None
+            else [times for times, _ in self.seen.values()]
+        )
+        ends = np.array([looks.min(), looks.max()])
+        ends[1] += ends[0] == ends[1]
+        headings = None if turn is None else np.full(2, turn)
+        path = place + ends[:, None] * np.array(sensor.velocity)
+        return Platform(path, ends, headings, sensor.azimuths)
+
+    @property
+    def paths(self) -> dict[str, Array]:
+        """Places (d,) and paths (m, d) of the sensors, m."""
         return {
-            name: np.array([s.east, s.north] + ([s.up] if s.up is not None else []))
-            for name, s in self.sensors.items()
+            name: np.asarray(place.path if isinstance(place, Platform) else place)
+            for name, place in self.places.items()
         }
 
     @cached_property
@@ -216,8 +300,8 @@ class RegistrationScenario(Scenario):
     @cached_property
     def names(self) -> tuple[str, ...]:
         """The biases."""
-        anywhere = np.mean(list(self.places.values()), axis=0) + 12345.678
-        return _model.problem(anywhere[None], self.places, self.sigma, extras=self.extras).names
+        apart = {name: np.full(self.d, float(i)) for i, name in enumerate(self.sensors)}
+        return setup(apart, self.sigma, self.extras).names
 
     @cached_property
     def truth(self) -> dict[str, float]:
@@ -330,13 +414,18 @@ class RegistrationScenario(Scenario):
         """Positions of all looks of all targets."""
         return np.concatenate([places for _, places in self.seen.values()])
 
+    @cached_property
+    def all_times(self) -> Array:
+        """Their times."""
+        return np.concatenate([times for times, _ in self.seen.values()])
+
     @property
     def problem(self) -> Problem:
         """The rows of all looks of all targets, with the prior."""
-        return self.problem_at(self.all_positions)
+        return self.problem_at(self.all_positions, self.all_times)
 
-    def problem_at(self, positions: Array) -> Problem:
-        """Return the problem of looks at these positions."""
+    def problem_at(self, positions: Array, times: Array) -> Problem:
+        """Return the problem of looks at these positions and times."""
         scale = {
             key.removesuffix("_deg"): float(np.radians(value)) if key.endswith("_deg") else value
             for key, value in self.useless.items()
@@ -347,6 +436,7 @@ class RegistrationScenario(Scenario):
             self.sigma,
             extras=self.extras,
             biases=self.truth or None,
+            times=times,
             scale=scale or None,
         )
         return problem.prior(self.prior) if self.prior else problem
@@ -354,20 +444,23 @@ class RegistrationScenario(Scenario):
     def analyze(self) -> Report:
         """Answer which biases these targets can tell, how well, and which targets do."""
         answer = analyze(self.problem)
-        each = [self._line(name, places) for name, (_, places) in self.seen.items()]
+        each = [self._line(name, places, times) for name, (times, places) in self.seen.items()]
         budget = min(self.select, len(self.seen))
         chosen = _select.select(
             {name: places for name, (_, places) in self.seen.items()},
             self.places, self.sigma, budget, extras=self.extras, prior=self.prior,
+            times={name: times for name, (times, _) in self.seen.items()},
         )  # fmt: skip
         tables = [
             _bounds_table(answer),
             Table(
                 "What each target tells alone",
-                ["target", "looks", "eta", *map(_label, answer.names), "singular track"],
+                ["target", "looks", "eta", *map(_label, answer.names)]
+                + ["singular track"] * self._is_pair,
                 [[name, *cells] for name, *cells in each],
-                "eta in [0, 1] is the degree of observability; 'singular track' is the "
-                "nearest one and how far off it the target comes at most.",
+                "eta in [0, 1] is the degree of observability"
+                + "; 'singular track' is the nearest one and how far off it the target comes "
+                "at most" * self._is_pair + ".",
             ),
             Table(
                 "The most informative target"
@@ -417,22 +510,32 @@ class RegistrationScenario(Scenario):
         per = len(self.names) // len(self.sensors)
         return np.concatenate([own, np.ones(per - self.d)])
 
-    def _line(self, name: str, places: Array) -> list[str]:
-        std = crlb_std(self.problem_at(places))
-        units = self.problem_at(places[:1]).units
-        eta = float(_degree.eta(places, self.places, self.sigma))
-        near = ""
-        if self.d == 2 and len(self.sensors) == 2:
+    @property
+    def _is_pair(self) -> bool:
+        """Whether these are two sensors that stand in the plane, which have singular tracks."""
+        return self.d == 2 and len(self.sensors) == 2 and not self.moving
+
+    def _line(self, name: str, places: Array, times: Array) -> list[str]:
+        problem = self.problem_at(places, times)
+        std, units = crlb_std(problem), problem.units
+        eta = float(_degree.eta(places, self.places, self.sigma, times=times))
+        cells = [name, str(len(places)), f"{eta:.3f}", *map(_cell, std, units)]
+        if self._is_pair:
             check = _tracks.check_track(places, self.places)
-            near = f"{check.track.where}, {check.distance:.0f} m"
-        return [name, str(len(places)), f"{eta:.3f}", *map(_cell, std, units), near]
+            cells.append(f"{check.track.where}, {check.distance:.0f} m")
+        return cells
 
     def _facts(self, answer: Observability, chosen: Selection) -> list[tuple[str, str]]:
         facts = [("cannot be determined", text) for text in answer.null_combinations]
-        if answer.nullity and self.d == 2 and len(self.sensors) == 2 and not self.extras:
+        if answer.nullity and self._is_pair and not self.extras:
             check = _tracks.check_track(self.all_positions, self.places)
             facts.append(("why", f"every target keeps {check.track.where}"))
-        for name, vector in _model.gauges(self.places, self.extras).items():
+        for name, sensor in self.sensors.items():
+            if sensor.azimuths == "heading" and "attitude" not in self.extras:
+                text = f"the sum of the errors of its azimuths and of {name}'s heading"
+                facts.append((f"{name}.azimuth is", text))
+        gauges = _model.gauges(self.places, self.extras, times=self.all_times)
+        for name, vector in gauges.items():
             text = describe_direction(vector, answer.names)
             if not answer.problem.priors:
                 facts.append(("free whatever the targets", f"{name}: {text}"))
@@ -451,10 +554,12 @@ class RegistrationScenario(Scenario):
         pictures = [
             Picture(
                 "Geometry",
-                "Sensors and targets; the chosen ones in colour. On the red lines two sensors' "
-                "biases cannot be determined, if a target keeps to them.",
+                "Sensors and the paths of those that move; targets, the chosen ones in colour."
+                if self.moving
+                else "Sensors and targets; the chosen ones in colour. On the red lines two "
+                "sensors' biases cannot be determined, if a target keeps to them.",
                 lambda: _plot().geometry(
-                    self.places, {k: p for k, (_, p) in self.seen.items()}, chosen=chosen.chosen
+                    self.paths, {k: p for k, (_, p) in self.seen.items()}, chosen=chosen.chosen
                 ),
             ),
             Picture(
@@ -464,7 +569,12 @@ class RegistrationScenario(Scenario):
                     {
                         name: (
                             self.seen[name][0] - self.seen[name][0][0],
-                            _degree.degree(self.seen[name][1], self.places, self.sigma),
+                            _degree.degree(
+                                self.seen[name][1],
+                                self.places,
+                                self.sigma,
+                                times=self.seen[name][0],
+                            ),
                         )
                         for name in chosen.chosen
                     },
@@ -472,7 +582,7 @@ class RegistrationScenario(Scenario):
                 ),
             ),
         ]
-        if self.d != 2:
+        if self.d != 2 or self.moving:
             return pictures
         maps = self.maps or [self._default_map(None), self._default_map(90.0)]
         for m in maps:
@@ -488,7 +598,7 @@ class RegistrationScenario(Scenario):
         return pictures
 
     def _default_map(self, heading: float | None) -> Map:
-        places = np.array([p[:2] for p in self.places.values()])
+        places = np.array([p[:2] for p in self.paths.values()])
         middle, half = places.mean(axis=0), 1.5 * max(np.ptp(places, axis=0).max(), 1e3)
         return Map(
             west=middle[0] - half, east=middle[0] + half,
@@ -515,7 +625,13 @@ class RegistrationScenario(Scenario):
             for name, r in self.measured.items()
         }
         chosen = _select.select(
-            positions, self.places, self.sigma, budget, extras=self.extras, prior=self.prior
+            positions,
+            self.places,
+            self.sigma,
+            budget,
+            extras=self.extras,
+            prior=self.prior,
+            times={name: _times(r) for name, r in self.measured.items()},
         )
         groups = {"all targets": tuple(self.measured), f"best {budget}": chosen.chosen}
         outcomes = {label: self._estimate(names) for label, names in groups.items()}
@@ -603,9 +719,16 @@ class RegistrationScenario(Scenario):
 
     def _estimate(self, names: tuple[str, ...]) -> Estimate | UnobservableError | ConvergenceError:
         measured = [self.measured[name] for name in names]
+        # One target after another: their times start anew. Those of platforms count from one
+        # zero, so that the last to begin comes first.
+        if self.moving:
+            measured.sort(key=lambda one: -_times(one)[0])
         values = np.concatenate([one.values for one in measured])
-        # One target after another: their times start anew.
-        times = [one.times - one.times[0] for one in measured if one.times is not None]
+        times = [
+            one.times - (0.0 if self.moving else one.times[0])
+            for one in measured
+            if one.times is not None
+        ]
         together = np.concatenate(times) if len(times) == len(measured) else None
         try:
             found = _estimate.estimate(
@@ -643,7 +766,12 @@ class RegistrationScenario(Scenario):
 
         return Simulation(
             Registration(
-                self.all_positions, self.places, self.sigma, self.truth or None, self.extras
+                self.all_positions,
+                self.places,
+                self.sigma,
+                self.truth or None,
+                self.extras,
+                self.all_times,
             ),
             title="Registration of " + ", ".join(self.sensors),
             subtitle=f"{count(len(self.seen), 'target')}, {count(len(self.all_positions), 'look')}",
@@ -665,6 +793,7 @@ class RegistrationScenario(Scenario):
         found = _estimate.estimate_trials(
             self.all_positions, self.places, self.sigma, self.truth or None, seed=seed,
             trials=trials, method=self.estimate.method, prior=self.prior, extras=self.extras,
+            times=self.all_times,
         )  # fmt: skip
         good = found.status == "determined"
         errors = found.biases[good] - self._truth_array()

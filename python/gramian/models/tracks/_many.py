@@ -15,6 +15,7 @@ from gramian._arrays import ITERATIONS_MOST, number, whole
 from gramian._noise import as_known, as_pair
 from gramian._options import choice, mapping, tolerance
 from gramian.estimation._channels import faulty
+from gramian.estimation._parts import NEIGHBOURS, not_white
 from gramian.exceptions import InputError
 from gramian.models.tracks._scene import Scene, as_scene
 
@@ -65,6 +66,8 @@ class Estimates(Answer):
         The largest deviation of a position while the sensors look, over the usual distance
         from the nearest carrier.
     iterations : ndarray of int, shape (...)
+    correlated : ndarray of bool, shape (...)
+        Whether neighbouring residuals are correlated by more than noise leaves: a "misfit".
     faults : tuple of str
         Sensors that are dead, stuck or doubled, with the place of the record: a "misfit",
         whatever chi2 is.
@@ -84,6 +87,7 @@ class Estimates(Answer):
     null_direction: Array
     vagueness: Array
     iterations: NDArray[np.int32]
+    correlated: NDArray[np.bool_]
     faults: tuple[str, ...] = ()
 
     _more_in_dict = ("status", "names", "units", "std")
@@ -164,7 +168,7 @@ def estimate_many(
         States to begin from; by default found from the measurements.
     alpha : float
         "misfit" where a true model gives so large a chi-square with a smaller
-        probability than this.
+        probability than this, or neighbouring residuals so correlated with a tenth of it.
     weak_ratio : float
         "weak" where the deviation of a position, at any time while the sensors look,
         exceeds this many times the median distance from the nearest carrier.
@@ -218,6 +222,7 @@ def estimate_many(
     if loss != "squares" and not tuned > 0:
         raise InputError(f"constant = {constant}: must be > 0")
     begin = None if start is None else np.atleast_2d(scene.state(start))
+    alpha = number(alpha, "alpha")
     found = scene._inner.estimate(
         z,
         fixed,
@@ -229,8 +234,9 @@ def estimate_many(
         tuned,
         whole(polish, "polish", 1, 1000),
         tolerance(rtol),
-        number(alpha, "alpha"),
+        alpha,
         number(weak_ratio, "weak_ratio"),
+        NEIGHBOURS * alpha,
     )
     if z.ndim == 1 and np.isnan(found["state"]).any():
         raise InputError(
@@ -239,7 +245,10 @@ def estimate_many(
         )
     code = np.asarray(found["code"]).astype(np.int8)
     bad, faults = faulty(z, scene.sigma, scene.channels, found["p_value"])
-    code = np.where(bad & (code != 0), np.int8(STATUSES.index("misfit")), code)
+    dof = np.asarray(found["dof"]).astype(int)
+    correlated = np.asarray(not_white(dof, found["p_value"], found["lag_p_value"], alpha))
+    misfit = (bad | correlated) & (code != 0)
+    code = np.where(misfit, np.int8(STATUSES.index("misfit")), code)
     return Estimates(
         scene=scene,
         measurements=z,
@@ -248,13 +257,14 @@ def estimate_many(
         code=np.asarray(code),
         chi2=found["chi2"],
         cost=found["cost"],
-        dof=np.asarray(found["dof"]).astype(int),
+        dof=dof,
         p_value=found["p_value"],
         other=found["other"],
         other_cost=found["other_cost"],
         null_direction=found["null_direction"],
         vagueness=found["vagueness"],
         iterations=found["iterations"].astype(np.int32),
+        correlated=correlated,
         faults=faults,
     )
 

@@ -246,3 +246,13 @@ class Carrier(Value):
         """
         place, velocity = self._inner.at(times)
         return place, velocity
+
+    def headings(self, times: ArrayLike) -> Array:
+        """Return headings (m,) at these times, clockwise from north, radians.
+
+        Raises
+        ------
+        InputError
+            For a time outside the path, or where no heading is given and the carrier rests.
+        """
+        return self._inner.headings(times)

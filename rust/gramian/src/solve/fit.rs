@@ -39,6 +39,81 @@ pub struct Lag1 {
     pub p_value: f64,
 }
 
+/// [`Fit::lag1`] of many records: made in full only where the residuals alone leave it open
+/// that neighbours are correlated.
+#[derive(Clone, Copy, Debug)]
+pub struct Lag1Test {
+    /// In standard deviations; infinite for no test.
+    critical: f64,
+}
+
+impl Lag1Test {
+    /// Of this level; without a test where it is 0.
+    pub fn new(level: f64) -> Self {
+        let square = chi_square::critical((2.0 * level).min(1.0), 1.0);
+        let tested = level > 0.0;
+        Self {
+            critical: square.map_or(
+                f64::INFINITY,
+                |z| if tested { z.sqrt() } else { f64::INFINITY },
+            ),
+        }
+    }
+
+    /// Whether anything is tested.
+    pub fn is_made(self) -> bool {
+        self.critical < f64::INFINITY
+    }
+
+    /// Whether the p of [`Fit::lag1`] may be below the level, by the whitened `residuals` of
+    /// the measurements alone.
+    pub fn leaves_open(
+        self,
+        residuals: &[f64],
+        states: usize,
+        priors: usize,
+        channels: usize,
+    ) -> bool {
+        self.is_made() && Self::most(residuals, states, priors, channels) > self.critical
+    }
+
+    /// How many deviations above its mean the correlation can be at most, whatever the
+    /// columns of the model. With Q an orthonormal basis of them and S the sums of
+    /// neighbours, whose eigenvalues are within 1: `|tr(Q^T S Q)| <= n`, and
+    /// `2 |S Q|^2 - |Q^T S Q|^2 <= 2 n`.
+    fn most(residuals: &[f64], states: usize, priors: usize, channels: usize) -> f64 {
+        let (m, lag) = (residuals.len(), channels.max(1));
+        let later = residuals.get(lag..).unwrap_or_default();
+        let neighbours = eightfold(residuals, later).max(0.0);
+        let correlation = neighbours / eightfold(residuals, residuals);
+        let (n, all) = (states as f64, (m + priors) as f64);
+        let least = all - n;
+        let square = 0.5 * m.saturating_sub(lag) as f64 - 2.0 * n - n * n / least;
+        let sigma = (2.0 * square / (all * (all + 2.0))).sqrt();
+        let most = (correlation + n / least) / sigma;
+        // Few residuals bound nothing.
+        if least > 0.0 && most >= 0.0 {
+            most
+        } else {
+            f64::INFINITY
+        }
+    }
+}
+
+/// The sum of products of as many numbers as the shorter has, in eight sums that run side by
+/// side.
+fn eightfold(a: &[f64], b: &[f64]) -> f64 {
+    let count = a.len().min(b.len());
+    let ((a, more), (b, others)) = (a[..count].as_chunks::<8>(), b[..count].as_chunks::<8>());
+    let mut sums = [0.0; 8];
+    for (a, b) in a.iter().zip(b) {
+        for k in 0..8 {
+            sums[k] += a[k] * b[k];
+        }
+    }
+    sums.iter().sum::<f64>() + dot(more, others)
+}
+
 /// What a test of one alternative says.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Score {

@@ -277,6 +277,90 @@ fn a_score_is_the_gain_of_the_fit_with_the_alternative() {
     assert_eq!(fit.score(&slope, 1, 0.001, 0.8).detectable, f64::INFINITY);
 }
 
+/// Rows and residuals as they are, of a linear model in a number of channels.
+struct Fixed {
+    rows: Vec<f64>,
+    residuals: Vec<f64>,
+    states: usize,
+    channels: usize,
+}
+
+impl Model for Fixed {
+    type Error = ();
+    fn states(&self) -> usize {
+        self.states
+    }
+    fn measurements(&self) -> usize {
+        self.residuals.len()
+    }
+    fn channels(&self) -> usize {
+        self.channels
+    }
+    fn linearize(&self, _: &[f64], r: &mut [f64], rows: Option<&mut [f64]>) -> Result<(), ()> {
+        r.copy_from_slice(&self.residuals);
+        if let Some(rows) = rows {
+            rows.copy_from_slice(&self.rows);
+        }
+        Ok(())
+    }
+    fn difference(&self, _: &[f64], _: &[f64], _: &mut [f64]) -> Result<(), ()> {
+        Ok(())
+    }
+}
+
+/// What the residuals alone rule out, the test in full does not find, whatever the model.
+#[test]
+fn no_correlation_is_ruled_out_that_the_test_finds() {
+    let mut stream = crate::batch::Stream::new(17, 0);
+    let (mut found, mut spared) = (0, 0);
+    for case in 0..3000 {
+        let (m, states, channels) = (8 + case % 53, 1 + case % 6, 1 + case % 3);
+        let rho = [0.0, 0.3, 0.6, 0.9][case % 4];
+        // Slow columns, as those of motions are, or rough ones.
+        let slow = case % 5 > 0;
+        let mut residuals: Vec<f64> = (0..m).map(|_| stream.normal()).collect();
+        for i in channels..m {
+            residuals[i] += rho * residuals[i - channels];
+        }
+        let mut rows: Vec<f64> = (0..m * states).map(|_| stream.normal()).collect();
+        if slow {
+            for (i, row) in rows.chunks_exact_mut(states).enumerate() {
+                for (k, x) in row.iter_mut().enumerate() {
+                    *x = (i as f64 * k as f64 * 0.7 / m as f64).cos();
+                }
+            }
+        }
+        let model = Fixed {
+            rows,
+            residuals,
+            states,
+            channels,
+        };
+        let identity = vec![1.0; states * states];
+        let prior = vec![0.5; states];
+        let known = WithPrior::new(&model, &identity, &prior, &prior);
+        let x = vec![0.0; states];
+        for level in [1e-2, 1e-4, 1e-8] {
+            let test = fit::Lag1Test::new(level);
+            for (priors, p_value) in [
+                (0, fit::Fit::new(&model, &x).unwrap().lag1().p_value),
+                (
+                    known.priors(),
+                    fit::Fit::new(&known, &x).unwrap().lag1().p_value,
+                ),
+            ] {
+                let open = test.leaves_open(&model.residuals, states, priors, channels);
+                assert!(open || !(p_value < level), "{case} {level}: {p_value}");
+                found += usize::from(p_value < level);
+                spared += usize::from(!open);
+            }
+        }
+    }
+    // And most are ruled out.
+    assert!(found > 500 && spared > 5000, "{found} {spared}");
+    assert!(!fit::Lag1Test::new(0.0).is_made());
+}
+
 #[test]
 fn a_prior_is_one_more_measurement() {
     let model = Beacons::exact(&[[0.0, 0.0]], [40.0, 30.0], 1.0);

@@ -20,7 +20,7 @@ use crate::square_root::{rotate_in, triangularize};
 pub struct Scene<'a> {
     /// Which biases there are.
     pub layout: Layout,
-    /// Sensor positions (N, d).
+    /// Sensor positions (N, d); of platforms that move (K, N, d).
     pub sensors: Items<'a>,
     /// Deviations (N, d).
     pub sigma: Items<'a>,
@@ -49,8 +49,9 @@ impl<'a> Scene<'a> {
     }
 
     fn check(&self, trial: usize) -> Result<(), (usize, Error)> {
+        let (sensors, sigma) = (self.sensors.get(trial), self.sigma.get(trial));
         self.layout
-            .check_finite_sensors(self.sensors.get(trial), self.sigma.get(trial))
+            .check_places(sensors, sigma, self.looks())
             .map_err(|error| (trial, error))
     }
 
@@ -58,7 +59,7 @@ impl<'a> Scene<'a> {
         let (sensors, sigma) = (self.sensors.get(trial), self.sigma.get(trial));
         Pair {
             positions: self.positions.get(trial).as_chunks::<2>().0,
-            sensors: [[sensors[0], sensors[1]], [sensors[2], sensors[3]]],
+            sensors: sensors.as_chunks::<2>().0,
             sigma: [[sigma[0], sigma[1]], [sigma[2], sigma[3]]],
         }
     }
@@ -76,6 +77,7 @@ impl<'a> Scene<'a> {
         let biases = self.biases.get(trial);
         let positions = self.positions.get(trial);
         for (k, p) in positions.chunks_exact(self.layout.size()).enumerate() {
+            let sensors = self.layout.at_look(sensors, k);
             look::unchecked_rows(&self.layout, sensors, sigma, biases, p, work, rows)
                 .map_err(|error| (trial, error.at(k)))?;
             each(k, rows);
@@ -113,21 +115,27 @@ impl<'a> Scene<'a> {
 /// Two sensors in the plane and the targets of one trial.
 struct Pair<'a> {
     positions: &'a [[f64; 2]],
-    sensors: [[f64; 2]; 2],
+    /// Two places, or two for each look.
+    sensors: &'a [[f64; 2]],
     sigma: [[f64; 2]; 2],
 }
 
 impl Pair<'_> {
     fn plane(&self, look: usize, sigma: &[[f64; 2]; 2]) -> Result<Plane<f64>, Error> {
+        let [a, b] = [0, 1].map(|sensor| self.offset(look, sensor));
+        Plane::new(a, b, &sigma[0], &sigma[1]).map_err(|error| error.at(look))
+    }
+
+    /// From a sensor to the target of a look.
+    fn offset(&self, look: usize, sensor: usize) -> [f64; 2] {
         let [x, y] = self.positions[look];
-        let [a, b] = self.sensors;
-        Plane::new(
-            [x - a[0], y - a[1]],
-            [x - b[0], y - b[1]],
-            &sigma[0],
-            &sigma[1],
-        )
-        .map_err(|error| error.at(look))
+        let at = if self.moves() { 2 * look } else { 0 };
+        let [east, north] = self.sensors[at + sensor];
+        [x - east, y - north]
+    }
+
+    fn moves(&self) -> bool {
+        self.sensors.len() > 2
     }
 
     /// Whether the vectors, which square products of deviations, hold all of them.
@@ -309,21 +317,48 @@ impl pulp::WithSimd for Sum<'_> {
 
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, simd: S) {
+        let (zero, one) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 1.0));
+        let lanes = |[x, y]: [S::f64s; 2]| [Lanes::new(simd, x), Lanes::new(simd, y)];
+        // From platforms that move the offsets are taken look by look.
+        let mut offsets = [Vec::new(), Vec::new()];
         for (trial, out) in self.out.as_chunks_mut::<16>().0.iter_mut().enumerate() {
-            let Pair { sensors, sigma, .. } = self.scene.pair(trial);
-            let constants = Constants::new(simd, &sensors, &sigma);
-            let places = self.scene.positions.get(trial);
-            let (whole, rest) = pairs::<S>(places);
-            let (zero, one) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 1.0));
+            let pair = self.scene.pair(trial);
+            let sigma = pair.sigma;
+            let constants = Constants::new(simd, &sigma);
             let mut sums = [zero; 10];
-            for &pair in whole {
-                let [x, y] = deinterleave(simd, pair);
-                constants.add(Lanes::new(simd, x), Lanes::new(simd, y), one, &mut sums);
-            }
-            if !rest.is_empty() {
-                let ([x, y], new) = last_pairs(simd, places, rest.len());
-                let weight = Lanes::new(simd, new);
-                constants.add(Lanes::new(simd, x), Lanes::new(simd, y), weight, &mut sums);
+            if pair.moves() {
+                for (sensor, offsets) in offsets.iter_mut().enumerate() {
+                    offsets.clear();
+                    let looks = 0..pair.positions.len();
+                    offsets.extend(looks.flat_map(|look| pair.offset(look, sensor)));
+                }
+                let [a, b] = &offsets;
+                let ((whole, rest), (others, _)) = (pairs::<S>(a), pairs::<S>(b));
+                for (&a, &b) in whole.iter().zip(others) {
+                    let [a, b] = [a, b].map(|pair| lanes(deinterleave(simd, pair)));
+                    constants.add(a, b, one, &mut sums);
+                }
+                if !rest.is_empty() {
+                    let (from_a, new) = last_pairs(simd, a, rest.len());
+                    let (from_b, _) = last_pairs(simd, b, rest.len());
+                    let weight = Lanes::new(simd, new);
+                    constants.add(lanes(from_a), lanes(from_b), weight, &mut sums);
+                }
+            } else {
+                let [a, b] = [0, 1].map(|i| pair.sensors[i].map(|x| Lanes::splat(simd, x)));
+                let from =
+                    |[x, y]: [Lanes<S>; 2], [east, north]: [Lanes<S>; 2]| [x - east, y - north];
+                let places = self.scene.positions.get(trial);
+                let (whole, rest) = pairs::<S>(places);
+                for &pair in whole {
+                    let place = lanes(deinterleave(simd, pair));
+                    constants.add(from(place, a), from(place, b), one, &mut sums);
+                }
+                if !rest.is_empty() {
+                    let (place, new) = last_pairs(simd, places, rest.len());
+                    let (place, weight) = (lanes(place), Lanes::new(simd, new));
+                    constants.add(from(place, a), from(place, b), weight, &mut sums);
+                }
             }
             let mut total = [0.0; 10];
             for k in 0..10 {
@@ -346,31 +381,30 @@ impl pulp::WithSimd for Sum<'_> {
 
 /// What the looks of a trial have in common, in all lanes.
 struct Constants<S: pulp::Simd> {
-    sensors: [[Lanes<S>; 2]; 2],
     /// Products of two deviations, in the order of the minors.
     scales: [Lanes<S>; 6],
 }
 
 impl<S: pulp::Simd> Constants<S> {
     #[inline(always)]
-    fn new(simd: S, sensors: &[[f64; 2]; 2], sigma: &[[f64; 2]; 2]) -> Self {
+    fn new(simd: S, sigma: &[[f64; 2]; 2]) -> Self {
         let deviations = sigma.map(|of| of.map(|x| Lanes::splat(simd, x)));
-        let [[ax, ay], [bx, by]] = *sensors;
         Self {
-            sensors: [
-                [Lanes::splat(simd, ax), Lanes::splat(simd, ay)],
-                [Lanes::splat(simd, bx), Lanes::splat(simd, by)],
-            ],
             scales: products(&deviations[0], &deviations[1]),
         }
     }
 
-    /// Adds `weight` times the upper triangles of the projectors of looks at (x, y).
+    /// Adds `weight` times the upper triangles of the projectors of looks at these offsets
+    /// from the two sensors.
     #[inline(always)]
-    fn add(&self, x: Lanes<S>, y: Lanes<S>, weight: Lanes<S>, sums: &mut [Lanes<S>; 10]) {
-        let [[ax, ay], [bx, by]] = self.sensors;
+    fn add(
+        &self,
+        [x1, y1]: [Lanes<S>; 2],
+        [x2, y2]: [Lanes<S>; 2],
+        weight: Lanes<S>,
+        sums: &mut [Lanes<S>; 10],
+    ) {
         let scales = &self.scales;
-        let (x1, y1, x2, y2) = (x - ax, y - ay, x - bx, y - by);
         let r1 = x1.mul_add(x1, y1 * y1).sqrt();
         let r2 = x2.mul_add(x2, y2 * y2).sqrt();
         let cross = y1.negate_mul_add(x2, x1 * y2);
@@ -596,6 +630,7 @@ pub fn places(
             .enumerate()
         {
             let s = i % layout.sensors;
+            let sensors = layout.at_look(sensors, i / layout.sensors);
             look::unchecked_place(
                 &layout,
                 &sensors[s * d..(s + 1) * d],
@@ -750,6 +785,60 @@ mod tests {
                         "{path:?} {looks} looks, entry {i}: {} {}",
                         out[i],
                         expected[i]
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn platforms_have_the_rows_and_the_sums_of_each_look() {
+        for looks in [1_usize, 2, 3, 8, 9, 17, 33] {
+            let at = |k: usize, s: usize| {
+                let (k, s) = (k as f64, s as f64);
+                [60e3 * s + 150.0 * k * (1.0 - 2.0 * s), 90.0 * k * s]
+            };
+            let sensors: Vec<f64> = (0..looks)
+                .flat_map(|k| [at(k, 0), at(k, 1)])
+                .flatten()
+                .collect();
+            let positions: Vec<f64> = (0..looks)
+                .flat_map(|k| [-20e3 + 4e3 * k as f64, 25e3 - 1.3e3 * k as f64])
+                .collect();
+            let sigma = [50.0, 2e-3, 30.0, 1e-3];
+            let scene = Scene {
+                layout: Layout::PAIR,
+                sensors: Items::shared(&sensors),
+                sigma: Items::shared(&sigma),
+                biases: Items::shared(&[0.0; 4]),
+                positions: Items::shared(&positions),
+            };
+            let mut all = vec![0.0; 8 * looks];
+            rows(scene, Threads::One, &mut all).unwrap();
+            let mut sum = [0.0; 16];
+            for k in 0..looks {
+                let alone = Scene {
+                    sensors: Items::shared(&sensors[4 * k..][..4]),
+                    positions: Items::shared(&positions[2 * k..][..2]),
+                    ..scene
+                };
+                let mut one = [0.0; 8];
+                rows(alone, Threads::One, &mut one).unwrap();
+                assert_eq!(one[..], all[8 * k..][..8]);
+                for row in one.chunks_exact(4) {
+                    for i in 0..16 {
+                        sum[i] += row[i / 4] * row[i % 4];
+                    }
+                }
+            }
+            for path in Path::available() {
+                let mut out = [0.0; 16];
+                fisher(scene, Threads::One, path, &mut out).unwrap();
+                for i in 0..16 {
+                    let unit = looks as f64 / (sigma[i / 4] * sigma[i % 4]);
+                    assert!(
+                        (out[i] - sum[i]).abs() < 1e-13 * unit,
+                        "{path:?} {looks} {i}"
                     );
                 }
             }

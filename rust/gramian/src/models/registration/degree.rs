@@ -57,13 +57,16 @@ impl<T: Real> Running<T> {
     /// # Errors
     /// As [`Plane::new`], with the number of the look. It is not taken in then.
     pub fn push(&mut self, position: [T; 2]) -> Result<(), Error> {
+        self.push_from(self.sensors, position)
+    }
+
+    /// The same of sensors on platforms, at these places now.
+    ///
+    /// # Errors
+    /// As [`push`](Self::push).
+    pub fn push_from(&mut self, sensors: [[T; 2]; 2], position: [T; 2]) -> Result<(), Error> {
         check_finite("position", &position).map_err(|error| error.at(self.looks as usize))?;
-        let offset = |s: usize| {
-            [
-                position[0] - self.sensors[s][0],
-                position[1] - self.sensors[s][1],
-            ]
-        };
+        let offset = |s: usize| [position[0] - sensors[s][0], position[1] - sensors[s][1]];
         let plane = Plane::new(offset(0), offset(1), &self.sigma[0], &self.sigma[1])
             .map_err(|error| error.at(self.looks as usize))?;
         for row in plane.basis() {

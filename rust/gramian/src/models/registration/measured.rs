@@ -5,7 +5,8 @@
 //! Sum of squares and gradient are those of biases and positions together.
 //!
 //! Reports may be missing, positions may be known (a transponder's, say), and clocks may be
-//! off: a stamp that is late by c seconds is of a target that was c v before.
+//! off: a stamp that is late by c seconds is of a target that was c v before. The path of a
+//! platform is on the clock of its own sensor.
 //!
 //! # Source
 //! Golub & Pereyra 1973, in the form of Kaufman 1975.
@@ -52,7 +53,7 @@ pub type Alternative = (&'static str, usize, Vec<f64>);
 pub struct Measured {
     /// How many sensors, and which biases.
     pub layout: Layout,
-    /// Their places, d numbers each, m.
+    /// Their places, d numbers each, m; as many for each look on platforms that move.
     pub sensors: Vec<f64>,
     /// Deviations, d numbers each.
     pub sigma: Vec<f64>,
@@ -159,6 +160,7 @@ impl Measured {
             let report = &reports[k * count * d..][..count * d];
             let velocity = self.velocity.as_deref().map(|v| &v[k * d..][..d]);
             let mut place = self.first_place(k, x, report);
+            let sensors = layout.at_look(&self.sensors, k);
             for _ in 0..30 {
                 let mut at = 0;
                 for s in 0..count {
@@ -176,7 +178,7 @@ impl Measured {
                     }
                     let linear = unchecked_linearise(
                         &layout,
-                        &self.sensors[own.clone()],
+                        &sensors[own.clone()],
                         &self.sigma[own],
                         &x[s * per..][..per],
                         &target[..d],
@@ -249,7 +251,7 @@ impl Measured {
             if report.iter().any(|x| x.is_nan()) {
                 continue;
             }
-            let sensor = &self.sensors[s * d..][..d];
+            let sensor = &layout.at_look(&self.sensors, k)[s * d..][..d];
             unchecked_place(&layout, sensor, &x[s * per..][..per], report, &mut one);
             for i in 0..d {
                 place[i] += one[i];
@@ -408,6 +410,7 @@ impl Model for Measured {
             if let (Some((truth, _)), Some(_)) = (&mut truth, self.truth_of(k)) {
                 truth[k * d..][..d].copy_from_slice(place);
             }
+            let sensors = layout.at_look(&self.sensors, k);
             for s in 0..layout.sensors {
                 let given = &mut exact[(k * layout.sensors + s) * d..][..d];
                 if given.iter().all(|x| x.is_nan()) || place[0].is_nan() {
@@ -419,7 +422,7 @@ impl Model for Measured {
                         target[i] -= velocity[k * d + i] * a[clock];
                     }
                 }
-                let (sensor, sigma) = (&self.sensors[s * d..][..d], &self.sigma[s * d..][..d]);
+                let (sensor, sigma) = (&sensors[s * d..][..d], &self.sigma[s * d..][..d]);
                 let bias = &a[s * per..][..per];
                 let seen = unchecked_linearise(&layout, sensor, sigma, bias, &target)?;
                 for (x, measured) in given.iter_mut().zip(seen.measured) {

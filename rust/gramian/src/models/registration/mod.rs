@@ -1,6 +1,6 @@
 //! Registration: the constant biases of sensors that see the same targets.
 //!
-//! Each of N sensors at a known place measures range and azimuth (in space also
+//! Each of N sensors at known places measures range and azimuth (in space also
 //! elevation) of a target: true value + constant bias + noise. Nothing is known
 //! of where the target is. One *look* is one target seen by all sensors at one
 //! instant. The target's position is eliminated from each look by an orthogonal
@@ -10,6 +10,10 @@
 //! range gains and errors of sensor position and attitude as further biases.
 //! [`pair`] has two sensors in the plane in closed form, and [`degree`] the
 //! running degree of observability for a stream of looks.
+//!
+//! A sensor on a platform that moves has a place of its own for each look. Azimuths count
+//! from north: those that count from the platform's heading have it added first, so that an
+//! error of the heading is an azimuth bias.
 //!
 //! The biases of a sensor come in this order, those not in the [`Layout`] left
 //! out: range, azimuth, elevation (in space), gain, east, north, up (in space),
@@ -124,11 +128,31 @@ impl Layout {
         Ok(check_finite("sensors", sensors)?)
     }
 
+    /// The places of the sensors at look `look`: `sensors` has N d numbers for all looks, or
+    /// as many for each.
+    pub(crate) fn at_look<'a, T>(&self, sensors: &'a [T], look: usize) -> &'a [T] {
+        let size = self.sensors * self.size();
+        if sensors.len() == size {
+            sensors
+        } else {
+            &sensors[look * size..][..size]
+        }
+    }
+
     /// [`check`](Self::check) of sensors at finite places.
-    pub(crate) fn check_finite_sensors<T: Real>(
+    fn check_finite_sensors<T: Real>(&self, sensors: &[T], sigma: &[T]) -> Result<(), Error> {
+        let size = self.sensors.saturating_mul(self.size());
+        check_length("sensors", sensors.len(), size)?;
+        self.check_places(sensors, sigma, 1)
+    }
+
+    /// The same of sensors that may have a place of their own for each of `looks` looks, where
+    /// none is on another all the time.
+    pub(crate) fn check_places<T: Real>(
         &self,
         sensors: &[T],
         sigma: &[T],
+        looks: usize,
     ) -> Result<(), Error> {
         let d = self.size();
         if self.sensors < 2 {
@@ -136,12 +160,15 @@ impl Layout {
                 given: self.sensors,
             });
         }
-        for (name, given) in [("sensors", sensors.len()), ("sigma", sigma.len())] {
-            check_length(name, given, self.sensors.saturating_mul(d))?;
+        let size = self.sensors.saturating_mul(d);
+        check_length("sigma", sigma.len(), size)?;
+        if sensors.len() != size {
+            check_length("sensors", sensors.len(), size.saturating_mul(looks))?;
         }
         for second in 0..self.sensors {
             for first in 0..second {
-                if sensors[first * d..(first + 1) * d] == sensors[second * d..(second + 1) * d] {
+                let mut places = sensors.chunks_exact(size);
+                if places.all(|at| at[first * d..][..d] == at[second * d..][..d]) {
                     return Err(Error::Coincident { first, second });
                 }
             }

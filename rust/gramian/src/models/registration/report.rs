@@ -5,7 +5,7 @@ use super::{Error, Layout, MOST};
 use crate::scalar::{NumberError, Real, all_finite, check_finite, check_length};
 
 /// Reports of targets at `positions` with these biases and no noise: N d numbers
-/// for each.
+/// for each. `sensors` has N d numbers, or on platforms that move as many for each target.
 ///
 /// # Errors
 /// [`Error::OnSensor`], [`Error::Overhead`], [`NumberError::Length`]; [`Error::Number`] for
@@ -18,7 +18,11 @@ pub fn report<T: Real>(
     out: &mut [T],
 ) -> Result<(), Error> {
     let d = layout.size();
-    check_length("sensors", sensors.len(), layout.sensors.saturating_mul(d))?;
+    let size = layout.sensors.saturating_mul(d);
+    if sensors.len() != size {
+        let looks = positions.len() / d;
+        check_length("sensors", sensors.len(), size.saturating_mul(looks))?;
+    }
     check_length("biases", biases.len(), layout.states())?;
     let wanted = positions.len().next_multiple_of(d);
     check_length("positions", positions.len(), wanted)?;
@@ -45,7 +49,7 @@ pub(crate) fn unchecked_report<T: Real>(
     let unit = [T::one(); MOST];
     for (k, p) in positions.chunks_exact(d).enumerate() {
         for s in 0..m {
-            let sensor = &sensors[s * d..(s + 1) * d];
+            let sensor = &layout.at_look(sensors, k)[s * d..(s + 1) * d];
             let bias = &biases[s * per..(s + 1) * per];
             let linear =
                 unchecked_linearise(layout, sensor, &unit, bias, p).map_err(

@@ -165,6 +165,20 @@ impl Carrier {
         Ok(out)
     }
 
+    /// Headings at `times`, clockwise from north, rad: those given, or those of the velocity.
+    ///
+    /// # Errors
+    /// [`Error::OutsidePath`]; [`Error::NoHeading`] where none is given and the carrier rests.
+    pub fn headings(&self, times: &[f64]) -> Result<Vec<f64>, Error> {
+        let axis = self.at(times)?.axis;
+        let axes = axis.chunks_exact(self.dimension.max(1)).enumerate();
+        axes.map(|(index, axis)| match axis {
+            [east, north, ..] if *east != 0.0 || *north != 0.0 => Ok(east.atan2(*north)),
+            _ => Err(Error::NoHeading { index }),
+        })
+        .collect()
+    }
+
     /// The pieces of the path, by their ends, that a sample in the one from knot `left` on
     /// takes its velocity from: that one, or at a knot both.
     fn pieces(&self, time: f64, left: usize) -> impl Iterator<Item = (usize, usize)> {

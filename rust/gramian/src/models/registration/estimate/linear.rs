@@ -79,20 +79,15 @@ impl<T: Real> Estimator<T> {
         let (per, m) = (layout.per_sensor(), layout.sensors);
         let lines = &mut self.lines[..m * d * wide];
         let weighted = wide == c;
+        let sensors = layout.at_look(question.sensors, k);
         lines.fill(T::zero());
         for s in 0..m {
             let own = s * d..(s + 1) * d;
             let bias = &self.biases[s * per..(s + 1) * per];
             let mut at = [T::zero(); 3];
             let report = &reports[(k * m + s) * d..(k * m + s + 1) * d];
-            unchecked_place(
-                &layout,
-                &question.sensors[own.clone()],
-                bias,
-                report,
-                &mut at,
-            );
-            let (sensor, sigma) = (&question.sensors[own.clone()], &question.sigma[own]);
+            unchecked_place(&layout, &sensors[own.clone()], bias, report, &mut at);
+            let (sensor, sigma) = (&sensors[own.clone()], &question.sigma[own]);
             let linear = unchecked_linearise(&layout, sensor, sigma, bias, &at[..d])
                 .map_err(|error| error.at(k))?;
             let inverse = inverse(&linear.position, d);

@@ -93,7 +93,7 @@ pub enum Status {
 pub struct Question<'a, T> {
     /// Which biases there are.
     pub layout: Layout,
-    /// Positions of the sensors, d numbers each.
+    /// Positions of the sensors, d numbers each; as many for each look on platforms that move.
     pub sensors: &'a [T],
     /// Deviations, d numbers for each sensor.
     pub sigma: &'a [T],
@@ -256,7 +256,8 @@ impl<T: Real> Estimator<T> {
         reports: &[T],
     ) -> Result<Answer<T>, Error> {
         let layout = self.layout;
-        layout.check(question.sensors, question.sigma)?;
+        layout.check_places(question.sensors, question.sigma, self.looks)?;
+        check_finite("sensors", question.sensors)?;
         let wanted = self.looks.saturating_mul(layout.sensors * layout.size());
         check_length("reports", reports.len(), wanted)?;
         self.biases.fill(T::zero());
@@ -301,7 +302,7 @@ impl<T: Real> Estimator<T> {
             for s in 0..m {
                 unchecked_place(
                     &layout,
-                    &question.sensors[s * d..(s + 1) * d],
+                    &layout.at_look(question.sensors, k)[s * d..(s + 1) * d],
                     &self.biases[s * per..(s + 1) * per],
                     &reports[(k * m + s) * d..(k * m + s + 1) * d],
                     &mut one,
@@ -359,7 +360,7 @@ impl<T: Real> Estimator<T> {
             let (lines, work) = self.lines.split_at_mut(measured * c);
             cost += reduce(
                 &layout,
-                question.sensors,
+                layout.at_look(question.sensors, k),
                 question.sigma,
                 &self.biases,
                 &self.positions[k * d..(k + 1) * d],

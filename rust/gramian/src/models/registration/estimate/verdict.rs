@@ -239,7 +239,7 @@ impl<T: Real> Estimator<T> {
         }
         reduce(
             &layout,
-            question.sensors,
+            layout.at_look(question.sensors, k),
             question.sigma,
             &self.step,
             &moved[..d],

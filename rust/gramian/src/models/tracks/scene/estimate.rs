@@ -19,6 +19,7 @@ use crate::numbers::chi_square::Goodness;
 use crate::numbers::words::{brief, moves};
 use crate::rounding;
 pub use crate::solve::Loss;
+use crate::solve::fit::{Fit, Lag1Test};
 use crate::solve::side_by_side::{Arrived, losses, minimize_all};
 use crate::solve::unbounded::within_reach;
 use crate::solve::{Model, WithPrior};
@@ -37,6 +38,9 @@ pub struct Options {
     /// Relative rank tolerance on rows with unit columns; by default that of
     /// [`default_rtol`](spectrum::default_rtol).
     pub rtol: Option<f64>,
+    /// Level at which neighbouring residuals are tested for correlation; 0 for no test, as
+    /// with a robust loss.
+    pub correlation: f64,
 }
 
 impl Default for Options {
@@ -46,6 +50,7 @@ impl Default for Options {
             loss: Loss::Squares,
             polish: 4,
             rtol: None,
+            correlation: 0.0,
         }
     }
 }
@@ -259,10 +264,10 @@ pub struct Layout {
 impl Layout {
     /// Numbers a trial: state (n), covariance (n x n, 0 for known states), null direction
     /// (n), the next best solution (n), then cost, cost of that, chi-square of the
-    /// data, samples present, rank, iterations, 1 where the steps came to rest, and
-    /// [`Scene::vagueness`].
+    /// data, samples present, rank, iterations, 1 where the steps came to rest,
+    /// [`Scene::vagueness`], and the p of [`Lag1Test`].
     pub const fn size(self) -> usize {
-        self.states * (self.states + 3) + 8
+        self.states * (self.states + 3) + 9
     }
 }
 
@@ -386,11 +391,11 @@ impl Task<'_> {
     /// the level `alpha`, "weak" where a position's deviation is more than `weak_ratio` of its
     /// distance.
     pub fn judge(&self, trial: &[f64], alpha: f64, weak_ratio: f64) -> Verdict {
-        let mut tail = [f64::NAN; 8];
-        if let Some(last) = trial.last_chunk::<8>() {
+        let mut tail = [f64::NAN; 9];
+        if let Some(last) = trial.last_chunk::<9>() {
             tail = *last;
         }
-        let [cost, other, _, present, rank, _, converged, vagueness] = tail;
+        let [cost, other, _, present, rank, _, converged, vagueness, _] = tail;
         let free = self.known.iter().filter(|x| x.is_nan()).count() as f64;
         let information = self.sigma.iter().filter(|s| s.is_finite()).count() as f64;
         let dof = present + information - free;
@@ -533,6 +538,10 @@ fn group(
         .iter()
         .map(|x| (!x.is_nan()).then_some(*x))
         .collect();
+    let test = Lag1Test::new(match options.loss {
+        Loss::Squares => options.correlation,
+        _ => 0.0,
+    });
     for (trial, (found, out)) in found.iter_mut().zip(out.chunks_exact_mut(size)).enumerate() {
         found.sort_by(|a, b| a.chi2.total_cmp(&b.chi2));
         let measured = Measured::new(scene, measurements.get(trial), &known)?;
@@ -544,7 +553,11 @@ fn group(
             let first = starts.first();
             observable || first.is_some_and(|x| has_rank_at(x, &measured, &mean, &sigma, options))
         };
-        write(&measured, &sigma, options, &free, found, observable, out);
+        let best = found.first();
+        let lag = best.map_or(1.0, |best| correlated(test, &measured, &mean, &sigma, best));
+        write(
+            &measured, &sigma, options, &free, found, observable, lag, out,
+        );
     }
     Ok(())
 }
@@ -634,6 +647,29 @@ fn settle(
     true
 }
 
+/// The p of the test of neighbouring residuals where they are correlated, and 1 elsewhere.
+fn correlated(
+    test: Lag1Test,
+    measured: &Measured<'_>,
+    mean: &[f64],
+    sigma: &[f64],
+    best: &Arrived,
+) -> f64 {
+    if !test.is_made() {
+        return 1.0;
+    }
+    let mut residuals = vec![0.0; measured.measurements()];
+    if measured.linearize(&best.x, &mut residuals, None).is_err() {
+        return 1.0;
+    }
+    let n = best.x.len();
+    let model = WithPrior::new(measured, &identity(n), mean, sigma);
+    if !test.leaves_open(&residuals, n, model.priors(), model.channels()) {
+        return 1.0;
+    }
+    Fit::new(&model, &best.x).map_or(1.0, |fit| fit.lag1().p_value)
+}
+
 /// The unit matrix, row-major.
 fn identity(n: usize) -> Vec<f64> {
     let mut identity = vec![0.0; n * n];
@@ -678,6 +714,7 @@ fn has_rank_at(
 }
 
 /// The best solution, what the rows say there, and the next best, as [`Layout`] has them.
+#[allow(clippy::too_many_arguments)]
 fn write(
     measured: &Measured<'_>,
     sigma: &[f64],
@@ -685,6 +722,7 @@ fn write(
     free: &[usize],
     found: &[Arrived],
     observable: impl FnOnce() -> bool,
+    lag: f64,
     out: &mut [f64],
 ) {
     let scene = &*measured.scene;
@@ -709,6 +747,7 @@ fn write(
             0.0,
             0.0,
             f64::INFINITY,
+            1.0,
         ]);
         return;
     };
@@ -758,5 +797,6 @@ fn write(
         f64::from(best.iterations),
         f64::from(u8::from(best.converged)),
         scene.vagueness(state, covariance),
+        lag,
     ]);
 }

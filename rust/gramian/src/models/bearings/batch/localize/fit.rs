@@ -152,6 +152,7 @@ impl<const N: usize> Fit<N> {
             self.nullity as f64,
             f64::from(self.iterations),
             self.cost,
+            1.0,
         ]);
     }
 

@@ -232,6 +232,7 @@ impl<const N: usize> pulp::WithSimd for Linearize<'_, N> {
                     rows[j].store(&mut columns[j * blocks + i], part);
                 }
                 residual.store(&mut columns[N * blocks + i], part);
+                residual.store(&mut columns[(N + 1) * blocks + i], part);
                 cost = residual.mul_add(residual, cost);
                 // e (a b^T + b a^T) = dp^T [P Q; Q -P] dp.
                 let bend = residual * gain / square;

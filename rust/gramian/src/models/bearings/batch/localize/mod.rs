@@ -27,9 +27,14 @@ mod fit;
 mod kernels;
 mod solver;
 
+use alloc::vec;
+
 use crate::batch::simd::Path;
 use crate::batch::{Items, Stream, Threads};
 use crate::bearings;
+use crate::bearings::measured::Measured;
+use crate::solve::WithPrior;
+use crate::solve::fit::{Fit, Lag1Test};
 use solver::{Solver, state_of};
 
 /// What is known of each trial besides the bearings.
@@ -65,6 +70,8 @@ pub struct Options {
     /// [`Status::Weak`] where the deviation of the first range exceeds this many
     /// times the range.
     pub weak_ratio: f64,
+    /// Level at which neighbouring residuals are tested for correlation; 0 for no test.
+    pub correlation: f64,
 }
 
 impl Default for Options {
@@ -73,6 +80,7 @@ impl Default for Options {
             rtol: None,
             max_iterations: 50,
             weak_ratio: 0.25,
+            correlation: 0.0,
         }
     }
 }
@@ -109,10 +117,10 @@ pub struct Layout {
 
 impl Layout {
     /// Numbers a trial: estimate (n), null direction (n), covariance (n x n),
-    /// then status, nullity, iterations, and the squares of all whitened
-    /// residuals, those of the prior included.
+    /// then status, nullity, iterations, the squares of all whitened
+    /// residuals, those of the prior included, and the p of [`Lag1Test`].
     pub const fn size(self) -> usize {
-        2 * self.states + self.states * self.states + 4
+        2 * self.states + self.states * self.states + 5
     }
 
     /// Numbers a trial of [`simulate_and_localize`]: error (n), deviations (n),
@@ -160,16 +168,59 @@ fn each_trial<const N: usize>(
     out: &mut [f64],
 ) {
     let count = track.times.get(0).len();
+    let test = Lag1Test::new(options.correlation);
     let each = |solver: &mut Solver<N>, trial: usize, out: &mut [f64]| {
         solver.load(track, trial);
         solver.bearings(bearings.get(trial));
-        solver.solve().write(solver, out);
+        let fit = solver.solve();
+        fit.write(solver, out);
+        if let Some((lag, out)) = out.split_last_mut() {
+            *lag = 1.0;
+            // Without an estimate there are no residuals.
+            if test.is_made() && out[0].is_finite() {
+                let residuals = solver.residuals(&fit.model);
+                *lag = correlated(test, track, bearings, trial, &out[..N], residuals);
+            }
+        }
         Ok(())
     };
     let size = Layout { states: N }.size();
     let scratch = || Solver::<N>::new(count, options, path);
     let Ok::<(), core::convert::Infallible>(()) =
         threads.over_with(out, size, cost(count, N), scratch, each);
+}
+
+/// The p of the test of a trial's neighbouring residuals where they are correlated, and 1
+/// elsewhere.
+fn correlated(
+    test: Lag1Test,
+    track: &Track<'_>,
+    bearings: Items<'_>,
+    trial: usize,
+    state: &[f64],
+    residuals: &[f64],
+) -> f64 {
+    let n = state.len();
+    let prior = track
+        .prior
+        .map(|prior| (prior.mean.get(trial), prior.sigma.get(trial)));
+    let priors = prior.map_or(0, |(_, s)| s.iter().filter(|s| s.is_finite()).count());
+    if !test.leaves_open(residuals, n, priors, 1) {
+        return 1.0;
+    }
+    let times = track.times.get(trial);
+    let measured = Measured {
+        times: times.iter().map(|t| t - times[0]).collect(),
+        observer: track.observer.get(trial).as_chunks::<2>().0.to_vec(),
+        bearings: bearings.get(trial).to_vec(),
+        sigma: track.sigma.get(trial).to_vec(),
+        states: n,
+    };
+    let mut identity = vec![0.0; n * n];
+    identity.iter_mut().step_by(n + 1).for_each(|x| *x = 1.0);
+    let (mean, sigma) = prior.unwrap_or_default();
+    let model = WithPrior::new(measured, &identity, mean, sigma);
+    Fit::new(&model, state).map_or(1.0, |fit| fit.lag1().p_value)
 }
 
 /// Simulates and estimates trials in one pass: a Monte Carlo of the estimator.

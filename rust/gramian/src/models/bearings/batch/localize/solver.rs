@@ -30,7 +30,10 @@ pub struct Solver<const N: usize> {
     path: Path,
     count: usize,
     samples: Samples,
+    /// Rows and residuals, which are reduced in place; then the residuals once more.
     columns: Vec<Block>,
+    /// The model that was linearised last, for this trial's bearings.
+    linearized: [f64; MAX],
     noise: Vec<Block>,
     loaded: bool,
     origin: [f64; 2],
@@ -53,7 +56,8 @@ impl<const N: usize> Solver<N> {
             path,
             count,
             samples,
-            columns: vec![[0.0; LANES]; (N + 1) * blocks],
+            columns: vec![[0.0; LANES]; (N + 2) * blocks],
+            linearized: [f64::NAN; MAX],
             noise: vec![[0.0; LANES]; blocks],
             loaded: false,
             origin: [0.0; 2],
@@ -140,6 +144,7 @@ impl<const N: usize> Solver<N> {
     }
 
     pub fn bearings(&mut self, bearings: &[f64]) {
+        self.linearized[0] = f64::NAN;
         let last = self.count - 1;
         for (i, value) in self.samples.field_mut(Field::Sine).iter_mut().enumerate() {
             let angle = bearings[i.min(last)];
@@ -236,6 +241,7 @@ impl<const N: usize> Solver<N> {
     /// Rows and residuals at a model into the columns: chi-square, and the cost
     /// with the prior.
     fn linearize(&mut self, model: &[f64; MAX]) -> (f64, f64) {
+        self.linearized = *model;
         let (chi2, bending) = self.path.run(Linearize::<N> {
             samples: &self.samples,
             model,
@@ -254,6 +260,15 @@ impl<const N: usize> Solver<N> {
             sum + residual * residual
         });
         (chi2, cost)
+    }
+
+    /// The whitened residuals at a model.
+    pub fn residuals(&mut self, model: &[f64; MAX]) -> &[f64] {
+        if self.linearized != *model {
+            let _ = self.linearize(model);
+        }
+        let column = &self.columns[(N + 1) * self.samples.blocks..];
+        &column.as_flattened()[..self.count]
     }
 
     /// Reduces the columns, and the prior at `model`, to a factor and the
