@@ -136,16 +136,19 @@ class Vehicle:
         arm = self.l + [part[f"l_{i}"] for i in "FLU"]
         earth, transport = earth_and_transport(v, p)
         w_nb = gyro - c.T @ (earth + transport)
-        speed = v + c @ np.cross(w_nb, arm)
         meridian, normal = curvature(p[0])
-        metres = c @ arm
-        offset = metres / [meridian + p[2], -(normal + p[2]) * np.cos(p[0]), 1.0]
+        per_metre = 1 / np.array([meridian + p[2], -(normal + p[2]) * np.cos(p[0]), 1.0])
+        place = p + per_metre * (c @ arm)
+        # Where the antenna is metres are others, for the same rates of latitude and longitude.
+        meridian, normal = curvature(place[0])
+        metres = np.array([meridian + place[2], -(normal + place[2]) * np.cos(place[0]), 1.0])
+        speed = metres * per_metre * v + c @ np.cross(w_nb, arm)
         wheels = self.wheels + [part[f"odo_l_{i}"] for i in "FLU"]
         mounting = small_rotation(np.array([0.0, part["odo_pitch"], part["odo_yaw"]]))
         rolling = mounting @ (c.T @ v + np.cross(w_nb, wheels))
         rolling[0] *= 1 + part["odo_scale"]
         heading = np.arctan2(-c[1, 0], c[0, 0])
-        return np.concatenate([speed, p + offset, rolling, v, w_nb, [heading]])
+        return np.concatenate([speed, place, rolling, v, w_nb, [heading]])
 
     def model(self, **options):
         return error_model(

@@ -419,3 +419,29 @@ def test_rows_of_long_windows_are_those_of_each_sample():
     )
     np.testing.assert_array_equal(unseen[:, 1], 0.0)
     np.testing.assert_array_equal(unseen[:1000, 0], 0.5 ** np.arange(1000))
+
+
+def test_what_is_hidden_stays_apart_from_what_decays():
+    """After 100 time constants rows of both look alike, to rounding, in mixed coordinates."""
+    q = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
+    a = q @ np.diag([-1.0, 0.0, 0.0]) @ q.T
+    c = [q[:, 2:].T, q[:, 1:2].T]
+    found = gm.linear.piecewise([a, a], c, [100.0, 1.0])
+    assert found.total_ranks == (1, 2)
+    null = found.null_space[:, 0] / np.linalg.norm(found.null_space[:, 0])
+    assert abs(null @ q[:, 0]) > 1 - 1e-12
+
+
+def test_outputs_that_turn_by_a_little_from_segment_to_segment_show_all():
+    """A null space is one: over many segments it was not (rank 16 for 18 on a circle)."""
+    rng = np.random.default_rng(5)
+    a = np.zeros((6, 6))
+    a[:2, 2:4] = np.eye(2)
+    a[2:4, 4:] = np.eye(2)
+    angles = np.linspace(0, 0.5, 200)
+    c = np.zeros((200, 1, 6))
+    c[:, 0, 0], c[:, 0, 1] = np.cos(angles), np.sin(angles)
+    found = gm.linear.piecewise([a] * 200, c, rng.uniform(0.5, 1.5, 200))
+    assert found.segment_ranks == (3,) * 200
+    assert found.total_ranks[0] == 3
+    assert found.rank == 6

@@ -16,7 +16,7 @@ from gramian._values import Value
 from gramian.exceptions import InputError
 from gramian.models.inertial._model import error_model, positive, vector, wanted
 from gramian.models.linear._systems import System
-from gramian.models.linear._windows import Piecewise, piecewise
+from gramian.models.linear._windows import Piecewise, piecewise, rows_of_segments
 
 __all__ = ["Flight", "Leg", "recorded", "segments", "sway"]
 
@@ -118,20 +118,26 @@ class Flight(Value):
 
     def rows(self, *, dt: float) -> Array:
         """Return whitened rows of samples every `dt`, about the state at the beginning."""
-        none, n = np.zeros((0, 0)), self.A.shape[-1]
-        found = Piecewise(
-            self.system.names,
-            (),
-            (),
-            (),
-            (),
-            np.zeros((0, n), dtype=bool),
-            none,
-            self.A,
-            self.C,
-            self.durations,
-        )
-        return found.rows(dt=dt, R=self.system.noise**2)
+        return rows_of_segments(self.A, self._outputs, self.durations, dt, self.system.noise**2)
+
+    def _outputs(self, k: int, time: float) -> Array:
+        """Return C of a segment at a time: between the middles of two of a leg in proportion.
+
+        An attitude half a segment off would tell an arm of the antenna from what looks
+        exactly like it in a steady turn.
+        """
+        middles = self.times + self.durations / 2
+        since = time + self.times[0]
+        here: Array = self.C[k]
+        for other in (k - 1, k + 1) if since < middles[k] else (k + 1, k - 1):
+            if 0 <= other < len(middles) and self.leg[other] == self.leg[k]:
+                part = (since - middles[k]) / (middles[other] - middles[k])
+                beside = self.C[other]
+                # What is not measured in one of them is not known between them.
+                both = here.any(axis=1) & beside.any(axis=1)
+                between: Array = np.where(both[:, None], (1 - part) * here + part * beside, here)
+                return between
+        return here
 
 
 def segments(

@@ -27,7 +27,15 @@ from gramian.models.linear._systems import (
 )
 from gramian.problem import Problem
 
-__all__ = ["Piecewise", "gramian", "piecewise", "problem", "rows", "transition"]
+__all__ = [
+    "Piecewise",
+    "gramian",
+    "piecewise",
+    "problem",
+    "rows",
+    "rows_of_segments",
+    "transition",
+]
 
 Array = NDArray[np.float64]
 
@@ -612,31 +620,7 @@ class Piecewise(Answer):
         ndarray, shape (samples p, n)
             About the state at the beginning.
         """
-        dt = number(dt, "dt [-]")
-        if not dt > 0:
-            raise InputError(f"dt = {dt}: must be > 0 and finite")
-        if self.durations.sum() / dt > MOST_SAMPLES:
-            raise InputError(f"dt = {dt}: more than {MOST_SAMPLES} samples: take a longer dt")
-        n, p = self.A.shape[-1], self.C.shape[-2]
-        white = whitener(R, p)
-        ends = np.cumsum(self.durations)
-        # A sample at the border of two segments is the second one's; but for rounding.
-        counts = np.ceil(ends / dt * (1 - 1e-12)).astype(int)
-        counts[-1] = int(ends[-1] / dt * (1 + 1e-12)) + 1
-        phi, out = np.eye(n), np.empty((counts[-1], p, n))
-        begin, first = 0.0, 0
-        for a, c, end, last in zip(self.A, self.C, ends, counts, strict=True):
-            if last > first:
-                here = transition(a, max(first * dt - begin, 0.0)) @ phi
-                step = transition(a, dt)
-                seen = white @ c
-                for k in range(first, last):
-                    out[k] = seen @ here
-                    if k + 1 < last:
-                        here = step @ here
-            phi = transition(a, end - begin) @ phi
-            begin, first = end, max(first, last)
-        return out.reshape(-1, n)
+        return rows_of_segments(self.A, lambda k, _: self.C[k], self.durations, dt, R)
 
     def summary(self) -> str:
         """Return the ranks segment by segment, as text."""
@@ -655,6 +639,43 @@ class Piecewise(Answer):
             "total": np.array(self.total_ranks),
         }
         return Columns("segment", range(len(self.durations)), values, {})
+
+
+def rows_of_segments(
+    A: Array,
+    outputs: Callable[[int, float], Array],
+    durations: Array,
+    dt: float,
+    R: ArrayLike | None,
+) -> Array:
+    """Return whitened rows of samples every `dt` about the state at the beginning.
+
+    `outputs` gives C (p, n) of a segment at a time.
+    """
+    dt = number(dt, "dt [-]")
+    if not dt > 0:
+        raise InputError(f"dt = {dt}: must be > 0 and finite")
+    if durations.sum() / dt > MOST_SAMPLES:
+        raise InputError(f"dt = {dt}: more than {MOST_SAMPLES} samples: take a longer dt")
+    p, n = outputs(0, 0.0).shape
+    white = whitener(R, p)
+    ends = np.cumsum(durations)
+    # A sample at the border of two segments is the second one's; but for rounding.
+    counts = np.ceil(ends / dt * (1 - 1e-12)).astype(int)
+    counts[-1] = int(ends[-1] / dt * (1 + 1e-12)) + 1
+    phi, out = np.eye(n), np.empty((counts[-1], p, n))
+    begin, first = 0.0, 0
+    for j, (a, end, last) in enumerate(zip(A, ends, counts, strict=True)):
+        if last > first:
+            here = transition(a, max(first * dt - begin, 0.0)) @ phi
+            step = transition(a, dt)
+            for k in range(first, last):
+                out[k] = white @ outputs(j, k * dt) @ here
+                if k + 1 < last:
+                    here = step @ here
+        phi = transition(a, end - begin) @ phi
+        begin, first = end, max(first, last)
+    return out.reshape(-1, n)
 
 
 def piecewise(

@@ -207,6 +207,50 @@ impl<T: Real> Earth<T> {
         ]
     }
 
+    /// D with D arm (m, north, west, up) by what part the velocities north, west and up of a
+    /// place that is an arm away exceed those here, for the same rates of latitude, longitude
+    /// and height: the higher place goes round a larger circle.
+    pub(super) fn faster_beside(&self) -> [[T; 3]; 3] {
+        let (o, one, m) = (T::zero(), T::one(), self.meridian);
+        let bend = self.normal_by_latitude / self.normal - self.tan;
+        [
+            [self.meridian_by_latitude / (m * m), o, one / m],
+            [bend / m, o, one / self.normal],
+            [o; 3],
+        ]
+    }
+
+    /// The derivative of D arm by latitude, longitude and height.
+    pub(super) fn faster_beside_by_place(&self, arm: [T; 3]) -> [[T; 3]; 3] {
+        let (o, one, two, three) = (T::zero(), T::one(), T::of(2.0), T::of(3.0));
+        let [north, _, up] = arm;
+        let (n, m, h) = (self.normal, self.meridian, self.height);
+        let (s2, c2) = (self.sin * self.sin, self.cos * self.cos);
+        let e2 = T::of(ECCENTRICITY2);
+        let w2 = one - e2 * s2;
+        // Of the logarithm of the radius across the meridian, and its derivative.
+        let slope = e2 * self.sin * self.cos / w2;
+        let slope_by_latitude = e2 * ((c2 - s2) * w2 + two * e2 * s2 * c2) / (w2 * w2);
+        let m_twice = three * (m - h) * (three * slope * slope + slope_by_latitude);
+        let n_twice = (n - h) * (slope * slope + slope_by_latitude);
+        let (m_once, first) = (self.meridian_by_latitude, self.normal_by_latitude / n);
+        let bend = first - self.tan;
+        let bend_by_latitude = n_twice / n - first * first - one / c2;
+        [
+            [
+                (m_twice - two * m_once * m_once / m) * north / (m * m) - m_once * up / (m * m),
+                o,
+                -two * m_once * north / (m * m * m) - up / (m * m),
+            ],
+            [
+                (bend_by_latitude - bend * m_once / m) * north / m - first * up / n,
+                o,
+                -(first / n + bend / m) * north / m - up / (n * n),
+            ],
+            [o; 3],
+        ]
+    }
+
     /// The derivative of gravity by latitude, longitude and height.
     pub(super) fn gravity_by_place(&self) -> [T; 3] {
         let (one, two) = (T::one(), T::of(2.0));

@@ -255,6 +255,7 @@ pub struct ErrorModel<T> {
     /// One metre north, west, up in latitude (rad), longitude (rad) and height (m).
     pub per_metre: [T; 3],
     motion: Motion<T>,
+    earth: Earth<T>,
     /// Of the angular rate against the navigation axes, in body axes.
     angular_rate: [Line<T>; 3],
     /// From metres to latitude, longitude and height, and its derivatives.
@@ -427,6 +428,7 @@ pub fn error_model<T: Real>(motion: &Motion<T>) -> Result<ErrorModel<T>, Error> 
         a,
         per_metre,
         motion: *motion,
+        earth,
         angular_rate,
         places: [metres, by_latitude, by_height],
     })
@@ -469,17 +471,32 @@ impl<T: Real> ErrorModel<T> {
         }
     }
 
-    /// Velocity of the antenna, v + C (`w_nb` x l).
+    /// Velocity of the antenna: that with which its place moves, v + C (`w_nb` x l) and what
+    /// that exceeds by since the antenna is elsewhere on the Earth. Without it an arm would be
+    /// seen in straight motion: a place that is higher and as fast as the one below comes behind.
+    /// T is held, as all coefficients are.
     fn antenna_velocity(&self) -> [Line<T>; 3] {
-        let to_nav = &self.motion.attitude;
+        let (to_nav, v) = (&self.motion.attitude, self.motion.velocity);
         let arm = multiply(to_nav, &self.motion.lever_arm);
         let w_nb = multiply(to_nav, &self.motion.angular_rate);
+        let of_each = |block: &[[T; 3]; 3]| -> [[T; 3]; 3] {
+            core::array::from_fn(|i| block[i].map(|x| v[i] * x))
+        };
+        let faster = self.earth.faster_beside();
+        let by_arm = of_each(&faster);
         let mut lines = [[T::zero(); STATES]; 3];
         put(&mut lines, VELOCITY, &unit());
+        for (i, part) in multiply(&faster, &arm).into_iter().enumerate() {
+            lines[i][VELOCITY + i] += part;
+        }
         put(&mut lines, TILT, &cross_matrix(cross(&w_nb, &arm)));
+        put(&mut lines, TILT, &product(&by_arm, &cross_matrix(arm)));
+        let by_place = of_each(&self.earth.faster_beside_by_place(arm));
+        put(&mut lines, PLACE, &by_place);
         let turned = product(&cross_matrix(arm), to_nav);
         put_product(&mut lines, &negative(&turned), &self.angular_rate);
-        put(&mut lines, LEVER_ARM, &product(&cross_matrix(w_nb), to_nav));
+        let by_arm = sum(&cross_matrix(w_nb), &by_arm);
+        put(&mut lines, LEVER_ARM, &product(&by_arm, to_nav));
         lines
     }
 

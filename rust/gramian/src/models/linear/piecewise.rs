@@ -76,9 +76,7 @@ impl<T: Real> Piecewise<T> {
             determined: Vec::new(),
             null_space: Vec::new(),
         };
-        let (mut stripped, mut total) = (Joined::new(n), Joined::new(n));
-        // From the beginning to the beginning of the segment, balanced.
-        let mut before: Option<Vec<T>> = None;
+        let (mut stripped, mut hidden) = (Joined::new(n), Hidden::all(n));
         for (j, form) in forms.iter().enumerate() {
             let a = &a[j * n * n..(j + 1) * n * n];
             let balanced: Vec<T> = (0..n * n)
@@ -86,36 +84,37 @@ impl<T: Real> Piecewise<T> {
                 .collect();
             for row in form.row_space().chunks_exact(n) {
                 stripped.push(row);
-                match &before {
-                    None => total.push(row),
-                    Some(phi) => total.push(&through(row, phi)),
-                }
             }
             found.alone.push(form.rank());
             found.stripped.push(stripped.rank(touch));
-            let null = total.kernel(touch);
-            found.total.push(n - null.len() / n);
-            found.null_space = reduced_null_space(&null, scale, touch).0;
+            hidden.keep_what_is_not_in(form.row_space(), touch);
+            found.total.push(n - hidden.here.len() / n);
+            found.null_space = reduced_null_space(&hidden.at_beginning(), scale, touch).0;
             found.determined.push(
                 (0..n)
                     .map(|i| found.null_space.iter().all(|v| v[i] == T::zero()))
                     .collect(),
             );
             found.kernel_rests.push(form.kernel_rests(&balanced, touch));
-            let step: Vec<T> = exponential(a, n, durations[j])?
+            if j + 1 == segments || hidden.here.is_empty() {
+                continue;
+            }
+            // So short that no step stretches one direction out of sight of another.
+            let size = dot(&balanced, &balanced).sqrt();
+            let parts = (size * durations[j] / T::of(4.0)).ceil();
+            let parts = parts.max(T::one()).min(T::of(4096.0));
+            let step: Vec<T> = exponential(a, n, durations[j] / parts)?
                 .iter()
                 .enumerate()
                 .map(|(k, &x)| x * scale[k % n] / scale[k / n])
                 .collect();
-            before = Some(match before {
-                None => step,
-                Some(phi) => step
-                    .chunks_exact(n)
-                    .flat_map(|row| through(row, &phi))
-                    .collect(),
-            });
-            if !before.as_ref().is_some_and(|phi| all_finite(phi)) {
+            if !all_finite(&step) {
                 return Err(Overflow.into());
+            }
+            let mut done = T::zero();
+            while done < parts {
+                hidden.carry(&step);
+                done += T::one();
             }
         }
         if found.null_space.iter().all(|vector| all_finite(vector)) {
@@ -141,14 +140,146 @@ impl<T: Real> Analysis<T> {
     }
 }
 
-/// row Phi
-fn through<T: Real>(row: &[T], phi: &[T]) -> Vec<T> {
-    let n = row.len();
-    let mut out = vec![T::zero(); n];
-    for (&factor, line) in row.iter().zip(phi.chunks_exact(n)) {
-        super::scaling::add(&mut out, factor, line);
+/// What no segment so far has seen. It is carried from segment to segment as orthonormal
+/// directions: what a segment sees is compared with them by angles, however much a transition
+/// stretches. Rows of all segments, each stretched back to the beginning, would look alike, and
+/// what tells them apart would count as rounding.
+struct Hidden<T> {
+    n: usize,
+    /// Orthonormal rows: at the beginning of the segment.
+    here: Vec<T>,
+    /// The same combinations at the beginning of all.
+    first: Vec<T>,
+}
+
+impl<T: Real> Hidden<T> {
+    fn all(n: usize) -> Self {
+        let mut here = vec![T::zero(); n * n];
+        for i in 0..n {
+            here[i * n + i] = T::one();
+        }
+        let first = here.clone();
+        Self { n, here, first }
+    }
+
+    /// Leaves what orthonormal rows do not see, but for the sine of an angle of `touch`.
+    fn keep_what_is_not_in(&mut self, rows: &[T], touch: T) {
+        let n = self.n;
+        let m = self.here.len() / n;
+        if m == 0 {
+            return;
+        }
+        let mut seen = Joined::new(m);
+        for row in rows.chunks_exact(n) {
+            let mut along: Vec<T> = self.here.chunks_exact(n).map(|v| dot(v, row)).collect();
+            rotate_in(&mut seen.factor, &mut along);
+        }
+        let (sines, mut vectors) = seen.decomposed();
+        let rank = sines.iter().take_while(|&&sine| sine > touch).count();
+        let kept = vectors.split_off(rank * m);
+        self.here = combined(&kept, &self.here, n);
+        self.first = combined(&kept, &self.first, n);
+    }
+
+    /// To the beginning of the next segment.
+    fn carry(&mut self, phi: &[T]) {
+        let n = self.n;
+        self.here = self
+            .here
+            .chunks_exact(n)
+            .flat_map(|v| phi.chunks_exact(n).map(move |line| dot(line, v)))
+            .collect();
+        orthonormalize(&mut self.here, n, Some(&mut self.first));
+        // Alone the directions count, not how much they were stretched.
+        let largest = self.first.iter().fold(T::zero(), |top, x| top.max(x.abs()));
+        let factor = T::one() / largest;
+        if factor.is_finite() {
+            scale_row(&mut self.first, factor);
+        }
+    }
+
+    fn at_beginning(&self) -> Vec<T> {
+        let mut rows = self.first.clone();
+        orthonormalize(&mut rows, self.n, None);
+        rows
+    }
+}
+
+/// Rows of `factors` (k x m) times `rows` (m x n).
+fn combined<T: Real>(factors: &[T], rows: &[T], n: usize) -> Vec<T> {
+    let m = rows.len() / n;
+    let mut out = vec![T::zero(); factors.len() / m.max(1) * n];
+    for (out, line) in out.chunks_exact_mut(n).zip(factors.chunks_exact(m.max(1))) {
+        for (&factor, row) in line.iter().zip(rows.chunks_exact(n)) {
+            super::scaling::add(out, factor, row);
+        }
     }
     out
+}
+
+/// Makes independent rows orthonormal; the same is done to the rows of `beside`. Each time the
+/// longest of those that are left is next.
+fn orthonormalize<T: Real>(rows: &mut [T], n: usize, mut beside: Option<&mut Vec<T>>) {
+    let count = rows.len() / n.max(1);
+    for i in 0..count {
+        // With entries up to 1 no square overflows.
+        let row = &mut rows[i * n..(i + 1) * n];
+        let largest = row.iter().fold(T::zero(), |top, x| top.max(x.abs()));
+        let factor = T::one() / largest;
+        if factor.is_finite() {
+            scale_row(row, factor);
+            if let Some(beside) = beside.as_deref_mut() {
+                scale_row(&mut beside[i * n..(i + 1) * n], factor);
+            }
+        }
+    }
+    for k in 0..count {
+        let length = |row: &[T]| dot(row, row);
+        let longest = (k..count).fold(k, |best, i| {
+            let (a, b) = (&rows[i * n..(i + 1) * n], &rows[best * n..(best + 1) * n]);
+            if length(a) > length(b) { i } else { best }
+        });
+        swap_rows(rows, n, k, longest);
+        if let Some(beside) = beside.as_deref_mut() {
+            swap_rows(beside, n, k, longest);
+        }
+        let norm = length(&rows[k * n..(k + 1) * n]).sqrt();
+        let factor = T::one() / norm;
+        if !factor.is_finite() {
+            continue;
+        }
+        scale_row(&mut rows[k * n..(k + 1) * n], factor);
+        if let Some(beside) = beside.as_deref_mut() {
+            scale_row(&mut beside[k * n..(k + 1) * n], factor);
+        }
+        let (done, left) = rows.split_at_mut((k + 1) * n);
+        let done = &done[k * n..];
+        // Twice: once leaves what rounding left of the first.
+        for _ in 0..2 {
+            for (i, row) in left.chunks_exact_mut(n).enumerate() {
+                let along = dot(row, done);
+                super::scaling::add(row, -along, done);
+                if let Some(beside) = beside.as_deref_mut() {
+                    let (done, left) = beside.split_at_mut((k + 1) * n);
+                    super::scaling::add(&mut left[i * n..(i + 1) * n], -along, &done[k * n..]);
+                }
+            }
+        }
+    }
+}
+
+fn scale_row<T: Real>(row: &mut [T], factor: T) {
+    for x in row {
+        *x *= factor;
+    }
+}
+
+fn swap_rows<T: Real>(rows: &mut [T], n: usize, i: usize, j: usize) {
+    if i != j {
+        let (low, high) = (i.min(j), i.max(j));
+        let (before, after) = rows.split_at_mut(high * n);
+        before[low * n..(low + 1) * n].swap_with_slice(&mut after[..n]);
+    }
 }
 
 /// The triangular factor of directions joined so far.
@@ -187,10 +318,5 @@ impl<T: Real> Joined<T> {
 
     fn rank(&self, touch: T) -> usize {
         spectrum::rank(&self.decomposed().0, touch)
-    }
-
-    fn kernel(&self, touch: T) -> Vec<T> {
-        let (values, mut vectors) = self.decomposed();
-        vectors.split_off(spectrum::rank(&values, touch) * self.n)
     }
 }
