@@ -16,13 +16,16 @@ class Case:
     noise: float
 
 
-def smooth_function(rng):
-    """Polynomials, trigonometric and exponential parts at random scales and offsets."""
-    n = int(rng.integers(1, 5))
+def smooth_function(rng, states=None, noise=None):
+    """Polynomials, trigonometric and exponential parts at random scales and offsets.
+
+    Of so many states near 0, with such a noise, where these are given.
+    """
+    n = int(rng.integers(1, 5)) if states is None else states
     m = int(rng.integers(n, n + 4))
     length = 10.0 ** rng.uniform(-12, 12, n)
     far = rng.choice([1, 1e3, 1e6, 1e9], n) * rng.standard_normal(n)
-    origin = np.where(rng.random(n) < 0.5, 0, far) * length
+    origin = np.where(rng.random(n) < (0.5 if states is None else 1), 0, far) * length
     x = origin + rng.standard_normal(n) * length
     # As far as the numbers hold it.
     at = (x - origin) / length
@@ -41,7 +44,7 @@ def smooth_function(rng):
     constants = np.where(
         rng.random(m) < 0.6, 0, rng.standard_normal(m) * 10.0 ** rng.uniform(0, 3, m)
     )
-    noise = float(rng.choice([0, 1e-12, 1e-7, 1e-4]))
+    noise = float(rng.choice([0, 1e-12, 1e-7, 1e-4])) if noise is None else noise
     seed = int(rng.integers(1 << 30))
 
     def value(u, i):

@@ -128,7 +128,8 @@ class Observability(Answer):
     null_combinations : tuple of str
         The same, readable: "x0 +1, vx +0.42".
     crlb_std : ndarray, shape (n,)
-        Bound on the standard deviation, priors included; `inf` where none exists.
+        Bound on the standard deviation, priors included; `inf` where none exists, and where
+        the state is `undecided`.
     data_std : ndarray, shape (n,)
         The same from the measurements alone.
     logdet : float
@@ -136,6 +137,9 @@ class Observability(Answer):
     weakest_direction : ndarray, shape (n,)
         The longest axis of the error ellipsoid (on unit columns) among what is
         observable: how far each state moves along it at one standard deviation.
+    undecided : tuple of str
+        States of which the accuracy of the rows leaves open whether an unobservable
+        combination moves them: by less than the errors of the rows, which are above 1e-8.
     suggestions : tuple of Suggestion
         What knowing one state or named combination would give, best first; worked out when
         first asked for.
@@ -161,11 +165,16 @@ class Observability(Answer):
     _rtol: float | None = None
 
     _not_in_dict = frozenset({"problem"})
-    _more_in_dict = ("priors", "islands", "suggestions")
+    _more_in_dict = ("undecided", "priors", "islands", "suggestions")
 
     @cached_property
     def _analysis(self) -> _core.Analysis:
         return self.problem.factor(rtol=self._rtol)
+
+    @property
+    def undecided(self) -> tuple[str, ...]:
+        """States of which the accuracy of the rows leaves open whether they are observable."""
+        return tuple(self.names[i] for i in self._analysis.undecided())
 
     @property
     def priors(self) -> Mapping[str, float]:
@@ -380,8 +389,10 @@ class Observability(Answer):
         lines = [f"{headline}: {self.reason}"]
         lines += [f"  not observable: {text}" for text in self.null_combinations]
         width = max(len(name) for name in self.names)
+        undecided = set(self.undecided)
         for name, unit, std in zip(self.names, self.units, self.crlb_std, strict=True):
             bound = "not observable" if np.isinf(std) else f"{std:.6g} {unit}".rstrip()
+            bound = "undecided" if name in undecided else bound
             lines.append(f"  {name:<{width}}  {bound}")
         lines += [f"  {text}" for text in self._remarks()]
         if self.status != "observable" and self.suggestions:
@@ -404,8 +415,15 @@ class Observability(Answer):
             if vital:
                 names = ", ".join(one.name for one in vital[:6]) + (", ..." if vital[6:] else "")
                 remarks.append(f"not observable without: {names}")
+        undecided = self.undecided
+        if undecided:
+            names = ", ".join(undecided[:6]) + (", ..." if undecided[6:] else "")
+            remarks.append(
+                f"undecided: whether what is not observable moves {names} by less than the "
+                "errors of the rows; give a Jacobian, or a more accurate h"
+            )
         accuracy = self.problem.accuracy
-        if accuracy is not None and self.status == "undecided":
+        if accuracy is not None and (self.status == "undecided" or undecided):
             remarks.append(accuracy.summary())
         return remarks
 

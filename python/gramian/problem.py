@@ -368,6 +368,9 @@ class Problem(Value):
         if cut := doubt.vague + doubt.nothing:
             rows = rows.copy()
             rows[:, cut] = 0.0
+            if errors is not None:
+                errors = errors.copy()
+                errors[:, cut] = 0.0
         if self.rtol is not None or rtol is not None or len(rows) != len(self.rows):
             errors = None
         if prior and self.has_prior:

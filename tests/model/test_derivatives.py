@@ -498,6 +498,30 @@ def test_errors_hold_for_random_smooth_functions():
     assert wrong <= 0.002 * total
 
 
+@pytest.mark.parametrize("noise", [0.0, 1e-12, 1e-7, 1e-4])
+@pytest.mark.parametrize("states", [1, 2])
+def test_errors_hold_for_few_states_near_zero(states, noise):
+    """Few points tell the noise of one state alone: it may be larger than they show."""
+    from random_functions import smooth_function
+
+    rng = np.random.default_rng([31, states, int(noise * 1e12)])
+    wrong = total = 0
+    for _ in range(250):
+        case = smooth_function(rng, states, noise)
+        try:
+            with np.errstate(all="ignore"):
+                model = gm.from_function(case.h, case.x, case.sigma, case.names)
+        except gm.InputError:
+            # Noise of the size of the change, taken for a jump.
+            assert noise == 1e-4
+            continue
+        assert model.accuracy.evaluations <= 18 * states
+        off = np.abs(model.jacobian() - case.jacobian)
+        wrong += int((off > 3 * model.accuracy.error).sum())
+        total += off.size
+    assert wrong <= 0.001 * total + 1
+
+
 @pytest.mark.parametrize("value", [6.1e-17, 1.2e-16, -3e-16, 1e-15, 5e-324])
 def test_a_zero_and_its_rounding_is_moved_as_a_zero(value):
     # The cosine of a right angle is no state that nothing sees.

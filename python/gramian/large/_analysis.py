@@ -181,6 +181,11 @@ class SparseObservability(Observability):
     def _sparse(self) -> _core.SparseAnalysis:
         return reduced(self.problem.all_rows, self._rtol)
 
+    @property
+    def undecided(self) -> tuple[str, ...]:
+        """None: sparse rows carry no errors."""
+        return ()
+
     @cached_property
     def shortages(self) -> tuple[tuple[tuple[str, ...], NDArray[np.int64]], ...]:
         """Groups of states that fewer rows touch than there are states, and those rows."""

@@ -4,6 +4,7 @@
 // The method itself is not general enough in its lifetime.
 #![allow(clippy::redundant_closure_for_method_calls)]
 
+use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -52,6 +53,10 @@ where
         self.0.priors()
     }
 
+    fn exact(&self) -> Range<usize> {
+        self.0.exact()
+    }
+
     fn channels(&self) -> usize {
         self.0.channels()
     }
@@ -85,7 +90,7 @@ where
 struct Given {
     states: usize,
     measurements: usize,
-    /// How many of the last measurements are prior knowledge.
+    /// How many of the last measurements are exact, prior knowledge.
     priors: usize,
     /// Groups of states that keep the length of their vector, and the length.
     groups: Vec<(Vec<usize>, f64)>,
@@ -148,6 +153,10 @@ impl Model for Given {
 
     fn priors(&self) -> usize {
         self.priors
+    }
+
+    fn exact(&self) -> Range<usize> {
+        self.measurements - self.priors..self.measurements
     }
 
     fn change(&self, a: &[f64], b: &[f64], out: &mut [f64]) {
@@ -262,6 +271,10 @@ impl Model for Watched {
 
     fn priors(&self) -> usize {
         self.model.priors()
+    }
+
+    fn exact(&self) -> Range<usize> {
+        self.model.exact()
     }
 
     fn channels(&self) -> usize {

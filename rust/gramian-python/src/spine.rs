@@ -324,6 +324,11 @@ impl Analysis {
         PyArray1::from_vec(py, self.0.crlb_std())
     }
 
+    /// Which states the accuracy of the rows leaves open.
+    fn undecided(&self) -> Vec<usize> {
+        self.0.undecided()
+    }
+
     fn crlb<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
         let n = self.0.states();
         self.0

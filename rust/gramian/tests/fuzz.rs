@@ -1238,6 +1238,12 @@ mod sized {
         if let Some(std) = draw.taken(found.combination_std(&combination)) {
             draw.bounds(&[std]);
         }
+        assert!(found.undecided().is_empty());
+        let errors: Vec<T> = rows.iter().map(|x| x.abs() * T::of(1e-6)).collect();
+        if let Ok(found) = Observability::inexact(&rows, &errors, &[], n, rtol) {
+            assert!(found.undecided().iter().all(|&i| i < n));
+            draw.bounds(&found.crlb_std());
+        }
     }
 
     /// A camera beside a navigator, in doubles alone: nothing panics, and what moderate numbers

@@ -5,8 +5,10 @@
 //! reflections: the information is never formed. Functions of the states are held by
 //! the null-space method: a step is the shortest one that brings them to their values,
 //! and the best one along which they stay (Nocedal & Wright, Numerical Optimization,
-//! section 18.1), under the merit function chi2 + sum mu |g - value|. A robust loss
-//! reweights the residuals (Holland & Welsch 1977).
+//! sections 18.1 and 18.3), under the merit function chi2 + sum mu |g - value|, where a
+//! second-order correction keeps long steps along a curved surface (Maratos 1978). What a
+//! model knows exactly is held in the same way. A robust loss reweights the residuals
+//! (Holland & Welsch 1977).
 
 use alloc::vec;
 use alloc::vec::Vec;
@@ -123,6 +125,9 @@ pub struct Solution {
 /// A rise of chi2 that tells two states apart: about the 95 % point with one degree of freedom.
 const TELLS: f64 = 4.0;
 
+/// An exact number is met where so much of its deviation is left, itself next to nothing.
+const EXACT: f64 = 1e-6;
+
 /// A function to hold, and the value it is held at.
 pub type Hold<'a> = (&'a dyn Function, f64);
 
@@ -184,39 +189,59 @@ struct Work<'a, M: ?Sized> {
     options: Options,
     residuals: Vec<f64>,
     rows: Vec<f64>,
-    /// What is missing at each held function, and its scaled gradient.
+    /// What is missing at each held function, then at each exact number, and its gradient.
     missing: Vec<f64>,
     gradients: Vec<f64>,
+    /// The squares of what is missing at the exact numbers.
+    off: f64,
     scale: Vec<f64>,
 }
 
 /// Rows and residuals of one linearisation, as small as they can be made.
 struct Reduced {
-    /// Orthogonal basis of the scaled states: first those that move the held functions.
+    /// Orthogonal basis of the scaled states: first those that move what is held.
     basis: Vec<Vec<f64>>,
     /// The triangular factor of the rows along the basis, residuals as last column.
     factor: Vec<f64>,
-    /// The triangular k x k matrix of the gradients along the first basis vectors.
+    /// Which of what is held moves along the first basis vectors, k of them: the others are
+    /// held with these, or do not change here.
+    active: Vec<usize>,
+    /// The triangular k x k matrix of their gradients along these vectors.
     lower: Vec<f64>,
+}
+
+impl Reduced {
+    /// The step along the first basis vectors that brings what is held to its values.
+    fn restore(&self, missing: &[f64]) -> Vec<f64> {
+        let k = self.active.len();
+        let mut step = vec![0.0; k];
+        for (i, &held) in self.active.iter().enumerate() {
+            let lower = &self.lower[i * k..][..=i];
+            step[i] = (missing[held] - dot(&lower[..i], &step[..i])) / lower[i];
+        }
+        step
+    }
 }
 
 impl<'a, M: Model + ?Sized> Work<'a, M> {
     fn new(model: &'a M, hold: &'a [Hold<'a>], options: Options) -> Self {
         let (m, n) = (model.measurements(), model.states());
+        let held = hold.len() + model.exact().len();
         Self {
             model,
             hold,
             options,
             residuals: vec![0.0; m],
             rows: vec![0.0; m * n],
-            missing: vec![0.0; hold.len()],
-            gradients: vec![0.0; hold.len() * n],
+            missing: vec![0.0; held],
+            gradients: vec![0.0; held * n],
+            off: 0.0,
             scale: vec![0.0; n],
         }
     }
 
-    /// Sum of the losses at a state, rows kept for the reduction; infinite where there
-    /// is no value. `missing` is set too.
+    /// Sum of the losses at a state, without what is exact, rows kept for the reduction;
+    /// infinite where there is no value. `missing` is set too.
     fn visit(&mut self, x: &[f64]) -> f64 {
         let n = x.len();
         let rows = Some(&mut self.rows[..]);
@@ -227,25 +252,41 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
             let gradient = &mut self.gradients[k * n..][..n];
             self.missing[k] = value - function.value(x, gradient);
         }
-        let data = self.residuals.len() - self.model.priors();
-        let loss = self.options.loss;
-        let sum = |from: &[f64], loss: Loss| from.iter().map(|&r| loss.at(r).0).sum::<f64>();
-        let chi2 = sum(&self.residuals[..data], loss) + sum(&self.residuals[data..], Loss::Squares);
+        let exact = self.model.exact();
+        let place = self.hold.len();
+        self.missing[place..].copy_from_slice(&self.residuals[exact.clone()]);
+        self.gradients[place * n..].copy_from_slice(&self.rows[exact.start * n..exact.end * n]);
+        self.off = dot(&self.missing[place..], &self.missing[place..]);
+        let chi2: f64 = self
+            .residuals
+            .iter()
+            .enumerate()
+            .filter(|(i, _)| !exact.contains(i))
+            .map(|(i, &r)| self.loss(i).at(r).0)
+            .sum();
         let sound = chi2.is_finite() && self.missing.iter().all(|c| c.is_finite());
         if sound { chi2 } else { f64::INFINITY }
     }
 
+    /// How a whitened number counts: what is known beforehand by its square.
+    fn loss(&self, i: usize) -> Loss {
+        if i < self.residuals.len() - self.model.priors() {
+            self.options.loss
+        } else {
+            Loss::Squares
+        }
+    }
+
     fn reduce(&mut self) -> Reduced {
-        let (n, k) = (self.model.states(), self.hold.len());
+        let n = self.model.states();
         let wide = n + 1;
-        let data = self.residuals.len() - self.model.priors();
+        let exact = self.model.exact();
         let mut stack = vec![0.0; self.residuals.len().max(wide) * wide];
         for (i, &r) in self.residuals.iter().enumerate() {
-            let weight = if i < data {
-                self.options.loss.at(r).1.sqrt()
-            } else {
-                1.0
-            };
+            if exact.contains(&i) {
+                continue;
+            }
+            let weight = self.loss(i).at(r).1.sqrt();
             let line = &mut stack[i * wide..][..wide];
             for (to, from) in line.iter_mut().zip(&self.rows[i * n..][..n]) {
                 *to = weight * from;
@@ -259,18 +300,23 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
             let length = (0..=j)
                 .map(|i| stack[i * wide + j])
                 .fold(0.0_f64, f64::hypot);
-            self.scale[j] = if length > 0.0 && length.is_finite() {
-                1.0 / length
-            } else if self.scale[j] > 0.0 {
-                self.scale[j]
-            } else {
-                1.0
-            };
+            if length > 0.0 && length.is_finite() {
+                self.scale[j] = 1.0 / length;
+            } else if !(self.scale[j] > 0.0) {
+                // Only what is exact shows it: as much there as the others.
+                self.scale[j] = f64::NAN;
+            }
+        }
+        for j in 0..n {
+            if self.scale[j].is_nan() {
+                self.scale[j] = self.as_the_others(j);
+            }
             for i in 0..=j {
                 stack[i * wide + j] *= self.scale[j];
             }
         }
-        let (basis, lower) = self.basis();
+        let (basis, active, lower) = self.basis();
+        let k = active.len();
         let mut factor = vec![0.0; wide * wide];
         if k == 0 {
             factor.copy_from_slice(&stack);
@@ -285,49 +331,76 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
         Reduced {
             basis,
             factor,
+            active,
             lower,
         }
     }
 
+    /// The scale with which a state moves what is held as much as the others do at most.
+    fn as_the_others(&self, j: usize) -> f64 {
+        let n = self.scale.len();
+        for gradient in self.gradients.chunks_exact(n) {
+            let most = gradient
+                .iter()
+                .zip(&self.scale)
+                .map(|(g, s)| (g * s).abs())
+                .fold(0.0, f64::max);
+            let scale = most / gradient[j].abs();
+            if scale > 0.0 && scale.is_finite() {
+                return scale;
+            }
+        }
+        1.0
+    }
+
     /// An orthonormal basis of the scaled states whose first vectors span the gradients
-    /// of the held functions, by Gram-Schmidt, twice; the gradients along it.
-    fn basis(&mut self) -> (Vec<Vec<f64>>, Vec<f64>) {
-        let (n, k) = (self.scale.len(), self.hold.len());
+    /// of what is held, by Gram-Schmidt, twice; whose gradients these are, and along it.
+    fn basis(&mut self) -> (Vec<Vec<f64>>, Vec<usize>, Vec<f64>) {
+        let n = self.scale.len();
         let mut basis: Vec<Vec<f64>> = Vec::with_capacity(n);
-        let mut lower = vec![0.0; k * k];
-        if k == 0 {
-            return (basis, lower);
+        let (mut active, mut lines) = (Vec::new(), Vec::new());
+        if self.missing.is_empty() {
+            return (basis, active, Vec::new());
         }
         let unit = |j: usize| {
             let mut unit = vec![0.0; n];
             unit[j] = 1.0;
             unit
         };
-        let mut given: Vec<Vec<f64>> = self
-            .gradients
-            .chunks_exact(n)
-            .map(|g| g.iter().zip(&self.scale).map(|(g, s)| g * s).collect())
-            .collect();
-        for (row, vector) in given.iter_mut().enumerate() {
-            let length = norm(vector);
+        for (held, gradient) in self.gradients.chunks_exact(n).enumerate() {
+            let mut vector: Vec<f64> = gradient
+                .iter()
+                .zip(&self.scale)
+                .map(|(g, s)| g * s)
+                .collect();
+            let length = norm(&vector);
+            let mut line = vec![0.0; basis.len()];
             for _ in 0..2 {
-                for (column, other) in basis.iter().enumerate() {
-                    let along = dot(vector, other);
-                    lower[row * k + column] += along;
-                    add(vector, -along, other);
+                for (line, other) in line.iter_mut().zip(&basis) {
+                    let along = dot(&vector, other);
+                    *line += along;
+                    add(&mut vector, -along, other);
                 }
             }
-            let left = norm(vector);
-            if left > 1e-12 * length {
-                lower[row * k + row] = left;
-                for v in vector.iter_mut() {
-                    *v /= left;
-                }
-            } else {
-                // Held twice, or a function that does not change here.
-                vector.fill(0.0);
+            let left = norm(&vector);
+            // Held twice, or a function that does not change here. Exact numbers that repeat
+            // each other do so up to the errors of their derivatives.
+            let least = if held < self.hold.len() { 1e-12 } else { 1e-7 };
+            if !(left > least * length) || basis.len() == n {
+                continue;
             }
-            basis.push(vector.clone());
+            for v in &mut vector {
+                *v /= left;
+            }
+            line.push(left);
+            lines.push(line);
+            active.push(held);
+            basis.push(vector);
+        }
+        let k = active.len();
+        let mut lower = vec![0.0; k * k];
+        for (to, line) in lower.chunks_exact_mut(k.max(1)).zip(&lines) {
+            to[..line.len()].copy_from_slice(line);
         }
         // The rest from the unit vectors that stick out most.
         while basis.len() < n {
@@ -353,31 +426,31 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
             }
             basis.push(vector);
         }
-        (basis, lower)
+        (basis, active, lower)
     }
 
     #[allow(clippy::too_many_lines)] // One loop, whose parts share all they have.
     fn descend(&mut self, start: &[f64], enough: &mut Enough<'_>) -> Solution {
-        let (n, k) = (start.len(), self.hold.len());
+        let (n, held) = (start.len(), self.hold.len());
         let wide = n + 1;
-        let free = n.saturating_sub(k);
         let mut x = start.to_vec();
         self.model.retract(&mut x);
         let mut chi2 = self.visit(&x);
+        let mut off = self.off;
         let mut found = Solution {
             x: x.clone(),
-            chi2,
+            chi2: chi2 + off,
             iterations: 0,
             converged: false,
             held: false,
             determined: false,
-            slopes: vec![0.0; k],
+            slopes: vec![0.0; held],
         };
         if !chi2.is_finite() {
             return found;
         }
         let mut damping = self.options.damping;
-        let mut penalty = vec![0.0_f64; k];
+        let mut penalty = vec![0.0_f64; self.missing.len()];
         // Where chi2 is level the multipliers are next to nothing: what is missing at first is
         // worth as much as a rise of chi2 that tells states apart, or no step would seem to pay.
         let least: Vec<f64> = self
@@ -386,19 +459,15 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
             .map(|m| if *m == 0.0 { 0.0 } else { TELLS / m.abs() })
             .collect();
         let mut next = vec![0.0; n];
-        let mut before = f64::INFINITY;
+        let (mut before, mut off_before) = (f64::INFINITY, f64::INFINITY);
         let (mut relax, mut last) = (1.0, vec![0.0; n]);
         let mut progress = Progress::new(&x, chi2, self.options);
         loop {
             let reduced = self.reduce();
             let missing = self.missing.clone();
-            // Along the first basis vectors: what brings the functions to their values.
-            let mut step = vec![0.0; n];
-            for i in 0..k {
-                let lower = &reduced.lower[i * k..][..=i];
-                let rest = missing[i] - dot(&lower[..i], &step[..i]);
-                step[i] = if lower[i] > 0.0 { rest / lower[i] } else { 0.0 };
-            }
+            let k = reduced.active.len();
+            let free = n - k;
+            let step = reduced.restore(&missing);
             // Along the others: the rows there, and what the first part leaves.
             let narrow = free + 1;
             let mut small = vec![0.0; wide.max(narrow) * narrow];
@@ -406,14 +475,14 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
                 let row = &reduced.factor[i * wide..][..wide];
                 let line = &mut small[i * narrow..][..narrow];
                 line[..free].copy_from_slice(&row[k..n]);
-                line[free] = row[n] - dot(&row[..k], &step[..k]);
+                line[free] = row[n] - dot(&row[..k], &step);
             }
             triangularize(&mut small, narrow, &mut vec![0.0; narrow]);
             small.truncate(narrow * narrow);
             let gain: f64 = (0..free).map(|i| small[i * narrow + free].powi(2)).sum();
             // The multipliers after the whole step: at the first one chi2 may be level.
             let tail = damped(&small, free, 0.0);
-            let slopes = slopes(&reduced, &[&step[..k], &tail].concat(), k);
+            let slopes = slopes(&reduced, &[&step[..], &tail].concat(), missing.len());
             // Steps that swing to and fro, or creep, are shortened or lengthened by the
             // ratio of the last two (Aitken's relaxation, Irons & Tuck 1969).
             let whole = along(&reduced.basis, k, &tail);
@@ -422,16 +491,20 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
                 let ratio = dot(&whole, &last) / size;
                 relax = if ratio < 0.9 {
                     (relax / (1.0 - ratio)).clamp(0.3, 4.0)
-                } else if ratio > 1.5 && k == 0 {
+                } else if ratio > 1.5 && held == 0 {
                     // Out to where there may be no minimum.
                     (2.0 * relax).min(4.0)
                 } else {
                     1.0
                 };
             }
-            if k == 0 {
-                let step: Vec<f64> = whole.iter().zip(&self.scale).map(|(w, s)| w * s).collect();
-                if enough(&x, chi2, &step) {
+            if held == 0 {
+                let mut step = whole.clone();
+                for (part, vector) in reduced.restore(&missing).iter().zip(&reduced.basis) {
+                    add(&mut step, *part, vector);
+                }
+                let step: Vec<f64> = step.iter().zip(&self.scale).map(|(w, s)| w * s).collect();
+                if enough(&x, chi2 + off, &step) {
                     break;
                 }
             }
@@ -440,12 +513,18 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
                 *mu = (0.5 * *mu).max(2.0 * slope.abs()).max(*least);
             }
             found.determined = full_rank(&small, free);
-            let close = (0..k).all(|i| {
-                let (size, held) = (self.hold[i].1.abs(), missing[i].abs());
-                held <= 1e-12 * size || (reduced.lower[i * k + i] > 0.0 && step[i].abs() < 1e-7)
+            let place = |i: usize| reduced.active.iter().position(|&a| a == i);
+            found.held = (0..held).all(|i| {
+                missing[i].abs() <= 1e-12 * self.hold[i].1.abs()
+                    || place(i).is_some_and(|p| step[p].abs() < 1e-7)
             });
-            found.slopes = slopes;
-            found.held = close;
+            // Exact ones as close as they come: at the floor of rounding, no step is nearer.
+            // Where they contradict each other, or what is held, chi2 tells.
+            let near = |i: &usize| *i < held || missing[*i].abs() < EXACT;
+            let floor = off >= 0.25 * off_before && off < 1e4 * EXACT * EXACT;
+            let close = found.held && (floor || reduced.active.iter().all(near));
+            off_before = off;
+            found.slopes = slopes[..held].to_vec();
             let tolerance = self.options.tolerance * self.options.tolerance;
             // Below this, chi2 itself has no digits to tell.
             let rounding = 1e-15 * chi2;
@@ -484,7 +563,7 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
                 if k == 0 {
                     y.copy_from_slice(&tail);
                 } else {
-                    for (part, vector) in step[..k]
+                    for (part, vector) in step
                         .iter()
                         .map(|s| s * shrink)
                         .chain(tail.iter().copied())
@@ -504,14 +583,30 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
                     break false;
                 }
                 self.model.retract(&mut next);
-                let trial = self.visit(&next);
-                if trial.is_finite() && merit(trial, &self.missing) <= old + 1e-13 * (1.0 + chi2) {
+                let mut trial = self.visit(&next);
+                let most = old + 1e-13 * (1.0 + chi2);
+                let good = |trial: f64, missing: &[f64]| {
+                    trial.is_finite() && merit(trial, missing) <= most
+                };
+                if k > 0 && shrink == 1.0 && trial.is_finite() && !good(trial, &self.missing) {
+                    // What bends away along the step, brought back.
+                    let back = reduced.restore(&self.missing);
+                    for (part, vector) in back.iter().zip(&reduced.basis) {
+                        for ((x, v), s) in next.iter_mut().zip(vector).zip(&self.scale) {
+                            *x += part * v * s;
+                        }
+                    }
+                    self.model.retract(&mut next);
+                    found.iterations += 1;
+                    trial = self.visit(&next);
+                }
+                if good(trial, &self.missing) {
                     progress.note(&x, &next, trial);
                     x.copy_from_slice(&next);
-                    chi2 = trial;
+                    (chi2, off) = (trial, self.off);
                     break true;
                 }
-                if k == 0 && damping == 0.0 && gain <= 1e-10 {
+                if held == 0 && close && damping == 0.0 && gain <= 1e-10 {
                     if relax == 1.0 {
                         // A step that chi2 has no digits to judge: of measured distances
                         // of 20 000 km, for one.
@@ -543,12 +638,12 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
             }
             before = gain;
             damping = if damping < 1e-6 { 0.0 } else { damping * 0.125 };
-            if found.converged || progress.ended(found.iterations, chi2, k > 0) {
+            if found.converged || progress.ended(found.iterations, chi2, held > 0) {
                 break;
             }
         }
         found.x = x;
-        found.chi2 = chi2;
+        found.chi2 = chi2 + off;
         found
     }
 }
@@ -623,27 +718,22 @@ fn along(basis: &[Vec<f64>], k: usize, tail: &[f64]) -> Vec<f64> {
 
 /// The multipliers after a step along the basis: the gradient of chi2 along its first
 /// vectors is that of the held functions times these.
-fn slopes(reduced: &Reduced, step: &[f64], k: usize) -> Vec<f64> {
-    let n = step.len();
+fn slopes(reduced: &Reduced, step: &[f64], count: usize) -> Vec<f64> {
+    let (n, k) = (step.len(), reduced.active.len());
     let wide = n + 1;
     let left: Vec<f64> = reduced
         .factor
         .chunks_exact(wide)
         .map(|row| row[n] - dot(&row[..n], step))
         .collect();
-    let mut slopes = vec![0.0; k];
+    let mut slopes = vec![0.0; count];
     for i in (0..k).rev() {
         let column = reduced.factor.iter().skip(i).step_by(wide);
         let along: f64 = -2.0 * column.zip(&left).map(|(r, l)| r * l).sum::<f64>();
         let later: f64 = (i + 1..k)
-            .map(|j| reduced.lower[j * k + i] * slopes[j])
+            .map(|j| reduced.lower[j * k + i] * slopes[reduced.active[j]])
             .sum();
-        let pivot = reduced.lower[i * k + i];
-        slopes[i] = if pivot > 0.0 {
-            (along - later) / pivot
-        } else {
-            0.0
-        };
+        slopes[reduced.active[i]] = (along - later) / reduced.lower[i * k + i];
     }
     slopes
 }

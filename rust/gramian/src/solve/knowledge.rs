@@ -4,6 +4,7 @@
 use alloc::sync::Arc;
 use alloc::vec;
 use alloc::vec::Vec;
+use core::ops::Range;
 
 use super::Model;
 
@@ -63,6 +64,10 @@ impl<M: Model> Model for WithPrior<M> {
 
     fn priors(&self) -> usize {
         self.model.priors() + self.known.len()
+    }
+
+    fn exact(&self) -> Range<usize> {
+        self.model.exact()
     }
 
     fn channels(&self) -> usize {
@@ -164,6 +169,10 @@ impl<M: Model> Model for Held<M> {
         self.model.priors()
     }
 
+    fn exact(&self) -> Range<usize> {
+        self.model.exact()
+    }
+
     fn channels(&self) -> usize {
         self.model.channels()
     }
@@ -251,6 +260,10 @@ macro_rules! pointer {
 
             fn priors(&self) -> usize {
                 (**self).priors()
+            }
+
+            fn exact(&self) -> Range<usize> {
+                (**self).exact()
             }
 
             fn channels(&self) -> usize {

@@ -16,6 +16,8 @@
 //! | [`unbounded`] | what to report where the likelihood grows towards infinity |
 //! | [`trials`] | all of it for many simulated records |
 
+use core::ops::Range;
+
 #[cfg(feature = "std")]
 pub mod fit;
 #[cfg(feature = "std")]
@@ -66,6 +68,13 @@ pub trait Model: Sync {
     /// robust loss touches them, and they have no place in the order of time.
     fn priors(&self) -> usize {
         0
+    }
+
+    /// Which of the whitened numbers are exact, no measurements with noise: a state keeps to
+    /// them, whatever the others say. Each is whitened by a deviation far below what the
+    /// others tell, so that rows alone nearly say as much.
+    fn exact(&self) -> Range<usize> {
+        0..0
     }
 
     /// How many measurements are made at each time: neighbours in time, of one channel,

@@ -3,6 +3,7 @@
 
 use alloc::vec;
 use alloc::vec::Vec;
+use core::ops::Range;
 
 use super::fit::Fit;
 use super::gauss_newton::{Options, Solution, minimize};
@@ -34,6 +35,10 @@ impl<M: Model + ?Sized> Model for Noisy<'_, M> {
 
     fn priors(&self) -> usize {
         self.model.priors()
+    }
+
+    fn exact(&self) -> Range<usize> {
+        self.model.exact()
     }
 
     fn channels(&self) -> usize {

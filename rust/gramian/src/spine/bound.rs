@@ -1,7 +1,7 @@
 //! Cramer-Rao bounds from a spectrum: `inf` for what cannot be determined.
 
 use crate::scalar::{Real, all_finite, hypot};
-use crate::spectrum::{Spectrum, touch_tolerance};
+use crate::spectrum::{Spectrum, moves};
 
 /// Standard deviation of each state at the Cramer-Rao bound, from the scaled
 /// spectrum (see [`decompose`](crate::spectrum::decompose)); infinite for every
@@ -15,13 +15,13 @@ pub(crate) fn standard_deviations<T: Real>(
     out: &mut [T],
 ) {
     let n = s.len();
-    let touch = touch_tolerance(s, rank, rtol);
     for i in 0..n {
         let null = (rank..n).fold(T::zero(), |norm, k| hypot(norm, v[k * n + i]));
-        out[i] = if null > touch {
+        let spread = (0..rank).fold(T::zero(), |norm, k| hypot(norm, v[k * n + i] / s[k]));
+        out[i] = if moves(null, spread, s, rank, rtol) {
             T::INFINITY
         } else {
-            scale[i] * (0..rank).fold(T::zero(), |norm, k| hypot(norm, v[k * n + i] / s[k]))
+            scale[i] * spread
         };
     }
 }
@@ -103,16 +103,15 @@ pub fn combination_std<T: Real, const N: usize>(
         return size;
     }
     let (values, rank) = (spectrum.singular_values(), spectrum.rank());
-    let touch = touch_tolerance(values, rank, spectrum.rtol());
     let along = |k: usize| {
         let each = spectrum.vectors()[k].iter().zip(&scaled);
         each.fold(T::zero(), |sum, (&v, &x)| sum + v * x)
     };
     let null = (rank..N).fold(T::zero(), |norm, k| hypot(norm, along(k)));
-    if null > touch * size {
+    let std = (0..rank).fold(T::zero(), |norm, k| hypot(norm, along(k) / values[k]));
+    if moves(null / size, std / size, values, rank, spectrum.rtol()) {
         return T::INFINITY;
     }
-    let std = (0..rank).fold(T::zero(), |norm, k| hypot(norm, along(k) / values[k]));
     if std.is_finite() { std } else { T::INFINITY }
 }
 

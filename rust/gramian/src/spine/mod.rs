@@ -14,4 +14,6 @@ pub mod rows;
 pub mod spectrum;
 pub mod square_root;
 #[cfg(feature = "alloc")]
+mod touch;
+#[cfg(feature = "alloc")]
 pub mod verdict;

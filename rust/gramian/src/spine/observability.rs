@@ -11,6 +11,8 @@ use crate::scalar::{NumberError, Real, all_finite, check_finite, check_length};
 use crate::spectrum;
 use crate::square_root::{eliminate, reflect, triangularize};
 
+use super::touch::{self, Touch};
+
 /// Rank, spectrum, null space and bounds of rows (K, n).
 ///
 /// What is determined is kept as a root W of the covariance, Cov = W W^T, and what is not
@@ -33,24 +35,25 @@ pub struct Observability<T> {
     scale: Vec<T>,
     singular_values: Vec<T>,
     parts: Parts<T>,
+    touch: Touch<T>,
 }
 
 /// What is determined and what is not, in some coordinates.
 #[derive(Clone, Debug)]
-struct Parts<T> {
+pub(super) struct Parts<T> {
     /// Vectors w of length n with Cov = sum w w^T, one after the other.
-    root: Vec<T>,
+    pub root: Vec<T>,
     /// Basis of what is not determined.
-    null: Vec<T>,
+    pub null: Vec<T>,
     /// Singular values, each level of weight by itself; infinite for exact knowledge.
-    values: Vec<T>,
+    pub values: Vec<T>,
     /// Logarithm of the root of the determinant of the information.
-    log: T,
+    pub log: T,
     /// Which vector of `root` is the longest axis.
-    weakest: usize,
-    /// Share of a state in the null space below which it is rounding.
-    touch: T,
-    rank: usize,
+    pub weakest: usize,
+    /// Share in the null space above which no state is at rest, whichever it is.
+    pub touch: T,
+    pub rank: usize,
 }
 
 impl<T: Real> Observability<T> {
@@ -142,12 +145,20 @@ impl<T: Real> Observability<T> {
             a
         };
         let (a, errors) = (scaled(rows), scaled(errors));
+        let exact = scaled(exact);
         let parts = if exact.is_empty() {
             determined(&a, &errors, n, rtol, &scale)
         } else {
-            with_exact(&a, &errors, &scaled(exact), n, rtol)
+            with_exact(&a, &errors, &exact, n, rtol)
         };
-        Self::of_parts(n, rtol, scale, parts)
+        let rows = touch::Rows {
+            a: &a,
+            errors: &errors,
+            exact: &exact,
+            n,
+            rtol,
+        };
+        Self::of_parts(&rows, scale, parts)
     }
 
     /// From the spectrum of `rows` with columns multiplied by `scale`, found elsewhere:
@@ -164,6 +175,7 @@ impl<T: Real> Observability<T> {
         let n = scale.len();
         check_errors(errors, rows)?;
         let rank = spectrum::rank(s, rtol);
+        let (mut a, mut off) = (Vec::new(), Vec::new());
         let parts = if rank == n {
             plain(n, rtol, s, v, rank)
         } else {
@@ -173,20 +185,27 @@ impl<T: Real> Observability<T> {
                     .flat_map(|row| row.iter().zip(&scale).map(each))
                     .collect()
             };
-            let (a, errors) = (scaled(rows), scaled(errors));
+            (a, off) = (scaled(rows), scaled(errors));
             let ones = vec![T::one(); n];
-            levels(&a, &errors, n, rtol, &ones, s, v, rank, &scale)
+            levels(&a, &off, n, rtol, &ones, s, v, rank, &scale)
         };
-        Self::of_parts(n, rtol, scale, parts)
+        let rows = touch::Rows {
+            a: &a,
+            errors: &off,
+            exact: &[],
+            n,
+            rtol,
+        };
+        Self::of_parts(&rows, scale, parts)
     }
 
     fn of_parts(
-        n: usize,
-        rtol: T,
+        rows: &touch::Rows<'_, T>,
         scale: Vec<T>,
         mut parts: Parts<T>,
     ) -> Result<Self, NumberError> {
-        orthonormal(&mut parts.null, n);
+        let (n, rtol) = (rows.n, rows.rtol);
+        let touch = touch::decide(rows, &mut parts);
         if !all_finite(&parts.root) || !all_finite(&parts.null) {
             return Err(OVERFLOW);
         }
@@ -199,6 +218,7 @@ impl<T: Real> Observability<T> {
             scale,
             singular_values,
             parts,
+            touch,
         })
     }
 
@@ -253,7 +273,8 @@ impl<T: Real> Observability<T> {
         let n = self.n;
         let mut basis: Vec<Vec<T>> = self.parts.null.chunks_exact(n).map(<[T]>::to_vec).collect();
         // Dividing by a lead of a tenth makes the rounding ten times larger.
-        let noise = (self.parts.touch * T::of(10.0)).min(T::of(1e-2));
+        let noise = |i: usize| (self.touch.error[i] * T::of(10.0)).min(T::of(1e-2));
+        let moved = column_norms(&self.parts.null, n);
         let mut pivots = Vec::new();
         let mut taken = vec![false; n];
         for k in 0..basis.len() {
@@ -298,9 +319,17 @@ impl<T: Real> Observability<T> {
                 }
             }
         }
+        // A state that moves stays in at least one of them.
+        let largest = |i: usize| basis.iter().fold(T::zero(), |m: T, v| m.max(v[i].abs()));
+        let kept: Vec<T> = (0..n)
+            .map(|i| match largest(i) {
+                most if most <= noise(i) && moved[i] > T::zero() => most * T::of(0.5),
+                _ => noise(i),
+            })
+            .collect();
         for (vector, &pivot) in basis.iter_mut().zip(&pivots) {
             for (i, value) in vector.iter_mut().enumerate() {
-                *value = if value.abs() <= noise && i != pivot {
+                *value = if value.abs() <= kept[i] && i != pivot {
                     T::zero()
                 } else {
                     *value * self.scale[i] / self.scale[pivot]
@@ -360,15 +389,55 @@ impl<T: Real> Observability<T> {
             .collect()
     }
 
+    /// States of which the accuracy of the rows leaves open whether an unobservable
+    /// combination moves them; their bounds are infinite. Empty for rows without errors.
+    pub fn undecided(&self) -> Vec<usize> {
+        let flags = self.touch.undecided.iter().enumerate();
+        flags.filter_map(|(i, &open)| open.then_some(i)).collect()
+    }
+
     /// Standard deviation of each state at the bound, infinite where an
-    /// unobservable combination touches it, or it overflows.
+    /// unobservable combination touches it, or may do so, or it overflows.
     pub fn crlb_std(&self) -> Vec<T> {
-        deviations(
-            &self.parts.root,
-            &self.parts.null,
-            self.parts.touch,
-            &self.scale,
-        )
+        self.deviations(&self.parts.root, &self.parts.null)
+    }
+
+    /// Deviations of each state from the root of a covariance and a null space, in physical
+    /// units.
+    fn deviations(&self, root: &[T], null: &[T]) -> Vec<T> {
+        let (spread, open) = (column_norms(root, self.n), column_norms(null, self.n));
+        let unknown = |i: usize| {
+            open[i] > self.touch.error[i] || (self.touch.undecided[i] && !null.is_empty())
+        };
+        (0..self.n)
+            .map(|i| {
+                if unknown(i) {
+                    T::INFINITY
+                } else {
+                    self.scale[i] * spread[i]
+                }
+            })
+            .collect()
+    }
+
+    /// Whether a combination of unit length, of which the null space sees `open`, moves with
+    /// what is not determined.
+    fn moves(&self, unit: &[T], open: &[T]) -> bool {
+        norm(open) > self.off(unit, &|_| true).min(self.parts.touch)
+    }
+
+    /// Whether the accuracy of the rows leaves open if a combination moves, of which the root
+    /// of the covariance sees `along`.
+    fn may_move(&self, unit: &[T], along: &[T]) -> bool {
+        let undecided = |i: usize| self.touch.undecided[i];
+        self.off(unit, &undecided) > norm(along) * T::of(touch::ACCURATE)
+    }
+
+    /// By how much the part of a combination in the null space may be off, of some states.
+    fn off(&self, unit: &[T], of: &dyn Fn(usize) -> bool) -> T {
+        let each = unit.iter().zip(&self.touch.error).enumerate();
+        each.filter(|(i, _)| of(*i))
+            .fold(T::zero(), |sum, (_, (c, &error))| sum + c.abs() * error)
     }
 
     /// The bound on the covariance, `None` where the rank is short, or an entry
@@ -436,8 +505,8 @@ impl<T: Real> Observability<T> {
     /// # Errors
     /// [`NumberError::Length`], [`NumberError`].
     pub fn combination_std(&self, combination: &[T]) -> Result<T, NumberError> {
-        let (along, open, length) = self.seen(combination)?;
-        if norm(&open) > self.parts.touch {
+        let (unit, along, open, length) = self.seen(combination)?;
+        if self.moves(&unit, &open) || self.may_move(&unit, &along) {
             return Ok(T::INFINITY);
         }
         let std = norm(&along) * length;
@@ -450,8 +519,9 @@ impl<T: Real> Observability<T> {
         })
     }
 
-    /// W^T c and N^T c of a combination of unit length in scaled states, and its length.
-    fn seen(&self, combination: &[T]) -> Result<(Vec<T>, Vec<T>, T), NumberError> {
+    /// A combination in scaled states, c of unit length, with W^T c, N^T c and its length.
+    #[allow(clippy::type_complexity)]
+    fn seen(&self, combination: &[T]) -> Result<(Vec<T>, Vec<T>, Vec<T>, T), NumberError> {
         let n = self.n;
         check_length("combination", combination.len(), n)?;
         check_finite("combination", combination)?;
@@ -463,12 +533,13 @@ impl<T: Real> Observability<T> {
         let scaled = finite("combination", scaled)?;
         let length = norm(&scaled);
         if length == T::zero() {
-            return Ok((Vec::new(), Vec::new(), length));
+            return Ok((Vec::new(), Vec::new(), Vec::new(), length));
         }
         let unit: Vec<T> = scaled.iter().map(|&c| c / length).collect();
         let along = self.parts.root.chunks_exact(n).map(|w| dot(w, &unit));
         let open = self.parts.null.chunks_exact(n).map(|v| dot(v, &unit));
-        Ok((along.collect(), open.collect(), length))
+        let (along, open) = (along.collect(), open.collect());
+        Ok((unit, along, open, length))
     }
 
     /// The answer once the combination c^T x is also known to `sigma`; with
@@ -489,14 +560,14 @@ impl<T: Real> Observability<T> {
                 allowed: ">= 0 and finite",
             });
         }
-        let (along, open, length) = self.seen(combination)?;
+        let (unit, along, open, length) = self.seen(combination)?;
         if length == T::zero() {
             return Ok((self.parts.rank, self.crlb_std()));
         }
         let sigma = finite("sigma", vec![sigma / length])?[0];
         let free = norm(&open);
         let (mut root, mut null) = (self.parts.root.clone(), self.parts.null.clone());
-        if free > self.parts.touch {
+        if self.moves(&unit, &open) {
             // What was open along c is now tied to it: c^T x = sigma e.
             let unit: Vec<T> = open.iter().map(|&a| a / free).collect();
             let mut direction = vec![T::zero(); n];
@@ -526,7 +597,7 @@ impl<T: Real> Observability<T> {
                 }
             }
             null = rest;
-            let mut std = deviations(&root, &null, self.parts.touch, &self.scale);
+            let mut std = self.deviations(&root, &null);
             if sigma == T::zero() {
                 // What is known exactly leaves rounding of what cancels.
                 let before = column_norms(&self.parts.root, n);
@@ -558,7 +629,7 @@ impl<T: Real> Observability<T> {
                 }
             }
         }
-        let mut std = deviations(&root, &null, self.parts.touch, &self.scale);
+        let mut std = self.deviations(&root, &null);
         if sigma == T::zero() {
             // What is known exactly leaves rounding.
             for (out, &before) in std.iter_mut().zip(&self.crlb_std()) {
@@ -582,7 +653,7 @@ impl<T: Real> Observability<T> {
         check_rows(rows, self.n)?;
         rows.chunks_exact(self.n)
             .map(|row| {
-                let (along, _, length) = self.seen(row)?;
+                let (_, along, _, length) = self.seen(row)?;
                 let lever = norm(&along) * length;
                 Ok((lever * lever).min(T::one()))
             })
@@ -599,7 +670,7 @@ impl<T: Real> Observability<T> {
     /// Sherman & Morrison 1950; Ann. Math. Stat. 21.
     pub fn without(&self, row: &[T]) -> Result<Option<Vec<T>>, NumberError> {
         let n = self.n;
-        let (along, _, length) = self.seen(row)?;
+        let (_, along, _, length) = self.seen(row)?;
         let spread = norm(&along);
         let lever = spread * length;
         let left = T::one() - lever * lever;
@@ -632,13 +703,13 @@ const OVERFLOW: NumberError = NumberError::Overflow {
     result: "information",
 };
 
-fn dot<T: Real>(x: &[T], y: &[T]) -> T {
+pub(super) fn dot<T: Real>(x: &[T], y: &[T]) -> T {
     x.iter()
         .zip(y)
         .fold(T::zero(), |sum, (&xi, &yi)| sum + xi * yi)
 }
 
-fn norm<T: Real>(x: &[T]) -> T {
+pub(super) fn norm<T: Real>(x: &[T]) -> T {
     let largest = x.iter().fold(T::zero(), |a, x| a.max(x.abs()));
     if !(largest > T::zero() && largest.is_finite()) {
         return largest;
@@ -650,7 +721,7 @@ fn norm<T: Real>(x: &[T]) -> T {
     largest * sum.sqrt()
 }
 
-fn column_norms<T: Real>(rows: &[T], n: usize) -> Vec<T> {
+pub(super) fn column_norms<T: Real>(rows: &[T], n: usize) -> Vec<T> {
     let mut largest = vec![T::zero(); n];
     for row in rows.chunks_exact(n) {
         for (l, x) in largest.iter_mut().zip(row) {
@@ -681,24 +752,8 @@ fn column_norms<T: Real>(rows: &[T], n: usize) -> Vec<T> {
         .collect()
 }
 
-/// Deviations of each state from the root of a covariance and a null space, scaled.
-fn deviations<T: Real>(root: &[T], null: &[T], touch: T, scale: &[T]) -> Vec<T> {
-    let n = scale.len();
-    let lengths = |vectors: &[T]| -> Vec<T> { column_norms(vectors, n) };
-    let (spread, open) = (lengths(root), lengths(null));
-    (0..n)
-        .map(|i| {
-            if open[i] > touch {
-                T::INFINITY
-            } else {
-                scale[i] * spread[i]
-            }
-        })
-        .collect()
-}
-
 /// Makes vectors of length `n` orthonormal (modified Gram-Schmidt, twice).
-fn orthonormal<T: Real>(vectors: &mut [T], n: usize) {
+pub(super) fn orthonormal<T: Real>(vectors: &mut [T], n: usize) {
     let count = vectors.len() / n;
     for k in 0..count {
         for _ in 0..2 {
@@ -751,7 +806,13 @@ fn check_errors<T: Real>(errors: &[T], rows: &[T]) -> Result<(), NumberError> {
 }
 
 /// What rows of length `n` determine; `units` is what their columns were multiplied by.
-fn determined<T: Real>(a: &[T], errors: &[T], n: usize, rtol: T, units: &[T]) -> Parts<T> {
+pub(super) fn determined<T: Real>(
+    a: &[T],
+    errors: &[T],
+    n: usize,
+    rtol: T,
+    units: &[T],
+) -> Parts<T> {
     let count = a.len() / n;
     let (mut scale, mut s) = (vec![T::one(); n], vec![T::zero(); n]);
     let (mut v, mut work) = (vec![T::zero(); n * n], vec![T::zero(); n * n]);
@@ -825,7 +886,13 @@ fn plain<T: Real>(n: usize, rtol: T, s: &[T], v: &[T], rank: usize) -> Parts<T> 
 ///
 /// # Source
 /// Cox & Higham 1998, BIT 38; Powell & Reid 1969.
-fn pivoted<T: Real>(a: &[T], n: usize, rtol: T, rank: usize, s: &[T]) -> Option<Parts<T>> {
+pub(super) fn pivoted<T: Real>(
+    a: &[T],
+    n: usize,
+    rtol: T,
+    rank: usize,
+    s: &[T],
+) -> Option<Parts<T>> {
     let mut r = sort_rows(a, n);
     let count = (r.len() / n).max(n);
     r.resize(count * n, T::zero());

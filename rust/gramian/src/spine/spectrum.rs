@@ -141,8 +141,16 @@ pub(crate) fn rank<T: Real>(s: &[T], rtol: T) -> usize {
     }
 }
 
-/// A scaled singular vector component below this is rounding, not part of the
-/// null space: the perturbation of the null vectors by errors of relative size
+/// Whether null vectors move what has the length `null` in them and the deviation `spread`
+/// along the others, both of something of unit length in scaled states: to first order
+/// errors of the rows turn the null vectors by no more than these times `spread`.
+pub(crate) fn moves<T: Real>(null: T, spread: T, s: &[T], rank: usize, rtol: T) -> bool {
+    let error = (T::of(4.0) * rtol * spread).max(T::EPSILON * T::of(4.0));
+    null > touch_tolerance(s, rank, rtol).min(error)
+}
+
+/// A scaled singular vector component above this is part of the null space, whatever it
+/// belongs to: the perturbation of the null vectors by errors of relative size
 /// `rtol`, given the smallest singular value that counts.
 pub(crate) fn touch_tolerance<T: Real>(s: &[T], rank: usize, rtol: T) -> T {
     if rank == 0 {

@@ -12,7 +12,8 @@ use crate::scalar::{NumberError, check_finite, check_length};
 pub struct Look {
     /// How many combinations of the states are determined.
     pub rank: usize,
-    /// The bound of the deviation of each state; infinite where there is none.
+    /// The bound of the deviation of each state; infinite where there is none, or where the
+    /// errors of the rows leave open whether there is.
     pub std: Vec<f64>,
     /// Singular values of the rows with unit columns, descending.
     pub singular_values: Vec<f64>,
@@ -173,8 +174,12 @@ pub fn windows(
             errors = turned(&errors, &f64::abs);
         }
         check_finite("rows", &rows)?;
-        let rtol = rtol.or_else(|| accuracy(&mut rows, &errors, m));
-        let found = Observability::new(&rows, m, rtol)?;
+        let found = if rtol.is_some() {
+            Observability::new(&rows, m, rtol)?
+        } else {
+            let rtol = accuracy(&mut rows, &mut errors, m);
+            Observability::inexact(&rows, &errors, &[], m, rtol)?
+        };
         let lift = |v: Vec<f64>| match basis {
             None => v,
             Some((basis, m)) => basis[first * n * m..(first + 1) * n * m]
@@ -208,7 +213,7 @@ pub fn windows(
 
 /// The relative accuracy of rows (k x m) with unit columns, where it is worse than rounding.
 /// Columns that are no larger than their errors become zero.
-fn accuracy(rows: &mut [f64], errors: &[f64], m: usize) -> Option<f64> {
+fn accuracy(rows: &mut [f64], errors: &mut [f64], m: usize) -> Option<f64> {
     let mut total = 0.0;
     for j in 0..m {
         let length = |x: &[f64]| x.iter().skip(j).step_by(m).map(|x| x * x).sum::<f64>();
@@ -219,7 +224,9 @@ fn accuracy(rows: &mut [f64], errors: &[f64], m: usize) -> Option<f64> {
         if off < size / 9.0 {
             total += off / size;
         } else {
-            rows.iter_mut().skip(j).step_by(m).for_each(|x| *x = 0.0);
+            for entries in [&mut *rows, &mut *errors] {
+                entries.iter_mut().skip(j).step_by(m).for_each(|x| *x = 0.0);
+            }
         }
     }
     let relative = nalgebra::ComplexField::sqrt(total);

@@ -29,6 +29,11 @@ const MOST_PAIRS: usize = 9;
 /// Points beside x at which noise is measured; of one state fewer, as its steps need the rest.
 const NOISE_POINTS: usize = 6;
 const NOISE_POINTS_ALONE: usize = 4;
+/// Noise by the differences of so few points may be a third of what it is, once in a hundred
+/// times, and by the fewer of one state a fifth: errors are stated for as many times what was
+/// measured.
+const FEW: f64 = 1.5;
+const FEW_ALONE: f64 = 2.0;
 /// As few points either side of x tell noise that changes now and then.
 const LEAST_WIDE: usize = 3;
 /// Error of an entry of which nothing is known.
@@ -182,6 +187,7 @@ pub fn jacobian<E>(
     let mut measured = given.iter().all(|&g| g);
     let mut kept: Option<(Vec<[f64; 2]>, Vec<f64>)> = None;
     let (mut points, mut values) = (Vec::new(), Vec::new());
+    let mut few = vec![0.0; m];
     let noise_points = if n == 1 {
         NOISE_POINTS_ALONE
     } else {
@@ -247,13 +253,15 @@ pub fn jacobian<E>(
                     wide,
                     given: &given,
                 };
-                let far = measure_noise(x, at, options, &line, &mut noise, &mut |points, out| {
-                    let done = evaluate(points, out);
-                    printed.see(at, out);
-                    done
-                })
-                .map_err(Error::Function)?;
+                let [far, alone] =
+                    measure_noise(x, at, options, &line, &mut noise, &mut |points, out| {
+                        let done = evaluate(points, out);
+                        printed.see(at, out);
+                        done
+                    })
+                    .map_err(Error::Function)?;
                 evaluations += noise_points + 2 * wide;
+                few = alone;
                 if let [column] = columns.as_mut_slice() {
                     column.take_line(at, &far, own[0][1], options);
                 }
@@ -323,8 +331,14 @@ pub fn jacobian<E>(
             let cut_off = printed.cut_off(i);
             let apart = cut_off && !column.moves(k);
             let rounding = 2.0 * f64::EPSILON * at[i].abs();
-            let (value, error) =
-                column.entry(k, if apart { rounding } else { out.noise[i] }, at[i]);
+            let level = if apart {
+                rounding
+            } else if out.noise[i] <= few[i] {
+                out.noise[i] * if n == 1 { FEW_ALONE } else { FEW }
+            } else {
+                out.noise[i]
+            };
+            let (value, error) = column.entry(k, level, at[i]);
             // Where the function overflows beside x nothing is known, which is a number too.
             out.values[i * n + column.state] = value;
             let known = error < UNKNOWN && (apart || !cut_off);

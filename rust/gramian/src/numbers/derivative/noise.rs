@@ -36,7 +36,8 @@ pub(super) struct Line<'a> {
 /// Noise along one direction in which all states move a little, from the differences of
 /// equally spaced values: close ones for rounding, wide ones for what changes now and
 /// then, such as printed digits or the steps of a solver. Returns the values at the wide
-/// ones: below and above x, the nearest first.
+/// ones: below and above x, the nearest first; and the noise that the close ones alone show,
+/// 0 where the wide ones show as much.
 pub(super) fn measure_noise<E>(
     x: &[f64],
     at: &[f64],
@@ -44,7 +45,7 @@ pub(super) fn measure_noise<E>(
     line: &Line<'_>,
     noise: &mut [f64],
     evaluate: &mut impl FnMut(&[f64], &mut [f64]) -> Result<(), E>,
-) -> Result<Vec<f64>, E> {
+) -> Result<[Vec<f64>; 2], E> {
     let (n, m, wide) = (x.len(), at.len(), line.wide);
     let close: Vec<f64> = (1..=line.close).map(|k| k as f64).collect();
     let far: Vec<f64> = (1..=wide).flat_map(|k| [-(k as f64), k as f64]).collect();
@@ -56,18 +57,23 @@ pub(super) fn measure_noise<E>(
     }
     let mut values = vec![f64::NAN; (close.len() + far.len()) * m];
     evaluate(&points, &mut values)?;
+    let mut alone = vec![0.0; m];
     for i in (0..m).filter(|&i| !line.given[i]) {
         let value = |k: usize| change(values[k * m + i], at[i], options.period[i]);
         let near: Vec<f64> = core::iter::once(0.0)
             .chain((0..close.len()).map(value))
             .collect();
-        noise[i] = noise[i].max(close_noise(near));
+        let near = close_noise(near);
         // In order: from the last point below x to the last above.
         let below = (0..wide).rev().map(|k| value(close.len() + 2 * k));
         let above = (0..wide).map(|k| value(close.len() + 2 * k + 1));
-        noise[i] = noise[i].max(wide_noise(below.chain([0.0]).chain(above).collect()));
+        let apart = wide_noise(below.chain([0.0]).chain(above).collect());
+        if near > apart {
+            alone[i] = near;
+        }
+        noise[i] = noise[i].max(near).max(apart);
     }
-    Ok(values.split_off(close.len() * m))
+    Ok([values.split_off(close.len() * m), alone])
 }
 
 /// Noise by the differences of each order of equally spaced values; 0 for values that
