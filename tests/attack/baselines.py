@@ -533,6 +533,7 @@ CALLS: dict[str, dict[str, Any]] = {
         "restarts": 0,
         "bound": False,
     },
+    "maneuver.scene": {"path": PATH, "sensors": 0.01, "times": T, "order": 1},
     "maneuver.soonest": {
         "target": np.array([0.0, 2000.0]),
         "start": np.zeros(2),
@@ -558,7 +559,7 @@ CALLS: dict[str, dict[str, Any]] = {
         "restarts": 0,
     },
     "maneuver.Sensing": {"kind": "bearing", "sigma": 0.01, "detection": 0.9},
-    "maneuver.problem": {"path": PATH, "target": STATE[:2], "sigma": 0.01},
+    "maneuver.problem": {"path": PATH, "target": STATE, "sigma": 0.01, "times": T},
     "maneuver.trajectory": {
         "target": np.array([0.0, 2000.0]),
         "start": np.zeros(2),

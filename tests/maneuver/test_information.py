@@ -147,3 +147,77 @@ def test_pairs_need_a_fixed_target():
         man.fisher_det([[0, 0], [1, 0]], [9, 9, 1, 1], 0.1, [0, 1], method="pairs")
     with pytest.raises(gm.InputError, match="method = 'all'"):
         man.fisher_det([[0, 0], [1, 0]], [9, 9], 0.1, method="all")
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_the_problem_is_that_of_tracks(moving):
+    """A path and a target in the engine of tracks: the same rows, ranks, bounds and scales."""
+    path, sigma, times = some_path(np.random.default_rng(7), m=60)
+    target = [900.0, 400.0, 3.0, -2.0][: 4 if moving else 2]
+    own = man.problem(path, target, sigma, times if moving else None)
+    scene = man.scene(path, sigma, times, order=int(moving))
+    theirs = gm.tracks.problem(scene, target)
+    size = np.linalg.norm(own.rows, axis=0)
+    assert np.abs((own.rows - theirs.rows) / size).max() < 1e-15
+    np.testing.assert_allclose(gm.crlb_std(own), gm.crlb_std(theirs), rtol=1e-11)
+    np.testing.assert_allclose(own.scale, theirs.scale, rtol=1e-12)
+    assert own.units == theirs.units
+    rows = gm.tracks.rows(scene, target)
+    matrix = man.fisher(path, target, sigma, times if moving else None)
+    scales = np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
+    assert np.abs((rows.T @ rows - matrix) / scales).max() < 1e-14
+    # By its last position the observer knows range and bearing of a fixed target.
+    gap = np.array(target[:2]) - path[0 if moving else -1]
+    step = 1e-3 * np.array(own.combinations["range"][:2]) * np.hypot(*gap) ** 0
+    assert np.isclose(np.hypot(*(gap + step)) - np.hypot(*gap), 1e-3, rtol=1e-6)
+    turn = own.combinations["bearing"][:2]
+    assert np.isclose(turn @ [gap[1], -gap[0]], 1.0)
+
+
+def test_a_planned_path_in_a_scene():
+    """What the planner says of its path is what the scene says, whatever is measured."""
+    sensors = [
+        man.Sensing("bearing", 0.01, bias="compass"),
+        man.Sensing("range", 30.0, detection=0.8),
+    ]
+    plan = man.plan(
+        [800.0, 4e3, 2.0, -1.0], [0.0, 0.0], speed=5.0, dt=20.0, samples=20, sensors=sensors,
+        starts=1, restarts=0, bound=False,
+    )  # fmt: skip
+    times = 20.0 * np.arange(20)
+    scene = man.scene(plan.path, sensors, times, order=1)
+    state = {"x0": 800.0, "y0": 4e3, "vx": 2.0, "vy": -1.0, "compass": 0.0}
+    bounds = gm.crlb_std(gm.tracks.problem(scene, state))
+    np.testing.assert_allclose(bounds, plan.crlb_std[0], rtol=1e-9)
+    # And it can be measured and estimated along it.
+    seen = gm.tracks.simulate(scene, state, seed=1)
+    assert np.isnan(seen[20:]).any()
+    assert not np.isnan(seen[:20]).any()
+    found = gm.tracks.estimate_many(scene, gm.tracks.simulate(scene, state, trials=40, seed=1))
+    error = (found.state - list(state.values())) / found.std
+    assert (np.abs(error) < 5).all()
+    # Two observers see the same target.
+    both = man.scene(np.stack([plan.path, plan.path + 500.0]), 0.01, times, order=1)
+    assert both.m == 40
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"path": [0.0, 0.0]}, r"path has shape \(2,\): must be \(m, 2\)"),
+        ({"path": np.zeros((3, 3))}, r"path has shape \(3, 3\)"),
+        ({"path": np.zeros((0, 2))}, r"path has shape \(0, 2\)"),
+        ({"path": [[0.0, np.nan], [1.0, 1.0]]}, r"path\[0, 1\] = nan: must be finite"),
+        ({"sensors": 0.0}, r"sigma\[0\] = 0: must be > 0"),
+        ({"sensors": [0.1, 0.1, 0.1]}, "sigma"),
+        ({"sensors": "bearing"}, "sigma"),
+        ({"sensors": [man.Sensing("range", 3.0), 0.1]}, r"sensors\[1\] = 0.1: must be a Sensing"),
+        ({"times": [0.0]}, r"times has shape \(1,\): must be \(2,\), as the path has"),
+        ({"times": [1.0, 0.0]}, r"times\[1\] = 0 s: must be later"),
+        ({"order": 2}, "order = 2: must be 0, a fixed target, or 1"),
+    ],
+)
+def test_scenes_that_are_none(change, message):
+    good = {"path": [[0.0, 0.0], [1.0, 1.0]], "sensors": 0.1}
+    with pytest.raises(gm.InputError, match=message):
+        man.scene(**(good | change))

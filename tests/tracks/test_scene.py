@@ -250,3 +250,17 @@ def test_measurements_that_cannot_be():
         scene.pack([z, np.where(r > 4500, np.inf, r)])
     with pytest.warns(UserWarning, match="are these degrees"):
         scene.pack([np.arange(TIMES.size) % 6, r])
+
+
+def test_what_is_too_far_for_squares_is_refused():
+    """Rows of zeros would call it unobservable."""
+    times = [0.0, 10.0, 20.0]
+    with pytest.raises(gm.InputError, match="path of carrier is farther than 1e\\+150 m"):
+        gm.tracks.Carrier([[0.0, 0.0], [1e151, 0.0], [0.0, 1.0]], times)
+    ship = gm.tracks.Carrier([[0.0, 0.0], [50.0, 0.0], [50.0, 50.0]], times)
+    sensor = gm.tracks.Sensor.bearing(ship, times, sigma=0.01)
+    scene = gm.tracks.Scene(gm.tracks.Motion.fixed(), [sensor])
+    for function in (gm.tracks.problem, gm.tracks.rows, gm.tracks.simulate):
+        with pytest.raises(gm.InputError, match=r"state: y0 = -1e\+160: must be within 1e\+150"):
+            function(scene, [1e3, -1e160])
+    assert gm.analyze(gm.tracks.problem(scene, [1e3, -1e3])).rank == 2

@@ -290,17 +290,11 @@ impl TrackScene {
             run::in_pieces(py, batch.len(), cost, |range, threads| {
                 let out = &mut write[range.start * m * n..range.end * m * n];
                 threads
-                    .over_with(
-                        out,
-                        m * n,
-                        cost,
-                        || vec![0.0; m],
-                        |values, trial, out| {
-                            let trial = range.start + trial;
-                            let x = states.get(trial);
-                            self.scene.rows_into(x, values, out).map_err(|e| (trial, e))
-                        },
-                    )
+                    .over(out, m * n, cost, |trial, out| {
+                        let trial = range.start + trial;
+                        let x = states.get(trial);
+                        self.scene.rows_into(x, out).map_err(|e| (trial, e))
+                    })
                     .map_err(|(trial, error)| self.error(&batch.place(trial), error))
             })?;
         }

@@ -9,7 +9,8 @@
   `Sensing` is what an observer measures on the way.
 - `closed_loop`: laws and plans without knowing the target, a `ClosedLoop` of `LoopRun`.
 - `two_legs`: where to turn against a distant moving target, in closed form, as `TwoLegs`.
-- `fisher`, `fisher_det`, `fisher_and_det`, `problem`: what a path tells of its target.
+- `fisher`, `fisher_det`, `fisher_and_det`, `problem`: what a path tells of its target;
+  `scene`: that path and what is measured along it for `gramian.tracks`.
 
 Bearings and headings are clockwise from north; x is east, y is north.
 """
@@ -23,6 +24,7 @@ from gramian.models.maneuver._fisher import (
 )
 from gramian.models.maneuver._laws import AtStandoff, Law, Trajectory, heading, trajectory
 from gramian.models.maneuver._planner import LawComparison, Plan, Start, Violation, plan
+from gramian.models.maneuver._scene import scene
 from gramian.models.maneuver._sensing import Sensing
 from gramian.models.maneuver._shortest import ShortestInterval, shortest_interval
 from gramian.models.maneuver._soonest import Soonest, soonest
@@ -49,6 +51,7 @@ __all__ = [
     "heading",
     "plan",
     "problem",
+    "scene",
     "shortest_interval",
     "soonest",
     "trajectory",

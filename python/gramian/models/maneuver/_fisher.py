@@ -9,8 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian import _options as options
-from gramian._arrays import above_rounding, as_float_array, require_finite, rounding_of_columns
+from gramian._arrays import as_float_array, require_finite
 from gramian.exceptions import InputError
+from gramian.models import bearings
 from gramian.problem import Problem
 
 __all__ = ["fisher", "fisher_and_det", "fisher_det", "problem"]
@@ -144,18 +145,23 @@ def fisher_and_det(
     return both["fisher"], both["det"]
 
 
-def problem(path: ArrayLike, target: ArrayLike, sigma: ArrayLike) -> Problem:
-    """Return the problem of locating a fixed target: rows with named states.
+def problem(
+    path: ArrayLike, target: ArrayLike, sigma: ArrayLike, times: ArrayLike | None = None
+) -> Problem:
+    """Return the problem of locating a target along a path: rows with named states.
 
     Parameters
     ----------
-    path, target, sigma
-        As for `fisher`, a fixed target, without leading axes.
+    path, target, sigma, times
+        As for `fisher`, without leading axes.
 
     Returns
     -------
     Problem
-        States x and y; combinations "range" and "bearing" from the last position.
+        That of `gramian.bearings.problem`, and to rounding that of `gramian.tracks.problem` of
+        the `scene`. States x and y, or x0, y0, vx and vy; combinations "range" and "bearing"
+        of a fixed target from the last position, of a moving one from the first. A bound
+        above the range from the first position is "weak".
 
     Examples
     --------
@@ -163,31 +169,24 @@ def problem(path: ArrayLike, target: ArrayLike, sigma: ArrayLike) -> Problem:
     >>> gm.analyze(problem([[0, 0], [0, 100]], [0.0, 1000.0], 0.01)).status
     'unobservable'
     """
-    places, at = as_float_array(path, "path"), as_float_array(target, "target")
-    if places.ndim != 2 or at.shape != (2,):
+    places, at, noise, when = _arguments(path, target, sigma, times)
+    places = as_float_array(places, "path")
+    if places.ndim != 2 or at.ndim != 1:
         raise InputError(
-            f"path has shape {places.shape}, target {at.shape}: must be (m, 2) and (2,)"
+            f"path has shape {places.shape}, target {at.shape}: must be (m, 2) and (2,) or (4,)"
         )
-    # Checks everything.
-    fisher(places, at, sigma)
-    offsets = at - places
-    ranges = np.hypot(offsets[:, 0], offsets[:, 1])
-    east, north = (offsets / ranges[:, None]).T
-    noise = np.broadcast_to(as_float_array(sigma, "sigma [rad]"), ranges.shape)
-    rows = np.stack([north, -east], axis=1) / (ranges * noise)[:, None]
-    # Offsets between large coordinates carry the rounding of those coordinates.
-    size = (np.abs(places) + np.abs(at)).max(axis=1)
-    noise = rounding_of_columns(rows, 8 * np.finfo(float).eps * size / ranges, 2)
-    rows, rtol = above_rounding(rows, noise)
+    if when is None:
+        when = np.arange(float(len(places)))
+    made = bearings.problem(when, places, at, noise, order=at.size // 2 - 1)
+    if at.size == 4:
+        return made
+    # To where the observer is now.
+    offset = at - places[-1]
+    length = float(np.hypot(*offset))
+    east, north = offset / length
+    seen = {"range": [east, north], "bearing": [north / length, -east / length]}
     return Problem(
-        rows,
-        ("x", "y"),
-        units=("m", "m"),
-        rtol=rtol,
-        combinations={
-            "range": np.array([east[-1], north[-1]]),
-            "bearing": np.array([north[-1], -east[-1]]) / ranges[-1],
-        },
+        made.rows, ("x", "y"), units=made.units, scale=made.scale, rtol=made.rtol, combinations=seen
     )
 
 

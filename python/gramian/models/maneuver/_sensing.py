@@ -95,6 +95,8 @@ class Sensing(Value):
             options.choice(name, "unknown", [one for one in allowed if one != "wave"] or ("none",))
         if self.kind == "frequency" and "tonal" not in self.parameters:
             raise InputError('parameters has no "tonal": the frequency that is emitted, Hz')
+        object.__setattr__(self, "sigma", sigma)
+        object.__setattr__(self, "detection", detection)
         object.__setattr__(self, "blind", tuple(arcs))
 
     def states(self) -> list[str]:
@@ -107,8 +109,8 @@ class Sensing(Value):
         values = [float(self.parameters.get(name, 2.0 * i)) for i, name in enumerate(names)]
         return {
             "kind": self.kind,
-            "sigma": float(self.sigma),
-            "detection": float(self.detection),
+            "sigma": self.sigma,
+            "detection": self.detection,
             "wave": float(self.parameters.get("wave", 1500.0)),
             "parameters": values,
             "parameter_states": [

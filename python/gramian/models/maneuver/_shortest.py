@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from inspect import signature
 from time import monotonic
@@ -20,9 +20,10 @@ from gramian._text import brief, count, plain
 from gramian.estimation._knowledge import critical_at
 from gramian.exceptions import InputError
 from gramian.models.maneuver._planner import Plan, plan
+from gramian.models.maneuver._scene import scene
 from gramian.models.maneuver._sensing import Sensing
 from gramian.models.maneuver._task import MOVING, Criterion, Task
-from gramian.models.tracks import Carrier, Motion, Scene, Sensor, TracksModel
+from gramian.models.tracks import Scene, TracksModel
 
 __all__ = ["ShortestInterval", "shortest_interval"]
 
@@ -363,11 +364,12 @@ class _Judge:
         """Return what the observers see from (observers, samples, 2)."""
         task = self.task
         times = np.arange(path.shape[1], dtype=float) * task.dt
+        # A reading that is lost with a probability tells less by as much, as expected.
         sensors = [
-            _sensor(sensing, Carrier(one, times), times) for one in path for sensing in task.sensors
+            replace(sensing, sigma=sensing.sigma / sensing.detection**0.5, detection=1.0)
+            for sensing in task.sensors
         ]
-        motion = Motion.fixed() if task.dimension == 2 else Motion.constant_velocity()
-        return Scene(motion, sensors, reference=0.0)
+        return scene(path, sensors, times, order=task.dimension // 2 - 1)
 
     def of(self, label: str, path: Array) -> _Judged:
         """Judge a path."""
@@ -440,21 +442,6 @@ class _Judge:
             reached = np.cumsum(task.weights[order]) >= task.chance - 1e-12
             return float(lengths[order][np.argmax(reached)])
         return float(np.inf if np.isinf(lengths).any() else lengths @ task.weights)
-
-
-def _sensor(sensing: Sensing, carrier: Carrier, times: Array) -> Sensor:
-    """Return a sensor of a scene as an observer of a plan has it."""
-    # A reading that is lost with a probability tells less by as much, as expected.
-    noise: dict[str, Any] = {"sigma": float(sensing.sigma) / float(sensing.detection) ** 0.5}
-    if sensing.bias:
-        noise["bias"] = sensing.bias
-    chosen = {**sensing.parameters, **sensing.unknown}
-    if sensing.kind == "frequency":
-        noise |= {"speed": chosen.get("wave", 1500.0), "tonal": chosen["tonal"]}
-    if sensing.kind == "signal_strength":
-        noise |= {"power": chosen.get("power", 0.0), "exponent": chosen.get("exponent", 2.0)}
-    made: Sensor = getattr(Sensor, sensing.kind)(carrier, times, **noise)
-    return made
 
 
 def _added(sensors: Sequence[Sensing]) -> dict[str, float]:

@@ -156,17 +156,17 @@ def stage(
     if isinstance(value, Reports) and value.times is not None:
         times = value.times
     known = setup(sensors, sigma, extras, least, times=times)
-    looked = known.places if known.moves else known.headings
-    if looked is not None and looked.ndim > 1:
-        if isinstance(value, Reports):
-            shape = value.values.shape[:-1]
-        else:
-            shape = as_float_array(value, "positions").shape
-        looks = shape[-2] if len(shape) > 1 else 0
-        if looks != len(looked):
-            raise InputError(
-                f"times has shape ({len(looked)},): must be ({looks},), one for each look"
-            )
+    if not known.moves:
+        return known
+    if isinstance(value, Reports):
+        shape = value.values.shape[:-1]
+    else:
+        shape = as_float_array(value, "positions").shape
+    looks = shape[-2] if len(shape) > 1 else 0
+    if looks != len(known.places):
+        raise InputError(
+            f"times has shape ({len(known.places)},): must be ({looks},), one for each look"
+        )
     return known
 
 

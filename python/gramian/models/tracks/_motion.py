@@ -18,6 +18,9 @@ __all__ = ["Carrier", "Motion"]
 
 Array = NDArray[np.float64]
 
+#: Metres: squares of what is farther overflow.
+FARTHEST = 1e150
+
 _AXES = ("x", "y", "z")
 _ORDERS = ("v", "a", "j")
 
@@ -216,6 +219,11 @@ class Carrier(Value):
                     f"times of {self.name} has shape {times.shape}: must be ({len(path)},), "
                     "one for each position of the path"
                 )
+        if np.abs(path).max(initial=0.0) > FARTHEST:
+            raise InputError(
+                f"path of {self.name} is farther than {FARTHEST:g} m from the origin: squares of "
+                "distances overflow float64"
+            )
         object.__setattr__(self, "path", path)
         object.__setattr__(self, "times", times)
         # Checks everything else.

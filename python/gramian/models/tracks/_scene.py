@@ -25,7 +25,7 @@ from gramian._units import labelled
 from gramian._values import Value
 from gramian.estimation import Channel
 from gramian.exceptions import InputError
-from gramian.models.tracks._motion import Motion
+from gramian.models.tracks._motion import FARTHEST, Motion
 from gramian.models.tracks._sensors import Sensor
 from gramian.problem import Problem
 
@@ -210,6 +210,12 @@ class Scene(Value):
             raise InputError(
                 f"state has shape {x.shape}: must be (..., {self.n}), "
                 f"one number for each of {', '.join(self.names)}"
+            )
+        if np.abs(x).max(initial=0.0) > FARTHEST:
+            k = int(np.argmax(np.abs(x)) % self.n)
+            raise InputError(
+                f"state: {self.names[k]} = {np.ravel(x)[np.argmax(np.abs(x))]:g}: must be within "
+                f"{FARTHEST:g}, or squares of distances overflow float64"
             )
         return x
 

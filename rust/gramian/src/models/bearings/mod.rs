@@ -21,6 +21,7 @@ mod motion;
 mod observability_test;
 mod rows;
 
+pub(crate) use crate::tracks::sensors::gradient;
 #[cfg(feature = "std")]
 pub(crate) use discriminant::middle;
 pub use discriminant::{
@@ -38,7 +39,7 @@ pub use motion::{azimuth_elevation_rows, motion, motion_row};
 #[cfg(any(feature = "std", test))]
 pub(crate) use rows::sight;
 pub use rows::{bearing, position, push_rows, row};
-pub(crate) use rows::{gradient, moved, unchecked_row};
+pub(crate) use rows::{moved, unchecked_row};
 
 #[cfg(feature = "std")]
 pub(crate) use observability_test::{Clock, Residuals, SMALLEST, Sums, check_sigma, fit};

@@ -1,6 +1,6 @@
 //! The rows of one target at constant velocity, and where it is.
 
-use super::Error;
+use super::{Error, gradient};
 use crate::numbers::algebra::advanced;
 use crate::numbers::lane::Lane;
 use crate::rows::RowSink;
@@ -56,14 +56,6 @@ pub(crate) fn unchecked_row<T: Real>(
     }
     let [x, y] = gradient([east, north], sigma);
     Ok([x, y, time * x, time * y])
-}
-
-/// The derivative of the bearing of a target at `offset` (east, north) by its position,
-/// over `sigma`.
-#[inline(always)]
-pub(crate) fn gradient<L: Lane>([east, north]: [L; 2], sigma: L) -> [L; 2] {
-    let [x, y] = L::inverted([east, north], sigma);
-    [y, -x]
 }
 
 fn wrong_sigma<T: Real>(sigma: T) -> Error {

@@ -136,12 +136,18 @@ impl<const D: usize> Sensor<D> for Bearing {
     #[inline(always)]
     fn read<L: Lane>(&self, sight: &Sight<L, D>, _: &[L; 2]) -> Reading<L, D> {
         let [east, north] = [sight.offset[0], sight.offset[1]];
-        let inverse = sight.horizontal().recip();
         let mut reading = Reading::new(east.atan2(north));
-        reading.by_place[0] = north * inverse;
-        reading.by_place[1] = sight.zero() - east * inverse;
+        [reading.by_place[0], reading.by_place[1]] = gradient([east, north], east.splat(1.0));
         reading
     }
+}
+
+/// The derivative of the bearing of a target at an offset (east, north) by its position,
+/// over `sigma`.
+#[inline(always)]
+pub(crate) fn gradient<L: Lane>(offset: [L; 2], sigma: L) -> [L; 2] {
+    let [x, y] = L::inverted(offset, sigma);
+    [y, -x]
 }
 
 /// Angle above the horizontal, rad; only in space.

@@ -207,8 +207,8 @@ impl<K: Sensor<D>, const D: usize> pulp::WithSimd for Sees<'_, K, D> {
     }
 }
 
-/// From blocks of readings of one axis of a sensor to its values and rows, neither of them
-/// whitened: the index of the first sample that has none is given back.
+/// From blocks of readings of one axis of a sensor to its values, not whitened, and rows:
+/// the index of the first sample that has none is given back.
 pub struct Gathers<'a> {
     /// As [`Sees`] writes them.
     pub reads: &'a [Block],
@@ -222,11 +222,16 @@ pub struct Gathers<'a> {
     pub others: [Option<(usize, usize, f64)>; 4],
     /// One block for each state: what the rows of all samples have there, or begin with.
     pub lines: &'a mut [Block],
+    /// As many, to work with.
+    pub weighted: &'a mut [Block],
+    /// What the rows are multiplied by: a number for each sample, or nothing.
+    pub weights: &'a [Block],
     /// Whether a reading of 0 or pi has no derivative.
     pub cone: bool,
     pub count: usize,
     /// From one sample to the next.
     pub width: usize,
+    /// Empty where they are not wanted.
     pub values: &'a mut [f64],
     pub rows: Option<&'a mut [f64]>,
 }
@@ -266,25 +271,46 @@ impl pulp::WithSimd for Gathers<'_> {
                     let column = Lanes::load(simd, &reads[column], part);
                     (entry + factor * column).store(&mut self.lines[state], part);
                 }
-            }
-            for (lane, (sum, &value)) in sums.iter().zip(&reads[0]).enumerate().take(count) {
-                let on_axis = self.cone && !(value > 1e-8 && value < core::f64::consts::PI - 1e-8);
-                if !sum.is_finite() || on_axis {
-                    return Some(from + lane);
+                if let Some(weights) = self.weights.get(block) {
+                    let weight = Lanes::load(simd, weights, part);
+                    for (line, out) in self.lines.iter().zip(&mut *self.weighted) {
+                        (Lanes::load(simd, line, part) * weight).store(out, part);
+                    }
                 }
-                self.values[(from + lane) * self.width] = value * self.gain + self.bias;
+            }
+            // One number tells of all, where none is on an axis and none is left over.
+            let [a, b, c, d, e, f, g, h] = sums;
+            let all = ((a + b) + (c + d)) + ((e + f) + (g + h));
+            if self.cone || count < LANES || !all.is_finite() {
+                for (lane, (sum, &value)) in sums.iter().zip(&reads[0]).enumerate().take(count) {
+                    let end = core::f64::consts::PI - 1e-8;
+                    if !sum.is_finite() || (self.cone && !(value > 1e-8 && value < end)) {
+                        return Some(from + lane);
+                    }
+                }
+            }
+            if !self.values.is_empty() {
+                let values = self.values[from * self.width..].chunks_mut(self.width);
+                for (out, &value) in values.zip(&reads[0]).take(count) {
+                    out[0] = value * self.gain + self.bias;
+                }
             }
             let Some(rows) = &mut self.rows else { continue };
             let rows = &mut rows[from * step..];
+            let lines = if self.weights.is_empty() {
+                &*self.lines
+            } else {
+                &*self.weighted
+            };
             match n {
-                4 => turned::<4>(self.lines, count, step, rows),
-                5 => turned::<5>(self.lines, count, step, rows),
-                6 => turned::<6>(self.lines, count, step, rows),
-                7 => turned::<7>(self.lines, count, step, rows),
-                8 => turned::<8>(self.lines, count, step, rows),
+                4 => turned::<4>(lines, count, step, rows),
+                5 => turned::<5>(lines, count, step, rows),
+                6 => turned::<6>(lines, count, step, rows),
+                7 => turned::<7>(lines, count, step, rows),
+                8 => turned::<8>(lines, count, step, rows),
                 _ => {
                     for (lane, row) in rows.chunks_mut(step).enumerate().take(count) {
-                        for (entry, line) in row.iter_mut().zip(&*self.lines) {
+                        for (entry, line) in row.iter_mut().zip(lines) {
                             *entry = line[lane];
                         }
                     }

@@ -313,6 +313,8 @@ struct Group {
     carrier: Vec<Block>,
     second: Option<Vec<Block>>,
     whitener: Whitener,
+    /// What whitens the rows of each sample, where that is one number, and all are detected.
+    weights: Vec<Block>,
     /// Whether the times are those of the sensor before.
     times_alike: bool,
 }
@@ -476,26 +478,22 @@ impl Scene {
     /// [`InSensor`] where a sensor reads nothing.
     pub fn rows(&self, x: &[f64]) -> Result<Vec<f64>, InSensor> {
         let mut rows = vec![0.0; self.measurements * self.states()];
-        self.rows_into(x, &mut vec![0.0; self.measurements], &mut rows)?;
+        self.rows_into(x, &mut rows)?;
         Ok(rows)
     }
 
-    /// [`rows`](Scene::rows) into memory of the caller; `values` is scratch space for all
-    /// measurements.
+    /// [`rows`](Scene::rows) into memory of the caller.
     ///
     /// # Errors
     /// As there.
-    pub fn rows_into(
-        &self,
-        x: &[f64],
-        values: &mut [f64],
-        rows: &mut [f64],
-    ) -> Result<(), InSensor> {
+    pub fn rows_into(&self, x: &[f64], rows: &mut [f64]) -> Result<(), InSensor> {
         self.check_state(x)?;
-        self.predict(x, values, Some(&mut *rows))?;
-        self.whiten(values, Some(&mut *rows), None);
+        self.predict_white(x, rows)?;
         let n = self.states();
-        for group in &self.groups {
+        for group in self.groups.iter().filter(|group| group.weights.is_empty()) {
+            let own = &mut rows[group.first * n..][..group.count * group.width * n];
+            let mut values = vec![0.0; group.count * group.width];
+            group.whitener.apply(group.width, &mut values, own, n, None);
             let detection = &group.channel.detection;
             if detection.iter().all(|&p| p == 1.0) {
                 continue;
@@ -670,6 +668,14 @@ impl Group {
             .whitener(&channel.times, width, kind.is_angle())?;
         let times: Vec<f64> = channel.times.iter().map(|t| t - reference).collect();
         let nothing = vec![[0.0; LANES]; 3 * dimension * count.div_ceil(LANES)];
+        let weights = match &whitener {
+            Whitener::Weights(weights)
+                if width == 1 && channel.detection.iter().all(|&p| p == 1.0) =>
+            {
+                blocks(weights, 1, count).collect()
+            }
+            _ => Vec::new(),
+        };
         Ok(Self {
             first,
             count,
@@ -685,6 +691,7 @@ impl Group {
                 .as_ref()
                 .map(|carried| packed(carried, dimension, count)),
             whitener,
+            weights,
             times_alike: false,
             channel,
         })

@@ -34,13 +34,35 @@ fn room(memory: &mut Vec<Block>, size: usize) -> &mut [Block] {
     &mut memory[..size]
 }
 
+/// Whether rows are whitened on the way where they can be: by one number for each sample.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Rows {
+    Plain,
+    White,
+}
+
 impl Scene {
     /// What the sensors read at a state, and the derivatives row by row.
     pub(super) fn predict(
         &self,
         x: &[f64],
         values: &mut [f64],
+        rows: Option<&mut [f64]>,
+    ) -> Result<(), InSensor> {
+        self.predict_as(x, values, rows, Rows::Plain)
+    }
+
+    /// The derivatives alone, whitened for the sensors that have [`weights`](Group::weights).
+    pub(super) fn predict_white(&self, x: &[f64], rows: &mut [f64]) -> Result<(), InSensor> {
+        self.predict_as(x, &mut [], Some(rows), Rows::White)
+    }
+
+    fn predict_as(
+        &self,
+        x: &[f64],
+        values: &mut [f64],
         mut rows: Option<&mut [f64]>,
+        how: Rows,
     ) -> Result<(), InSensor> {
         SCRATCH.with_borrow_mut(|scratch| {
             let mut before = None;
@@ -49,7 +71,7 @@ impl Scene {
                     self.moves(group, x, scratch);
                 }
                 before = Some(group);
-                self.read(group, x, values, rows.as_deref_mut(), scratch)
+                self.read(group, x, values, rows.as_deref_mut(), how, scratch)
                     .map_err(|error| InSensor { sensor, error })?;
             }
             Ok(())
@@ -66,7 +88,7 @@ impl Scene {
     ) -> Result<(), Error> {
         SCRATCH.with_borrow_mut(|scratch| {
             self.moves(group, x, scratch);
-            self.read(group, x, values, rows, scratch)
+            self.read(group, x, values, rows, Rows::Plain, scratch)
         })
     }
 
@@ -121,6 +143,7 @@ impl Scene {
         x: &[f64],
         values: &mut [f64],
         mut rows: Option<&mut [f64]>,
+        how: Rows,
         scratch: &mut Scratch,
     ) -> Result<(), Error> {
         let clock = self.clock(group, x);
@@ -150,6 +173,7 @@ impl Scene {
                 reads,
                 values,
                 rows.as_deref_mut(),
+                how,
                 lines,
             )?;
         }
@@ -167,6 +191,7 @@ impl Scene {
         reads: &[Block],
         values: &mut [f64],
         rows: Option<&mut [f64]>,
+        how: Rows,
         lines: &mut Vec<Block>,
     ) -> Result<(), Error> {
         let (n, moving) = (self.states(), self.motion_states);
@@ -189,7 +214,7 @@ impl Scene {
             (channel.scale, 0, 1.0),
         ]
         .map(|(parameter, column, factor)| Some((nuisance(parameter)?, column, factor)));
-        let lines = room(lines, n);
+        let (lines, weighted) = room(lines, 2 * n).split_at_mut(n);
         lines.fill([0.0; LANES]);
         for &(factor, parameter) in &channel.bias {
             if let Some(state) = nuisance(parameter) {
@@ -206,10 +231,15 @@ impl Scene {
             bias,
             others,
             lines,
+            weighted,
+            weights: match how {
+                Rows::Plain => &[],
+                Rows::White => &group.weights,
+            },
             cone: channel.kind == Kind::ConeAngle,
             count: group.count,
             width: group.width,
-            values: &mut values[group.first + axis..],
+            values: values.get_mut(group.first + axis..).unwrap_or_default(),
             rows: rows.map(|rows| &mut rows[(group.first + axis) * n..]),
         });
         match failed {

@@ -131,6 +131,41 @@ fn motions() -> Vec<Moving> {
     ]
 }
 
+/// Whitened on the way or afterwards: the same bits, on every path.
+#[test]
+fn rows_are_whitened_on_the_way() {
+    for dimension in [2, 3] {
+        for motion in motions() {
+            for (true_path, delay) in [(false, None), (true, Some(340.0))] {
+                let scene = everything(dimension, motion.clone(), true_path, delay);
+                let x = state(dimension, &motion);
+                if scene.rows(&x).is_err() {
+                    continue;
+                }
+                for path in Path::available() {
+                    let scene = scene.clone().on(path);
+                    let mut values = vec![0.0; scene.measurements()];
+                    let mut wanted = vec![0.0; values.len() * scene.states()];
+                    scene.predict(&x, &mut values, Some(&mut wanted)).unwrap();
+                    scene.whiten(&mut values, Some(&mut wanted), None);
+                    for group in &scene.groups {
+                        let p = group.channel.detection[0];
+                        let own = group.first..group.first + group.count * group.width;
+                        for i in own.filter(|_| p < 1.0) {
+                            for entry in &mut wanted[i * x.len()..][..x.len()] {
+                                *entry *= p.sqrt();
+                            }
+                        }
+                    }
+                    assert_eq!(scene.rows(&x).unwrap(), wanted, "{motion:?} {path:?}");
+                }
+                let folded = |group: &&Group| !group.weights.is_empty();
+                assert!(scene.groups.iter().filter(folded).count() > 5);
+            }
+        }
+    }
+}
+
 #[test]
 fn rows_are_derivatives_of_values() {
     for dimension in [2, 3] {
