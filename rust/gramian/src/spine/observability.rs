@@ -411,10 +411,12 @@ impl<T: Real> Observability<T> {
         };
         (0..self.n)
             .map(|i| {
-                if unknown(i) {
+                let std = self.scale[i] * spread[i];
+                // Not NaN, where what is hardly open was tied by a number too large.
+                if unknown(i) || !(std >= T::zero()) {
                     T::INFINITY
                 } else {
-                    self.scale[i] * spread[i]
+                    std
                 }
             })
             .collect()
