@@ -434,3 +434,16 @@ def test_distance_of_nothing_and_of_tiny_numbers():
         found = gm.linear.distance(unit * a, unit * c)
         assert abs(found.distance / unit / expected.distance - 1) < 1e-9
         assert abs(found.relative / expected.relative - 1) < 1e-9
+
+
+@pytest.mark.parametrize(("seed", "n"), [(2729, 19), (3927, 17), (1, 11), (2, 40), (3, 60)])
+def test_the_distance_exceeds_the_smallest_singular_value_at_no_eigenvalue(seed, n):
+    """A real eigenvalue that rounding put below the axis was not looked at: 1e-4 for 1e-11."""
+    rng = np.random.default_rng(seed)
+    a, c, v = rng.normal(size=(n, n)), rng.normal(size=(1, n)), rng.normal(size=n)
+    v /= np.linalg.norm(v)
+    # Hardly seen at a real eigenvalue.
+    a -= np.outer((a - 3.0 * np.eye(n)) @ v, v)
+    c -= (1 - 1e-8) * np.outer(c @ v, v)
+    there = np.linalg.svd(np.concatenate([a - 3.0 * np.eye(n), c]), compute_uv=False)[-1]
+    assert gm.linear.distance(a, c).distance <= 1.0001 * there

@@ -280,8 +280,12 @@ impl Pencil {
         if let Ok(skew) = Schur::new(&self.skew_part, n) {
             top = (0..n).fold(top, |top, i| top.max(skew.eigenvalue(i).im.abs()));
         }
-        // The distance is the same at conjugate points: the upper half will do.
-        starts.retain(|z| z.im >= 0.0);
+        // The distance is the same at conjugate points: the upper half will do. A real
+        // eigenvalue is above or below by its rounding.
+        starts.retain(|z| z.im >= -1e-9 * self.norm);
+        for z in &mut starts {
+            z.im = z.im.abs();
+        }
         for i in 0..10 {
             for j in 0..8 {
                 let x = low + (high - low) * (f64::from(i) + 0.5) / 10.0;
