@@ -96,6 +96,55 @@ def test_an_open_interval_is_told_in_words():
     assert "no limit either way" in recorded("open").reason
 
 
+@dataclass
+class Differences(Beacons):
+    """Differences of the distances to the first beacon and to the others."""
+
+    sigma: float = 1.0
+
+    def h(self, x):
+        distance = super().h(x)
+        return distance[1:] - distance[0]
+
+    def rows(self, x):
+        unit = (x - self.places) / super().h(x)[:, None]
+        return (unit[1:] - unit[0]) / self.sigma
+
+
+@pytest.mark.parametrize(
+    ("places", "truth", "other"),
+    [
+        (
+            [
+                [-66.9734124, -16.77968006],
+                [-87.35330629, -94.84389394],
+                [-33.46865214, 98.28441631],
+                [45.41123831, -14.45387267],
+            ],
+            [-90.18461521, -113.53525696],
+            [-98.13948222, -125.36103002],
+        ),
+        (
+            [
+                [57.87271745, 26.30011351],
+                [97.0220874, 39.6089343],
+                [-75.3687192, 9.09470732],
+                [-84.24138489, 4.83341965],
+            ],
+            [-114.83109684, -4.35073402],
+            [-85.19618248, 3.88712705],
+        ),
+    ],
+)
+def test_a_minimum_within_the_region_of_another_one_is_found(places, truth, other):
+    # In a bent valley, and less than a deviation apart.
+    model = Differences(np.array(places))
+    found = gm.other_solutions(model, truth, box=BOX)
+    gradient = model.rows(np.array(other)).T @ model.residuals(np.array(other), model.h(truth))
+    assert np.abs(gradient).max() < 1e-6
+    assert min(np.linalg.norm(one.state - np.array(other)) for one in found) < 1e-5
+
+
 def test_other_solutions_of_beacons():
     for name in ("two beacons", "three beacons nearly in line"):
         case = REFERENCE["ghosts"][name]

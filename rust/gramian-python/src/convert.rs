@@ -226,11 +226,11 @@ impl<'py> Input<'py> {
     /// Fits the leading axes to `shape`; what every trial shares is not copied.
     pub fn broadcast(&mut self, shape: &[usize]) -> PyResult<()> {
         let length: usize = self.batch_shape().iter().product();
-        if self.batch_shape() == shape && length != 1 {
-            return Ok(());
-        }
         if length == 1 {
             self.shared = true;
+            return Ok(());
+        }
+        if self.batch_shape() == shape {
             return Ok(());
         }
         let size: usize = self.core_shape().iter().product();

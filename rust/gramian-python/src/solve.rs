@@ -81,6 +81,10 @@ where
         self.0.rounding(x, noise)
     }
 
+    fn linear(&self) -> Vec<usize> {
+        self.0.linear()
+    }
+
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
         self.0.symmetries(x, found);
     }
@@ -301,6 +305,14 @@ impl Model for Watched {
 
     fn retract(&self, x: &mut [f64]) {
         self.model.retract(x);
+    }
+
+    fn rounding(&self, x: &[f64], noise: &mut [f64]) -> bool {
+        self.model.rounding(x, noise)
+    }
+
+    fn linear(&self) -> Vec<usize> {
+        self.model.linear()
     }
 
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {

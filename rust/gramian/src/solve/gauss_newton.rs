@@ -165,11 +165,11 @@ pub fn minimize<M: Model + ?Sized>(
     hold: &[Hold<'_>],
     options: Options,
 ) -> Solution {
-    Work::new(model, hold, options).descend(start, &mut |_, _, _| false)
+    Work::new(model, hold, options).descend(start, &mut |_| false)
 }
 
-/// As [`minimize`] without held functions, ended early where `enough` says so of a state,
-/// its chi2 and the undamped step from it: not converged then.
+/// As [`minimize`] without held functions, ended early where `enough` says so of a stage:
+/// not converged then.
 pub fn minimize_until<M: Model + ?Sized>(
     model: &M,
     start: &[f64],
@@ -179,8 +179,51 @@ pub fn minimize_until<M: Model + ?Sized>(
     Work::new(model, &[], options).descend(start, enough)
 }
 
-/// Whether the steps may end at a state, with its chi2 and the undamped step from it.
-pub type Enough<'a> = dyn FnMut(&[f64], f64, &[f64]) -> bool + 'a;
+/// A state that the steps come through.
+pub struct Stage<'a> {
+    /// The state.
+    pub x: &'a [f64],
+    /// The residuals there, unweighted.
+    pub residuals: &'a [f64],
+    /// Their sum of squares, or twice the robust loss.
+    pub chi2: f64,
+    /// The undamped step from it.
+    pub step: &'a [f64],
+}
+
+/// Sets the states in which the measurements are linear to their best values.
+pub(super) fn settle<M: Model + ?Sized>(model: &M, x: &mut [f64]) {
+    let linear = model.linear();
+    let (m, n, k) = (model.measurements(), x.len(), linear.len());
+    if k == 0 {
+        return;
+    }
+    let (mut residuals, mut rows) = (vec![0.0; m], vec![0.0; m * n]);
+    if model.linearize(x, &mut residuals, Some(&mut rows)).is_err() {
+        return;
+    }
+    let wide = k + 1;
+    let mut stack = vec![0.0; m.max(wide) * wide];
+    for ((line, row), residual) in stack
+        .chunks_exact_mut(wide)
+        .zip(rows.chunks_exact(n))
+        .zip(&residuals)
+    {
+        for (to, &from) in line.iter_mut().zip(&linear) {
+            *to = row[from];
+        }
+        line[k] = *residual;
+    }
+    triangularize(&mut stack, wide, &mut vec![0.0; wide]);
+    if full_rank(&stack, k) {
+        for (&at, step) in linear.iter().zip(damped(&stack, k, 0.0)) {
+            x[at] += step;
+        }
+    }
+}
+
+/// Whether the steps may end at a stage.
+pub type Enough<'a> = dyn FnMut(&Stage<'_>) -> bool + 'a;
 
 /// The state at which a model was linearised last, reduced.
 struct Work<'a, M: ?Sized> {
@@ -451,13 +494,7 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
         }
         let mut damping = self.options.damping;
         let mut penalty = vec![0.0_f64; self.missing.len()];
-        // Where chi2 is level the multipliers are next to nothing: what is missing at first is
-        // worth as much as a rise of chi2 that tells states apart, or no step would seem to pay.
-        let least: Vec<f64> = self
-            .missing
-            .iter()
-            .map(|m| if *m == 0.0 { 0.0 } else { TELLS / m.abs() })
-            .collect();
+        let at_first = self.missing.clone();
         let mut next = vec![0.0; n];
         let (mut before, mut off_before) = (f64::INFINITY, f64::INFINITY);
         let (mut relax, mut last) = (1.0, vec![0.0; n]);
@@ -504,13 +541,19 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
                     add(&mut step, *part, vector);
                 }
                 let step: Vec<f64> = step.iter().zip(&self.scale).map(|(w, s)| w * s).collect();
-                if enough(&x, chi2 + off, &step) {
+                let stage = Stage {
+                    x: &x,
+                    residuals: &self.residuals,
+                    chi2: chi2 + off,
+                    step: &step,
+                };
+                if enough(&stage) {
                     break;
                 }
             }
             last.clone_from(&whole);
-            for ((mu, slope), least) in penalty.iter_mut().zip(&slopes).zip(&least) {
-                *mu = (0.5 * *mu).max(2.0 * slope.abs()).max(*least);
+            for (mu, slope) in penalty.iter_mut().zip(&slopes) {
+                *mu = (0.5 * *mu).max(2.0 * slope.abs());
             }
             found.determined = full_rank(&small, free);
             let place = |i: usize| reduced.active.iter().position(|&a| a == i);
@@ -535,13 +578,20 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
             if !found.determined {
                 damping = damping.max(1e-9);
             }
-            let merit = |chi2: f64, missing: &[f64]| {
-                chi2 + dot(
-                    &penalty,
-                    &missing.iter().map(|c| c.abs()).collect::<Vec<_>>(),
-                )
+            // By how much the merit function rises in a step. Where chi2 is level the multipliers
+            // are next to nothing: the most that was missing so far is worth as much as a rise
+            // of chi2 that tells states apart, or no step towards the values would seem to pay.
+            let rise = |change: f64, to: &[f64]| {
+                change
+                    + (0..missing.len())
+                        .map(|i| {
+                            let (old, new) = (missing[i].abs(), to[i].abs());
+                            let most = old.max(new).max(at_first[i].abs());
+                            penalty[i].max(TELLS / most.max(f64::MIN_POSITIVE)) * (new - old)
+                        })
+                        .sum::<f64>()
             };
-            let old = merit(chi2, &missing);
+            let asked = damping;
             let mut shrink = 1.0;
             let taken = loop {
                 if found.iterations >= self.options.max_iterations {
@@ -584,9 +634,8 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
                 }
                 self.model.retract(&mut next);
                 let mut trial = self.visit(&next);
-                let most = old + 1e-13 * (1.0 + chi2);
                 let good = |trial: f64, missing: &[f64]| {
-                    trial.is_finite() && merit(trial, missing) <= most
+                    trial.is_finite() && rise(trial - chi2, missing) <= 1e-13 * (1.0 + chi2)
                 };
                 if k > 0 && shrink == 1.0 && trial.is_finite() && !good(trial, &self.missing) {
                     // What bends away along the step, brought back.
@@ -637,7 +686,10 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
                 found.converged = true;
             }
             before = gain;
-            damping = if damping < 1e-6 { 0.0 } else { damping * 0.125 };
+            // From afar: what the last step needed, the next one will need too.
+            if self.options.damping == 0.0 || damping <= asked {
+                damping = if damping < 1e-6 { 0.0 } else { damping * 0.125 };
+            }
             if found.converged || progress.ended(found.iterations, chi2, held > 0) {
                 break;
             }

@@ -118,6 +118,10 @@ impl<M: Model> Model for WithPrior<M> {
         self.model.rounding(x, noise)
     }
 
+    fn linear(&self) -> Vec<usize> {
+        self.model.linear()
+    }
+
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
         self.model.symmetries(x, found);
     }
@@ -229,6 +233,13 @@ impl<M: Model> Model for Held<M> {
         any
     }
 
+    fn linear(&self) -> Vec<usize> {
+        let all = self.model.linear();
+        (0..self.free.len())
+            .filter(|&at| all.contains(&self.free[at]))
+            .collect()
+    }
+
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
         self.model.symmetries(&self.whole(x), &mut |other| {
             // An image that changes what is known is none.
@@ -293,6 +304,10 @@ macro_rules! pointer {
 
             fn rounding(&self, x: &[f64], noise: &mut [f64]) -> bool {
                 (**self).rounding(x, noise)
+            }
+
+            fn linear(&self) -> Vec<usize> {
+                (**self).linear()
             }
 
             fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {

@@ -41,6 +41,8 @@ pub mod trials;
 #[cfg(feature = "std")]
 pub mod unbounded;
 
+use alloc::vec::Vec;
+
 #[cfg(feature = "std")]
 pub use gauss_newton::{Loss, Options, Solution, minimize};
 #[cfg(feature = "std")]
@@ -126,6 +128,13 @@ pub trait Model: Sync {
         false
     }
 
+    /// The states in all of which together the measurements are linear, whatever the others
+    /// are: the moment of a dipole, a constant background. A search for other solutions sets
+    /// them to their best values where it starts.
+    fn linear(&self) -> Vec<usize> {
+        Vec::new()
+    }
+
     /// Calls `found` with each other state that gives exactly the same data as `x`: a
     /// mirror image, for one.
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
@@ -147,7 +156,7 @@ pub trait Function {
 /// c^T x: one state, or a combination of several.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg(feature = "alloc")]
-pub struct Combination(pub alloc::vec::Vec<f64>);
+pub struct Combination(pub Vec<f64>);
 
 #[cfg(feature = "alloc")]
 impl Function for Combination {
@@ -162,9 +171,9 @@ impl Function for Combination {
 #[cfg(feature = "std")]
 pub struct Distance {
     /// Which states are the coordinates.
-    pub states: alloc::vec::Vec<usize>,
+    pub states: Vec<usize>,
     /// The point, a coordinate for each.
-    pub from: alloc::vec::Vec<f64>,
+    pub from: Vec<f64>,
 }
 
 #[cfg(feature = "std")]

@@ -4,18 +4,18 @@
 //! What the caller knows already; the symmetries the model declares; along the weakest direction to where chi2 has
 //! risen and falls again; from points spread over the prior or a box. Each is followed
 //! by the model's own Gauss-Newton steps, and what they reach is clustered. One whose next
-//! step leads to a place that is known already is followed no farther, nor one that no
-//! longer gets anywhere; what is new is polished.
+//! step leads to a place that is known already is followed no farther, nor one from where the
+//! way to such a place is nearly straight, nor one that no longer gets anywhere; what is new
+//! is polished.
 
 use alloc::vec;
 use alloc::vec::Vec;
 
 use super::Model;
-use super::gauss_newton::{Options, Solution, dot, minimize, minimize_until, norm};
-use super::starts::{Cluster, Spread, same_place};
+use super::gauss_newton::{Options, Solution, Stage, dot, minimize, minimize_until, norm, settle};
+use super::starts::{Cluster, SAME, Spread, same_place};
 use crate::chi_square;
 use crate::observability::Observability;
-use crate::square_root::triangularize;
 
 /// How to search.
 #[derive(Clone, Debug)]
@@ -155,13 +155,62 @@ struct Places<'a, M: ?Sized> {
     model: &'a M,
     options: Options,
     clusters: Vec<Cluster>,
-    /// The rows at each, as a triangle.
-    factors: Vec<Vec<f64>>,
+    /// The model at each.
+    local: Vec<Local>,
+}
+
+/// Residuals and rows at a state; empty where it has none.
+struct Local {
+    residuals: Vec<f64>,
+    rows: Vec<f64>,
+}
+
+impl Local {
+    fn new<M: Model + ?Sized>(model: &M, x: &[f64]) -> Self {
+        let m = model.measurements();
+        let (mut residuals, mut rows) = (vec![0.0; m], vec![0.0; m * model.states()]);
+        let sound = model.linearize(x, &mut residuals, Some(&mut rows)).is_ok();
+        if !sound {
+            residuals.clear();
+            rows.clear();
+        }
+        Self { residuals, rows }
+    }
+
+    /// How far a change of the state moves the measurements, squared and whitened, by the rows.
+    fn moves(&self, change: &[f64]) -> f64 {
+        let n = change.len().max(1);
+        self.rows
+            .chunks_exact(n)
+            .map(|row| dot(row, change).powi(2))
+            .sum()
+    }
+
+    /// Whether residuals after a change are nearly what the rows foretell.
+    fn foretells(&self, change: &[f64], residuals: &[f64]) -> bool {
+        let n = change.len().max(1);
+        let (mut off, mut way) = (0.0, 0.0);
+        for ((row, from), to) in self
+            .rows
+            .chunks_exact(n)
+            .zip(&self.residuals)
+            .zip(residuals)
+        {
+            let moved = dot(row, change);
+            off += (to - from + moved).powi(2);
+            way += moved * moved;
+        }
+        off < STRAIGHT * STRAIGHT * way
+    }
 }
 
 /// How near a start is followed, in deviations, before it is known whether it leads to
 /// something new.
 const COARSE: f64 = 1e-2;
+/// By how much residuals may differ from what the rows at a known place foretell, as a share of
+/// the way there, where Gauss-Newton steps lead to it: above half there may be another minimum
+/// between, where the model is quadratic.
+const STRAIGHT: f64 = 0.5;
 /// So many steps that lower chi2 by less than this share of it, before a start is given up.
 const PATIENCE: u32 = 6;
 const STALL: f64 = 1e-4;
@@ -175,14 +224,14 @@ impl<'a, M: Model + ?Sized> Places<'a, M> {
             model,
             options,
             clusters: Vec::new(),
-            factors: Vec::new(),
+            local: Vec::new(),
         };
         places.add(first.clone(), 0);
         places
     }
 
     fn add(&mut self, solution: Solution, hits: usize) {
-        self.factors.push(triangle(self.model, &solution.x));
+        self.local.push(Local::new(self.model, &solution.x));
         self.clusters.push(Cluster { solution, hits });
     }
 
@@ -198,23 +247,28 @@ impl<'a, M: Model + ?Sized> Places<'a, M> {
         };
         let mut known = None;
         let (mut next, mut change) = (vec![0.0; n], vec![0.0; n]);
-        let (clusters, factors) = (&self.clusters, &self.factors);
-        // The next step ends within a deviation of what is known.
-        let mut leads = |x: &[f64], chi2: f64, step: &[f64]| {
-            for ((next, x), step) in next.iter_mut().zip(x).zip(step) {
+        let (clusters, local) = (&self.clusters, &self.local);
+        let mut leads = |stage: &Stage<'_>| {
+            for ((next, x), step) in next.iter_mut().zip(stage.x).zip(stage.step) {
                 *next = x + step;
             }
-            known = clusters.iter().zip(factors).position(|(cluster, factor)| {
+            known = clusters.iter().zip(local).position(|(cluster, local)| {
                 let there = &cluster.solution;
-                model.change(&there.x, &next, &mut change);
-                let off: f64 = (0..factor.len() / n.max(1))
-                    .map(|i| dot(&factor[i * n + i..(i + 1) * n], &change[i..]).powi(2))
-                    .sum();
-                off < 1.0 && chi2 > there.chi2 - 1e-6 * (1.0 + there.chi2)
+                if local.rows.is_empty() || stage.chi2 <= there.chi2 - 1e-6 * (1.0 + there.chi2) {
+                    return false;
+                }
+                // The model is nearly linear all the way to it, or the next step ends there.
+                model.change(&there.x, stage.x, &mut change);
+                local.foretells(&change, stage.residuals) || {
+                    model.change(&there.x, &next, &mut change);
+                    local.moves(&change) < SAME
+                }
             });
             known.is_some()
         };
-        let reached = minimize_until(model, start, coarse, &mut leads);
+        let mut start = start.to_vec();
+        settle(model, &mut start);
+        let reached = minimize_until(model, &start, coarse, &mut leads);
         if let Some(index) = known {
             self.clusters[index].hits += 1;
             return true;
@@ -235,7 +289,7 @@ impl<'a, M: Model + ?Sized> Places<'a, M> {
                 let cluster = &mut self.clusters[index];
                 cluster.hits += 1;
                 if solution.chi2 < cluster.solution.chi2 {
-                    self.factors[index] = triangle(model, &solution.x);
+                    self.local[index] = Local::new(model, &solution.x);
                     cluster.solution = solution;
                 }
             }
@@ -243,22 +297,6 @@ impl<'a, M: Model + ?Sized> Places<'a, M> {
         }
         true
     }
-}
-
-/// The rows at a state as a triangle, row-major (n, n); empty where there are none.
-fn triangle<M: Model + ?Sized>(model: &M, x: &[f64]) -> Vec<f64> {
-    let (m, n) = (model.measurements(), model.states());
-    let mut residuals = vec![0.0; m];
-    let mut rows = vec![0.0; m.max(n) * n];
-    if model
-        .linearize(x, &mut residuals, Some(&mut rows[..m * n]))
-        .is_err()
-    {
-        return Vec::new();
-    }
-    triangularize(&mut rows, n, &mut vec![0.0; n]);
-    rows.truncate(n * n);
-    rows
 }
 
 /// Q(distance / 2): the chance that noise prefers the wrong one of two states whose

@@ -28,7 +28,7 @@ const NEAR: f64 = 1e-3;
 /// an end, at it, and where only the side of the limit is asked for. chi2 is off by the
 /// square of it.
 const WALK: f64 = 1e-3;
-const EDGE: f64 = 1e-6;
+const EDGE: f64 = 1e-5;
 const PROBE: f64 = 0.03;
 /// Steps of a constrained solve that lower chi2 no more.
 const PATIENCE: u32 = 25;

@@ -87,6 +87,9 @@ pub struct Cluster {
     pub hits: usize,
 }
 
+/// The square of the distance of two states that are one place: a tenth of a deviation.
+pub const SAME: f64 = 0.01;
+
 /// Whether two states are one place: less than a tenth of a deviation apart, by the rows
 /// at either.
 pub fn same_place<M: Model + ?Sized>(model: &M, a: &[f64], b: &[f64]) -> bool {
@@ -106,7 +109,7 @@ pub fn same_place<M: Model + ?Sized>(model: &M, a: &[f64], b: &[f64]) -> bool {
             .chunks_exact(n.max(1))
             .map(|row| super::gauss_newton::dot(row, &change).powi(2))
             .sum();
-        if !(moved < 0.01) {
+        if !(moved < SAME) {
             return false;
         }
     }
