@@ -208,8 +208,8 @@ impl Local {
 /// something new.
 const COARSE: f64 = 1e-2;
 /// By how much residuals may differ from what the rows at a known place foretell, as a share of
-/// the way there, where Gauss-Newton steps lead to it: above half there may be another minimum
-/// between, where the model is quadratic.
+/// the way there, and how much of the way may be left after the next step, where Gauss-Newton
+/// steps lead to it: above half there may be another minimum between.
 const STRAIGHT: f64 = 0.5;
 /// So many steps that lower chi2 by less than this share of it, before a start is given up.
 const PATIENCE: u32 = 6;
@@ -257,12 +257,14 @@ impl<'a, M: Model + ?Sized> Places<'a, M> {
                 if local.rows.is_empty() || stage.chi2 <= there.chi2 - 1e-6 * (1.0 + there.chi2) {
                     return false;
                 }
-                // The model is nearly linear all the way to it, or the next step ends there.
+                // The next step ends there, or well on the way along which the model is nearly
+                // linear.
+                model.change(&there.x, &next, &mut change);
+                let ahead = local.moves(&change);
                 model.change(&there.x, stage.x, &mut change);
-                local.foretells(&change, stage.residuals) || {
-                    model.change(&there.x, &next, &mut change);
-                    local.moves(&change) < SAME
-                }
+                ahead < SAME
+                    || ahead < STRAIGHT * STRAIGHT * local.moves(&change)
+                        && local.foretells(&change, stage.residuals)
             });
             known.is_some()
         };
