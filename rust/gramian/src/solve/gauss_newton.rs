@@ -494,7 +494,7 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
         }
         let mut damping = self.options.damping;
         let mut penalty = vec![0.0_f64; self.missing.len()];
-        let at_first = self.missing.clone();
+        let mut least: Option<Vec<f64>> = None;
         let mut next = vec![0.0; n];
         let (mut before, mut off_before) = (f64::INFINITY, f64::INFINITY);
         let (mut relax, mut last) = (1.0, vec![0.0; n]);
@@ -552,11 +552,22 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
                 }
             }
             last.clone_from(&whole);
-            for (mu, slope) in penalty.iter_mut().zip(&slopes) {
-                *mu = (0.5 * *mu).max(2.0 * slope.abs());
+            // Where chi2 is level the multipliers are next to nothing: what is missing at first,
+            // by more than a deviation, is worth as much as a rise of chi2 that tells states
+            // apart, or no step would seem to pay.
+            let place = |i: usize| reduced.active.iter().position(|&a| a == i);
+            let least = least.get_or_insert_with(|| {
+                (0..missing.len())
+                    .map(|i| match place(i) {
+                        Some(p) if step[p].abs() > 1.0 => TELLS / missing[i].abs(),
+                        _ => 0.0,
+                    })
+                    .collect()
+            });
+            for ((mu, slope), least) in penalty.iter_mut().zip(&slopes).zip(least) {
+                *mu = (0.5 * *mu).max(2.0 * slope.abs()).max(*least);
             }
             found.determined = full_rank(&small, free);
-            let place = |i: usize| reduced.active.iter().position(|&a| a == i);
             found.held = (0..held).all(|i| {
                 missing[i].abs() <= 1e-12 * self.hold[i].1.abs()
                     || place(i).is_some_and(|p| step[p].abs() < 1e-7)
@@ -578,19 +589,13 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
             if !found.determined {
                 damping = damping.max(1e-9);
             }
-            // By how much the merit function rises in a step. Where chi2 is level the multipliers
-            // are next to nothing: the most that was missing so far is worth as much as a rise
-            // of chi2 that tells states apart, or no step towards the values would seem to pay.
-            let rise = |change: f64, to: &[f64]| {
-                change
-                    + (0..missing.len())
-                        .map(|i| {
-                            let (old, new) = (missing[i].abs(), to[i].abs());
-                            let most = old.max(new).max(at_first[i].abs());
-                            penalty[i].max(TELLS / most.max(f64::MIN_POSITIVE)) * (new - old)
-                        })
-                        .sum::<f64>()
+            let merit = |chi2: f64, missing: &[f64]| {
+                chi2 + dot(
+                    &penalty,
+                    &missing.iter().map(|c| c.abs()).collect::<Vec<_>>(),
+                )
             };
+            let old = merit(chi2, &missing);
             let asked = damping;
             let mut shrink = 1.0;
             let taken = loop {
@@ -634,8 +639,9 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
                 }
                 self.model.retract(&mut next);
                 let mut trial = self.visit(&next);
+                let most = old + 1e-13 * (1.0 + chi2);
                 let good = |trial: f64, missing: &[f64]| {
-                    trial.is_finite() && rise(trial - chi2, missing) <= 1e-13 * (1.0 + chi2)
+                    trial.is_finite() && merit(trial, missing) <= most
                 };
                 if k > 0 && shrink == 1.0 && trial.is_finite() && !good(trial, &self.missing) {
                     // What bends away along the step, brought back.

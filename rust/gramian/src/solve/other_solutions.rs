@@ -209,7 +209,7 @@ impl Local {
 const COARSE: f64 = 1e-2;
 /// By how much residuals may differ from what the rows at a known place foretell, as a share of
 /// the way there, and how much of the way may be left after the next step, where Gauss-Newton
-/// steps lead to it: above half there may be another minimum between.
+/// steps lead to it.
 const STRAIGHT: f64 = 0.5;
 /// So many steps that lower chi2 by less than this share of it, before a start is given up.
 const PATIENCE: u32 = 6;
