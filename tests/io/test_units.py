@@ -204,6 +204,8 @@ def of_known_unit():
         # A system of the caller's own has its own unit of time.
         if WANTED.get(case.values[1], "place") != "place"
         and not case.values[0].startswith(("linear.", "dynamics."))
+        # A number there is the deviation of a bearing.
+        and case.values != ("maneuver.scene", "sensors")
     ]
 
 
