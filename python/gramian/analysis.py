@@ -272,8 +272,9 @@ class Observability(Answer):
         if groups is None:
             rows = problem.data_rows if problem.row_sigma is None else problem.rows
             lever = self._analysis.leverage(rows) if len(rows) else np.zeros(0)
-            # A bound grows by 1 / sqrt(1 - leverage) at most.
-            for i in np.flatnonzero(1 - lever <= (1 + 1e-9) / factor**2).tolist():
+            # A bound grows by 1 / sqrt(1 - leverage) at most; a leverage of 1 is one to rounding.
+            most = max((1 + 1e-9) / factor / factor, 1e-9)
+            for i in np.flatnonzero(1 - lever <= most).tolist():
                 std = self._analysis.without(rows[i])
                 if std is not None:
                     lost(f"row {i}", (i,), std, 0)

@@ -225,6 +225,9 @@ class TestWhatNext:
         answer = gm.analyze(self.rows, names=["a", "b", "c"])
         found = {one.name: one for one in answer.critical()}
         assert set(found) == {"row 0", "row 1"}
+        # A factor whose square overflows: what becomes unobservable is left.
+        worst = answer.critical(factor=1e308)
+        assert [one.name for one in worst] == [n for n, one in found.items() if one.nullity]
         assert found["row 0"].nullity == 1
         for i, one in ((i, found.get(f"row {i}")) for i in range(4)):
             left = gm.analyze(np.delete(self.rows, i, axis=0))
