@@ -138,8 +138,8 @@ class Observability(Answer):
         The longest axis of the error ellipsoid (on unit columns) among what is
         observable: how far each state moves along it at one standard deviation.
     undecided : tuple of str
-        States of which the accuracy of the rows leaves open whether an unobservable
-        combination moves them: by less than the errors of the rows, which are above 1e-8.
+        States that an unobservable combination may or may not move: the rows, with errors
+        above 1e-8 of their size, are not accurate enough to tell.
     suggestions : tuple of Suggestion
         What knowing one state or named combination would give, best first; worked out when
         first asked for.
@@ -173,7 +173,7 @@ class Observability(Answer):
 
     @property
     def undecided(self) -> tuple[str, ...]:
-        """States of which the accuracy of the rows leaves open whether they are observable."""
+        """States of which the rows are not accurate enough to tell whether they are observable."""
         return tuple(self.names[i] for i in self._analysis.undecided())
 
     @property
@@ -420,8 +420,8 @@ class Observability(Answer):
         if undecided:
             names = ", ".join(undecided[:6]) + (", ..." if undecided[6:] else "")
             remarks.append(
-                f"undecided: whether what is not observable moves {names} by less than the "
-                "errors of the rows; give a Jacobian, or a more accurate h"
+                f"undecided: the rows are not accurate enough to tell whether what is not "
+                f"observable moves {names}; give a Jacobian or a more accurate h"
             )
         accuracy = self.problem.accuracy
         if accuracy is not None and (self.status == "undecided" or undecided):

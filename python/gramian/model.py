@@ -789,10 +789,10 @@ def from_function(
         the state that returns them; or groups of states whose vector keeps its length:
         ``[("qw", "qx", "qy", "qz")]``.
     vectorized : bool
-        Whether `h` takes many states (count, n) at once and returns (count, m). It is not
-        found out, as `dynamics.from_ode` does: that would take evaluations of which none
-        is made twice here, and numpy's last bits depend on how many states are in a call,
-        which a batch of estimates cuts in pieces.
+        Whether `h` takes many states (count, n) at once and returns (count, m). Unlike in
+        `dynamics.from_ode` this is not found out: the comparison would evaluate points
+        twice, and numpy's last bits depend on how many states are in a call, so that
+        results would depend on how a batch is divided.
     measurements : int, optional
         How many numbers a compiled `h` writes; of no other.
 

@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 
 use gramian::bearings::Measured;
 use gramian::bounds::threshold;
+use gramian::forward_model;
 use gramian::solve::fit::{self, Channel, Fit};
 use gramian::solve::other_solutions::{Found, Search, other_solutions};
 use gramian::solve::starts::{Spread, multi_start};
@@ -41,25 +42,7 @@ where
 {
     type Error = String;
 
-    fn states(&self) -> usize {
-        self.0.states()
-    }
-
-    fn measurements(&self) -> usize {
-        self.0.measurements()
-    }
-
-    fn priors(&self) -> usize {
-        self.0.priors()
-    }
-
-    fn exact(&self) -> Range<usize> {
-        self.0.exact()
-    }
-
-    fn channels(&self) -> usize {
-        self.0.channels()
-    }
+    forward_model!(this => this.0; states, measurements, priors, exact, channels, change, retract, rounding, symmetries);
 
     fn linearize(&self, x: &[f64], r: &mut [f64], rows: Option<&mut [f64]>) -> Result<(), String> {
         self.0.linearize(x, r, rows).map_err(|e| e.to_string())
@@ -67,26 +50,6 @@ where
 
     fn difference(&self, a: &[f64], b: &[f64], out: &mut [f64]) -> Result<(), String> {
         self.0.difference(a, b, out).map_err(|e| e.to_string())
-    }
-
-    fn change(&self, a: &[f64], b: &[f64], out: &mut [f64]) {
-        self.0.change(a, b, out);
-    }
-
-    fn retract(&self, x: &mut [f64]) {
-        self.0.retract(x);
-    }
-
-    fn rounding(&self, x: &[f64], noise: &mut [f64]) -> bool {
-        self.0.rounding(x, noise)
-    }
-
-    fn linear(&self) -> Vec<usize> {
-        self.0.linear()
-    }
-
-    fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
-        self.0.symmetries(x, found);
     }
 }
 
@@ -265,25 +228,7 @@ impl Watched {
 impl Model for Watched {
     type Error = String;
 
-    fn states(&self) -> usize {
-        self.model.states()
-    }
-
-    fn measurements(&self) -> usize {
-        self.model.measurements()
-    }
-
-    fn priors(&self) -> usize {
-        self.model.priors()
-    }
-
-    fn exact(&self) -> Range<usize> {
-        self.model.exact()
-    }
-
-    fn channels(&self) -> usize {
-        self.model.channels()
-    }
+    forward_model!(this => this.model; states, measurements, priors, exact, channels, change, retract, rounding, symmetries);
 
     fn linearize(&self, x: &[f64], r: &mut [f64], rows: Option<&mut [f64]>) -> Result<(), String> {
         if self.interrupted() {
@@ -297,26 +242,6 @@ impl Model for Watched {
             return Err(String::new());
         }
         self.model.difference(a, b, out)
-    }
-
-    fn change(&self, a: &[f64], b: &[f64], out: &mut [f64]) {
-        self.model.change(a, b, out);
-    }
-
-    fn retract(&self, x: &mut [f64]) {
-        self.model.retract(x);
-    }
-
-    fn rounding(&self, x: &[f64], noise: &mut [f64]) -> bool {
-        self.model.rounding(x, noise)
-    }
-
-    fn linear(&self) -> Vec<usize> {
-        self.model.linear()
-    }
-
-    fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
-        self.model.symmetries(x, found);
     }
 }
 

@@ -191,37 +191,6 @@ pub struct Stage<'a> {
     pub step: &'a [f64],
 }
 
-/// Sets the states in which the measurements are linear to their best values.
-pub(super) fn settle<M: Model + ?Sized>(model: &M, x: &mut [f64]) {
-    let linear = model.linear();
-    let (m, n, k) = (model.measurements(), x.len(), linear.len());
-    if k == 0 {
-        return;
-    }
-    let (mut residuals, mut rows) = (vec![0.0; m], vec![0.0; m * n]);
-    if model.linearize(x, &mut residuals, Some(&mut rows)).is_err() {
-        return;
-    }
-    let wide = k + 1;
-    let mut stack = vec![0.0; m.max(wide) * wide];
-    for ((line, row), residual) in stack
-        .chunks_exact_mut(wide)
-        .zip(rows.chunks_exact(n))
-        .zip(&residuals)
-    {
-        for (to, &from) in line.iter_mut().zip(&linear) {
-            *to = row[from];
-        }
-        line[k] = *residual;
-    }
-    triangularize(&mut stack, wide, &mut vec![0.0; wide]);
-    if full_rank(&stack, k) {
-        for (&at, step) in linear.iter().zip(damped(&stack, k, 0.0)) {
-            x[at] += step;
-        }
-    }
-}
-
 /// Whether the steps may end at a stage.
 pub type Enough<'a> = dyn FnMut(&Stage<'_>) -> bool + 'a;
 

@@ -4,7 +4,6 @@
 use alloc::sync::Arc;
 use alloc::vec;
 use alloc::vec::Vec;
-use core::ops::Range;
 
 use super::Model;
 
@@ -54,9 +53,7 @@ impl<M: Model> WithPrior<M> {
 impl<M: Model> Model for WithPrior<M> {
     type Error = M::Error;
 
-    fn states(&self) -> usize {
-        self.model.states()
-    }
+    crate::forward_model!(this => this.model; states, exact, channels, change, retract, rounding, symmetries);
 
     fn measurements(&self) -> usize {
         self.model.measurements() + self.known.len()
@@ -64,14 +61,6 @@ impl<M: Model> Model for WithPrior<M> {
 
     fn priors(&self) -> usize {
         self.model.priors() + self.known.len()
-    }
-
-    fn exact(&self) -> Range<usize> {
-        self.model.exact()
-    }
-
-    fn channels(&self) -> usize {
-        self.model.channels()
     }
 
     fn linearize(
@@ -104,26 +93,6 @@ impl<M: Model> Model for WithPrior<M> {
             *out = known.of(|k| b[k] - a[k]) / known.sigma;
         }
         self.model.difference(a, b, data)
-    }
-
-    fn change(&self, a: &[f64], b: &[f64], out: &mut [f64]) {
-        self.model.change(a, b, out);
-    }
-
-    fn retract(&self, x: &mut [f64]) {
-        self.model.retract(x);
-    }
-
-    fn rounding(&self, x: &[f64], noise: &mut [f64]) -> bool {
-        self.model.rounding(x, noise)
-    }
-
-    fn linear(&self) -> Vec<usize> {
-        self.model.linear()
-    }
-
-    fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
-        self.model.symmetries(x, found);
     }
 }
 
@@ -161,24 +130,10 @@ impl<M: Model> Held<M> {
 impl<M: Model> Model for Held<M> {
     type Error = M::Error;
 
+    crate::forward_model!(this => this.model; measurements, priors, exact, channels);
+
     fn states(&self) -> usize {
         self.free.len()
-    }
-
-    fn measurements(&self) -> usize {
-        self.model.measurements()
-    }
-
-    fn priors(&self) -> usize {
-        self.model.priors()
-    }
-
-    fn exact(&self) -> Range<usize> {
-        self.model.exact()
-    }
-
-    fn channels(&self) -> usize {
-        self.model.channels()
     }
 
     fn linearize(
@@ -233,13 +188,6 @@ impl<M: Model> Model for Held<M> {
         any
     }
 
-    fn linear(&self) -> Vec<usize> {
-        let all = self.model.linear();
-        (0..self.free.len())
-            .filter(|&at| all.contains(&self.free[at]))
-            .collect()
-    }
-
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
         self.model.symmetries(&self.whole(x), &mut |other| {
             // An image that changes what is known is none.
@@ -261,58 +209,11 @@ macro_rules! pointer {
         impl<M: Model + ?Sized $(+ $bound)?> Model for $pointer {
             type Error = M::Error;
 
-            fn states(&self) -> usize {
-                (**self).states()
-            }
-
-            fn measurements(&self) -> usize {
-                (**self).measurements()
-            }
-
-            fn priors(&self) -> usize {
-                (**self).priors()
-            }
-
-            fn exact(&self) -> Range<usize> {
-                (**self).exact()
-            }
-
-            fn channels(&self) -> usize {
-                (**self).channels()
-            }
-
-            fn linearize(
-                &self,
-                x: &[f64],
-                residuals: &mut [f64],
-                rows: Option<&mut [f64]>,
-            ) -> Result<(), M::Error> {
-                (**self).linearize(x, residuals, rows)
-            }
-
-            fn difference(&self, a: &[f64], b: &[f64], out: &mut [f64]) -> Result<(), M::Error> {
-                (**self).difference(a, b, out)
-            }
-
-            fn change(&self, a: &[f64], b: &[f64], out: &mut [f64]) {
-                (**self).change(a, b, out);
-            }
-
-            fn retract(&self, x: &mut [f64]) {
-                (**self).retract(x);
-            }
-
-            fn rounding(&self, x: &[f64], noise: &mut [f64]) -> bool {
-                (**self).rounding(x, noise)
-            }
-
-            fn linear(&self) -> Vec<usize> {
-                (**self).linear()
-            }
-
-            fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
-                (**self).symmetries(x, found);
-            }
+            crate::forward_model!(
+                this => (**this);
+                states, measurements, priors, exact, channels, linearize, difference, change,
+                retract, rounding, symmetries
+            );
         }
     };
 }

@@ -41,8 +41,6 @@ pub mod trials;
 #[cfg(feature = "std")]
 pub mod unbounded;
 
-use alloc::vec::Vec;
-
 #[cfg(feature = "std")]
 pub use gauss_newton::{Loss, Options, Solution, minimize};
 #[cfg(feature = "std")]
@@ -128,18 +126,98 @@ pub trait Model: Sync {
         false
     }
 
-    /// The states in all of which together the measurements are linear, whatever the others
-    /// are: the moment of a dipole, a constant background. A search for other solutions sets
-    /// them to their best values where it starts.
-    fn linear(&self) -> Vec<usize> {
-        Vec::new()
-    }
-
     /// Calls `found` with each other state that gives exactly the same data as `x`: a
     /// mirror image, for one.
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
         let _ = (x, found);
     }
+}
+
+/// The methods of a [`Model`] that a wrapper leaves to the model inside, by name:
+/// `forward_model!(this => this.model; states, measurements);`. One that is in no list has the
+/// default of the trait, not the answer of the model inside.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! forward_model {
+    ($this:ident => $inner:expr; $($method:ident),+ $(,)?) => {
+        $($crate::forward_model!(@ $method $this $inner);)+
+    };
+    (@ states $this:ident $inner:expr) => {
+        fn states(&self) -> usize {
+            let $this = self;
+            $inner.states()
+        }
+    };
+    (@ measurements $this:ident $inner:expr) => {
+        fn measurements(&self) -> usize {
+            let $this = self;
+            $inner.measurements()
+        }
+    };
+    (@ priors $this:ident $inner:expr) => {
+        fn priors(&self) -> usize {
+            let $this = self;
+            $inner.priors()
+        }
+    };
+    (@ exact $this:ident $inner:expr) => {
+        fn exact(&self) -> ::core::ops::Range<usize> {
+            let $this = self;
+            $inner.exact()
+        }
+    };
+    (@ channels $this:ident $inner:expr) => {
+        fn channels(&self) -> usize {
+            let $this = self;
+            $inner.channels()
+        }
+    };
+    (@ linearize $this:ident $inner:expr) => {
+        fn linearize(
+            &self,
+            x: &[f64],
+            residuals: &mut [f64],
+            rows: ::core::option::Option<&mut [f64]>,
+        ) -> ::core::result::Result<(), Self::Error> {
+            let $this = self;
+            $inner.linearize(x, residuals, rows)
+        }
+    };
+    (@ difference $this:ident $inner:expr) => {
+        fn difference(
+            &self,
+            a: &[f64],
+            b: &[f64],
+            out: &mut [f64],
+        ) -> ::core::result::Result<(), Self::Error> {
+            let $this = self;
+            $inner.difference(a, b, out)
+        }
+    };
+    (@ change $this:ident $inner:expr) => {
+        fn change(&self, a: &[f64], b: &[f64], out: &mut [f64]) {
+            let $this = self;
+            $inner.change(a, b, out);
+        }
+    };
+    (@ retract $this:ident $inner:expr) => {
+        fn retract(&self, x: &mut [f64]) {
+            let $this = self;
+            $inner.retract(x);
+        }
+    };
+    (@ rounding $this:ident $inner:expr) => {
+        fn rounding(&self, x: &[f64], noise: &mut [f64]) -> bool {
+            let $this = self;
+            $inner.rounding(x, noise)
+        }
+    };
+    (@ symmetries $this:ident $inner:expr) => {
+        fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
+            let $this = self;
+            $inner.symmetries(x, found);
+        }
+    };
 }
 
 /// A function of the states that can be held at a value.
@@ -156,7 +234,7 @@ pub trait Function {
 /// c^T x: one state, or a combination of several.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg(feature = "alloc")]
-pub struct Combination(pub Vec<f64>);
+pub struct Combination(pub alloc::vec::Vec<f64>);
 
 #[cfg(feature = "alloc")]
 impl Function for Combination {
@@ -171,9 +249,9 @@ impl Function for Combination {
 #[cfg(feature = "std")]
 pub struct Distance {
     /// Which states are the coordinates.
-    pub states: Vec<usize>,
+    pub states: alloc::vec::Vec<usize>,
     /// The point, a coordinate for each.
-    pub from: Vec<f64>,
+    pub from: alloc::vec::Vec<f64>,
 }
 
 #[cfg(feature = "std")]

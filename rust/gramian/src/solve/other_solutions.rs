@@ -12,7 +12,7 @@ use alloc::vec;
 use alloc::vec::Vec;
 
 use super::Model;
-use super::gauss_newton::{Options, Solution, Stage, dot, minimize, minimize_until, norm, settle};
+use super::gauss_newton::{Options, Solution, Stage, dot, minimize, minimize_until, norm};
 use super::starts::{Cluster, SAME, Spread, same_place};
 use crate::chi_square;
 use crate::observability::Observability;
@@ -268,9 +268,7 @@ impl<'a, M: Model + ?Sized> Places<'a, M> {
             });
             known.is_some()
         };
-        let mut start = start.to_vec();
-        settle(model, &mut start);
-        let reached = minimize_until(model, &start, coarse, &mut leads);
+        let reached = minimize_until(model, start, coarse, &mut leads);
         if let Some(index) = known {
             self.clusters[index].hits += 1;
             return true;

@@ -1,12 +1,18 @@
 //! The parts together, on ranges to beacons, whose second solution is known.
 #![allow(clippy::unwrap_used)]
 
+use alloc::format;
+use alloc::string::String;
+use alloc::sync::Arc;
 use alloc::vec;
 use alloc::vec::Vec;
+use core::ops::Range;
 
 use super::other_solutions::{Search, chance, other_solutions};
 use super::starts::Spread;
-use super::{Combination, Distance, Function, Model, Options, WithPrior, fit, minimize, region};
+use super::{
+    Combination, Distance, Function, Held, Model, Options, WithPrior, fit, minimize, region, trials,
+};
 
 /// Ranges to beacons in the plane.
 #[derive(Clone)]
@@ -372,6 +378,82 @@ fn a_prior_is_one_more_measurement() {
     assert!((found.x[0].hypot(found.x[1]) - 50.0).abs() < 1e-7);
     // Without it one range does not tell a place.
     assert!(!minimize(&model, &[41.0, 20.0], &[], Options::default()).determined);
+}
+
+/// A model of which nothing is as the trait has it by default.
+struct Particular;
+
+impl Model for Particular {
+    type Error = ();
+    fn states(&self) -> usize {
+        2
+    }
+    fn measurements(&self) -> usize {
+        3
+    }
+    fn priors(&self) -> usize {
+        1
+    }
+    fn exact(&self) -> Range<usize> {
+        1..2
+    }
+    fn channels(&self) -> usize {
+        2
+    }
+    fn linearize(&self, x: &[f64], r: &mut [f64], rows: Option<&mut [f64]>) -> Result<(), ()> {
+        r.copy_from_slice(&[x[0], x[1], x[0] + x[1]]);
+        if let Some(rows) = rows {
+            rows.copy_from_slice(&[1.0, 0.0, 0.0, 1.0, 1.0, 1.0]);
+        }
+        Ok(())
+    }
+    fn difference(&self, a: &[f64], b: &[f64], out: &mut [f64]) -> Result<(), ()> {
+        out.fill(b[0] - a[1]);
+        Ok(())
+    }
+    fn change(&self, _: &[f64], _: &[f64], out: &mut [f64]) {
+        out.copy_from_slice(&[7.0, 8.0]);
+    }
+    fn retract(&self, x: &mut [f64]) {
+        x.copy_from_slice(&[3.0, 4.0]);
+    }
+    fn rounding(&self, _: &[f64], noise: &mut [f64]) -> bool {
+        noise.copy_from_slice(&[0.1, 0.2]);
+        true
+    }
+    fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
+        found(&[x[1], x[0]]);
+    }
+}
+
+/// All that a model says but its measurements.
+fn said<M: Model>(model: &M) -> String {
+    let (mut change, mut place, mut noise) = ([0.0; 2], [0.0; 2], [0.0; 2]);
+    model.change(&[0.0; 2], &[1.0; 2], &mut change);
+    model.retract(&mut place);
+    let rounded = model.rounding(&place, &mut noise);
+    let mut images = Vec::new();
+    model.symmetries(&[1.0, 2.0], &mut |image| images.push(image.to_vec()));
+    let (states, measurements) = (model.states(), model.measurements());
+    let (priors, exact, channels) = (model.priors(), model.exact(), model.channels());
+    format!(
+        "{states} {measurements} {priors} {exact:?} {channels} {change:?} {place:?} {rounded} \
+         {noise:?} {images:?}"
+    )
+}
+
+#[test]
+fn a_wrapper_says_what_the_model_inside_says() {
+    let wanted = said(&Particular);
+    let noisy = trials::Noisy {
+        model: &Particular,
+        noise: vec![0.0; 3],
+    };
+    assert_eq!(said(&noisy), wanted);
+    assert_eq!(said(&&Particular), wanted);
+    assert_eq!(said(&Arc::new(Particular)), wanted);
+    assert_eq!(said(&Held::new(Particular, &[None, None])), wanted);
+    assert_eq!(said(&WithPrior::new(Particular, &[], &[], &[])), wanted);
 }
 
 /// sin x, which is at most one.

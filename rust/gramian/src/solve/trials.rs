@@ -3,7 +3,6 @@
 
 use alloc::vec;
 use alloc::vec::Vec;
-use core::ops::Range;
 
 use super::fit::Fit;
 use super::gauss_newton::{Options, Solution, minimize};
@@ -25,25 +24,7 @@ pub struct Noisy<'a, M: ?Sized> {
 impl<M: Model + ?Sized> Model for Noisy<'_, M> {
     type Error = M::Error;
 
-    fn states(&self) -> usize {
-        self.model.states()
-    }
-
-    fn measurements(&self) -> usize {
-        self.model.measurements()
-    }
-
-    fn priors(&self) -> usize {
-        self.model.priors()
-    }
-
-    fn exact(&self) -> Range<usize> {
-        self.model.exact()
-    }
-
-    fn channels(&self) -> usize {
-        self.model.channels()
-    }
+    crate::forward_model!(this => this.model; states, measurements, priors, exact, channels, difference, change, retract, rounding, symmetries);
 
     fn linearize(
         &self,
@@ -56,22 +37,6 @@ impl<M: Model + ?Sized> Model for Noisy<'_, M> {
             *r += noise;
         }
         Ok(())
-    }
-
-    fn difference(&self, a: &[f64], b: &[f64], out: &mut [f64]) -> Result<(), M::Error> {
-        self.model.difference(a, b, out)
-    }
-
-    fn change(&self, a: &[f64], b: &[f64], out: &mut [f64]) {
-        self.model.change(a, b, out);
-    }
-
-    fn retract(&self, x: &mut [f64]) {
-        self.model.retract(x);
-    }
-
-    fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
-        self.model.symmetries(x, found);
     }
 }
 

@@ -926,23 +926,6 @@ impl Model for Measured {
         }
     }
 
-    fn linear(&self) -> Vec<usize> {
-        let at = self.layout();
-        let own = (6..9)
-            .filter(|&i| self.knowledge.exact[i].is_none())
-            .count();
-        let own = match self.parts[2] {
-            Part::Components => at.motion - own..at.motion,
-            _ => 0..0,
-        };
-        let others = (1..self.description.sources)
-            .flat_map(|index| at.sources + 6 * (index - 1) + 3..at.sources + 6 * index);
-        own.chain(others)
-            .chain(at.induced..at.attitude)
-            .chain(at.constants..at.end)
-            .collect()
-    }
-
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
         let &[sensor] = self.sensors.as_slice() else {
             return;
@@ -1131,20 +1114,6 @@ mod tests {
                     let wanted = (minus - plus) / (2.0 * step);
                     assert!((rows[i * n + j] - wanted).abs() < 1e-6 * size, "{j} {i}");
                 }
-            }
-            // A far change of all states that are said to be linear is what the rows foretell.
-            let linear = record.linear();
-            assert!(linear.len() >= 3 + 3 * (sources - 1) + record.constants.len());
-            let mut far = x.clone();
-            for (k, &j) in linear.iter().enumerate() {
-                far[j] += (1.0 + k as f64) * if j >= at.constants { 1e-9 } else { 10.0 };
-            }
-            let mut there = vec![0.0; m];
-            record.linearize(&far, &mut there, None).unwrap();
-            for i in 0..record.field.len() {
-                let moved: f64 = (0..n).map(|j| rows[i * n + j] * (far[j] - x[j])).sum();
-                let size = residuals[i].abs() + there[i].abs() + moved.abs();
-                assert!((residuals[i] - there[i] - moved).abs() < 1e-9 * size);
             }
         }
     }

@@ -179,6 +179,10 @@ impl<'a> Column<'a> {
             odd.push(0.5 * (up - down));
             even.push(0.5 * (up + down));
         }
+        self.keep(odd, even);
+    }
+
+    fn keep(&mut self, odd: Vec<f64>, even: Vec<f64>) {
         let finite = odd.iter().chain(&even).all(|x| x.is_finite());
         self.pairs.push(Pair {
             step: self.next,
@@ -220,13 +224,7 @@ impl<'a> Column<'a> {
         };
         pair.finite = false;
         let (odd, even) = (pair.odd.clone(), pair.even.clone());
-        let finite = odd.iter().chain(&even).all(|x| x.is_finite());
-        self.pairs.push(Pair {
-            step: self.next,
-            odd,
-            even,
-            finite,
-        });
+        self.keep(odd, even);
         true
     }
 
