@@ -32,7 +32,7 @@ CONF = {
     "examples_dirs": "../examples",
     "gallery_dirs": "gallery",
     "filename_pattern": r"\.py$",
-    "ignore_pattern": r"make_|car_passes|monte_carlo_cluster",
+    "ignore_pattern": r"make_|car_passes|compiled_estimator|monte_carlo_cluster",
     "image_scrapers": (Pictures(),),
     "capture_repr": (),
     "abort_on_example_error": True,

@@ -104,6 +104,19 @@ class Compiled:
     ) -> _Array: ...
 
 @final
+class TrialFunction:
+    def __new__(
+        cls,
+        address: int,
+        data: int | None,
+        returns: bool,
+        size: int,
+        covariance: bool,
+        kept: object,
+    ) -> Self: ...
+    def records(self, z: ArrayLike) -> _Array: ...
+
+@final
 class Differences:
     def values(self) -> _Array: ...
     def error(self) -> _Array: ...

@@ -2,9 +2,16 @@
 
 import ctypes
 import math
+import os
 import pickle
+import runpy
 import shutil
+import signal
 import subprocess
+import tempfile
+import threading
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +23,7 @@ BEACONS = np.array([[0.0, 0.0], [100.0, 0.0], [0.0, 100.0]])
 NAMES, TRUTH = ["east", "north"], [-3.0, -40.0]
 # The bearing of the last measurement is near the cut at 180 degrees.
 SIGMA = np.array([1.0, 1.0, 1.0, 0.05])
+with_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 
 
 def python(x):
@@ -106,36 +114,34 @@ def test_threads_and_chunks_change_no_bit():
     assert one.tobytes() == run(workers=2, chunk=16).tobytes()
 
 
+@with_gcc
 def test_the_errors_are_as_large_as_the_bound():
     # Ten thousand calls back into Python are too many: a function of C is asked for.
-    if shutil.which("gcc") is None:
-        pytest.skip("gcc is not installed")
     result = gm.monte_carlo.run(model(in_c()), 20_000, seed=1, progress=False)
     assert not result.failures
     assert (np.abs(result.efficiency - 1) < 0.03).all()
+
+
+def built(text):
+    """Return what gcc makes of a text in C."""
+    with tempfile.TemporaryDirectory() as folder:
+        source, made = Path(folder, "of.c"), Path(folder, "of.so")
+        source.write_text(f"#include <math.h>\n#include <stdlib.h>\n{text}")
+        command = ["gcc", "-O2", "-shared", "-fPIC", str(source), "-o", str(made), "-lm"]
+        subprocess.run(command, check=True)
+        return ctypes.CDLL(str(made))
 
 
 def in_c():
     """Return the function compiled by gcc, as SciPy passes functions on, beacons as its data."""
     from scipy import LowLevelCallable
 
-    text = """
-    #include <math.h>
+    function = built("""
     void h(double *x, double *z, void *beacons) {
       const double *b = beacons;
       for (int i = 0; i < 3; i++) z[i] = hypot(b[2 * i] - x[0], b[2 * i + 1] - x[1]);
       z[3] = atan2(x[0], x[1]);
-    }"""
-    import tempfile
-    from pathlib import Path
-
-    folder = Path(tempfile.mkdtemp())
-    (folder / "h.c").write_text(text)
-    made = folder / "h.so"
-    command = ["gcc", "-O2", "-shared", "-fPIC", str(folder / "h.c"), "-o", str(made), "-lm"]
-    subprocess.run(command, check=True)
-    function = ctypes.CDLL(str(made)).h
-    shutil.rmtree(folder)
+    }""").h
     function.restype, function.argtypes = None, [NUMBER, NUMBER, ctypes.c_void_p]
     beacons = (ctypes.c_double * 6)(*BEACONS.ravel())
     return LowLevelCallable(function, ctypes.cast(beacons, ctypes.c_void_p))
@@ -179,6 +185,255 @@ def test_what_is_refused():
         model(null)
     with pytest.raises(gm.InputError, match="cannot be pickled"):
         pickle.dumps(model())
+    with pytest.raises(gm.InputError, match=r"jacobian is declared as .* writes the derivatives"):
+        model(jacobian=undeclared, method="given")
     # One without a way around the interpreter goes the other way.
     assert model(sigma=np.diag(SIGMA**2) + 1e-4).compiled is None
     assert model(jacobian=jacobian, method="given").compiled is None
+
+
+ROWS = jacobian(TRUTH) / SIGMA[:, None]
+GAIN = np.linalg.pinv(ROWS) / SIGMA
+COVARIANCE = np.linalg.inv(ROWS.T @ ROWS)
+
+
+def one_step(z):
+    """A step of Gauss and Newton from the truth; none far from it."""
+    off = z - python(TRUTH)
+    off[3] -= 2 * math.pi * round(off[3] / (2 * math.pi))
+    # Sums of Python's own, which are the same on any thread.
+    step = [sum(float(a) * float(b) for a, b in zip(row, off, strict=True)) for row in GAIN]
+    if step[0] > 1.0:
+        return [math.nan, 0.0]
+    return [TRUTH[0] + step[0], TRUTH[1] + step[1]]
+
+
+def compiled(estimate, *, covariance=None, code=None):
+    """Return an estimator of Python by its address, as C sees it."""
+    kinds = [NUMBER] * (2 if covariance is None else 3)
+
+    def called(z, x, *more):
+        x[0], x[1] = estimate(np.array(z[:4]))
+        if more:
+            for place, number in enumerate(np.ravel(covariance)):
+                more[0][place] = number
+        return code(z) if code else None
+
+    return ctypes.CFUNCTYPE(ctypes.c_int if code else None, *kinds)(called)
+
+
+def run(estimator, of=None, trials=64, **options):
+    """Return the run of an estimator."""
+    scene = of or model(python)
+    return gm.monte_carlo.run(scene, trials, 3, estimator, table=True, progress=False, **options)
+
+
+@pytest.mark.parametrize("of", [model(python), model()])
+def test_an_estimator_does_as_in_python(of):
+    ours, theirs = run(compiled(one_step), of), run(one_step, of)
+    assert ours.table.tobytes() == theirs.table.tobytes()
+    assert [f.kind for f in ours.failures] == ["not finite"]
+    assert ours.failures == theirs.failures
+    claiming = compiled(one_step, covariance=2 * COVARIANCE)
+    ours, theirs = run(claiming, of), run(lambda z: (one_step(z), 2 * COVARIANCE), of)
+    assert ours.table.tobytes() == theirs.table.tobytes()
+    assert ours.failures == theirs.failures
+
+
+def test_an_estimator_says_that_it_has_none():
+    def code(z):
+        return 3 if z[0] > 41.0 else -7 if z[0] < 39.0 else 0
+
+    result = run(compiled(lambda _: TRUTH, code=code))
+    first = result.table["trial"][result.table["status"] == 3][0]
+    kinds = {f.kind: f for f in result.failures}
+    assert set(kinds) == {"returned 3", "returned no status"}
+    assert kinds["returned 3"].first_trial == first
+    assert kinds["returned no status"].gist == (
+        "the estimator returned -7: must be 0 for success, or 1 to 32767"
+    )
+    assert kinds["returned 3"].count == (result.table["status"] == 3).sum()
+    assert np.isnan(result.table["error_east"][result.table["status"] != 0]).all()
+    assert set(result.table["error_east"][result.table["status"] == 0]) == {0.0}
+
+
+def test_a_covariance_that_is_none():
+    slanted = np.array([[1.0, 0.5], [0.0, 1.0]])
+    for claim, kind in [
+        (slanted, "covariance not symmetric (no NEES)"),
+        (-COVARIANCE, "covariance not positive definite (no NEES)"),
+        (np.full((2, 2), np.nan), "covariance not positive definite (no NEES)"),
+    ]:
+        ours = run(compiled(lambda _: TRUTH, covariance=claim))
+        theirs = run(lambda _, claim=claim: (TRUTH, claim))
+        assert [f.kind for f in ours.failures] == [kind]
+        assert ours.failures == theirs.failures
+
+
+SOURCE = """
+static int compare(const void *a, const void *b) {
+  double x = *(const double *)a, y = *(const double *)b;
+  return (x > y) - (x < y);
+}
+int median(double *z, double *x, double *covariance, void *count) {
+  int m = *(int *)count;
+  qsort(z, m, sizeof(double), compare);
+  x[0] = z[m / 2];
+  covariance[0] = 1.5707963267948966 / m;
+  return z[m - 1] > 3.5 ? 2 : 0;
+}
+void largest(double *z, double *out) {
+  out[0] = z[0];
+  for (int i = 1; i < 11; i++) if (z[i] > out[0]) out[0] = z[i];
+  z[0] = -1.0;
+}
+void first(double *z, double *out) { out[0] = z[0]; }
+void slow(double *z, double *x) {
+  volatile double sum = 0.0;
+  for (int i = 0; i < 2000000; i++) sum += i;
+  x[0] = z[0];
+}
+"""
+
+
+class Level(gm.monte_carlo.Experiment):
+    """Eleven readings of a level of 0."""
+
+    names = ("level",)
+    truth = (0.0,)
+
+    def simulate(self, seed, first, trials):
+        return gm.monte_carlo.normals(seed, first, trials, 11)
+
+    def problem(self):
+        return gm.Problem(np.ones((11, 1)), self.names)
+
+
+def python_median(z):
+    """The same in Python."""
+    if z.max() > 3.5:
+        raise ValueError("too large")
+    return [np.sort(z)[5]], [[math.pi / 2 / 11]]
+
+
+@with_gcc
+def test_c_works_in_its_own_copy_on_any_thread(tmp_path):
+    from scipy import LowLevelCallable
+
+    library, count = built(SOURCE), ctypes.c_int(11)
+    library.median.restype = ctypes.c_int
+    library.median.argtypes = [NUMBER, NUMBER, NUMBER, ctypes.c_void_p]
+    for function in (library.largest, library.first):
+        function.restype, function.argtypes = None, [NUMBER, NUMBER]
+    median = LowLevelCallable(library.median, ctypes.cast(ctypes.byref(count), ctypes.c_void_p))
+    # Both change what they are given.
+    quantities = {"largest": library.largest, "first": library.first}
+
+    def answer(trials=5000, **options):
+        return run(median, Level(), trials, quantities=quantities, **options)
+
+    found = answer()
+    assert found.estimator == "median"
+    assert [f.kind for f in found.failures] == ["returned 2"]
+    theirs = run(
+        python_median, Level(), 5000, quantities={"largest": np.max, "first": lambda z: z[0]}
+    )
+    for name in ("trial", "error_level", "nees", "largest", "first"):
+        assert np.array_equal(found.table[name], theirs.table[name], equal_nan=True)
+    assert found.failures[0].count == theirs.failures[0].count
+    bits = found.table.tobytes()
+    for options in [{"workers": 1}, {"workers": 2}, {"workers": 2, "chunk": 16}]:
+        assert answer(**options).table.tobytes() == bits
+    with ThreadPoolExecutor(2) as executor:
+        assert answer(executor=executor).table.tobytes() == bits
+    # Resumed, and refused for another function.
+    answer(4000, resume=tmp_path / "run")
+    longer = answer(resume=tmp_path / "run")
+    assert longer.table.tobytes() == bits
+    assert longer.simulated < 5000
+    with pytest.raises(gm.InputError, match="estimator"):
+        run(library.first, Level(), 5000, quantities=quantities, resume=tmp_path / "run")
+
+
+@with_gcc
+def test_ctrl_c_is_heard():
+    library = built(SOURCE)
+    library.slow.restype, library.slow.argtypes = None, [NUMBER, NUMBER]
+    # What is imported at the first run is there before the signal.
+    run(library.slow, Level(), 1)
+    for workers in (1, 2):
+        timer = threading.Timer(0.5, os.kill, [os.getpid(), signal.SIGINT])
+        timer.start()
+        # Half an hour of work.
+        with pytest.raises(KeyboardInterrupt) as stopped:
+            run(library.slow, Level(), 10**6, workers=workers)
+        assert "of 1000000 trials" in stopped.value.__notes__[0]
+        timer.join()
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="cc is not installed")
+def test_the_example(monkeypatch, capsys):
+    example = Path(__file__).parents[2] / "examples" / "compiled_estimator.py"
+    monkeypatch.setattr("sys.argv", [str(example), "20000"])
+    runpy.run_path(str(example), run_name="__main__")
+    told = capsys.readouterr().out
+    assert told.startswith("REACHES THE BOUND")
+    assert "20000 trials, seed 1, estimator gauss_newton" in told
+
+
+def test_estimators_that_are_refused():
+    wrong = ctypes.CFUNCTYPE(ctypes.c_double, NUMBER, NUMBER)(lambda z, x: 0.0)
+    for estimator, message in [
+        (wrong, r"estimator is declared as argtypes = \['LP_c_double', 'LP_c_double'\], "
+         r"restype = c_double: must be void or int \(double \*, double \*\) or"),
+        (ctypes.CDLL(None).hypot, r"estimator is declared as argtypes = \[\], restype = c_int"),
+        (ctypes.CFUNCTYPE(None, NUMBER, NUMBER)(0), "estimator is a null pointer"),
+    ]:  # fmt: skip
+        with pytest.raises(gm.InputError, match=message):
+            run(estimator)
+    three = ctypes.CFUNCTYPE(None, NUMBER, NUMBER, NUMBER)(lambda z, x, c: None)
+    with pytest.raises(gm.InputError, match=r"quantities\['peak'\] is declared as .* one number"):
+        run(one_step, quantities={"peak": three})
+    with (
+        ProcessPoolExecutor(1) as executor,
+        pytest.raises(gm.InputError, match="a compiled estimator or quantity has its address"),
+    ):
+        run(compiled(one_step), executor=executor)
+
+    class Ragged(Level):
+        def simulate(self, seed, first, trials):
+            return [np.zeros(1 + i % 2) for i in range(trials)]
+
+    with pytest.raises(gm.InputError, match="measurements cannot be read as an array of numbers"):
+        run(compiled(one_step), Ragged())
+
+
+def test_what_is_not_written_is_not_finite():
+    nothing = ctypes.CFUNCTYPE(None, NUMBER, NUMBER)(lambda z, x: None)
+    result = run(nothing, quantities={"none": nothing})
+    assert {f.kind: f.count for f in result.failures} == {"not finite": 64, "none: not finite": 64}
+    assert result.failures[1].gist == "the estimate is [nan nan]: must be finite"
+
+
+def test_an_estimator_of_numba():
+    numba = pytest.importorskip("numba")
+
+    @numba.cfunc("int32(CPointer(float64), CPointer(float64), CPointer(float64))")
+    def mean(z, x, covariance):
+        x[0] = 0.0
+        for i in range(11):
+            x[0] += z[i] / 11
+        covariance[0] = 1 / 11
+        return 4 if z[0] > 2.5 else 0
+
+    result = run(mean, Level(), 20_000)
+    assert result.estimator == "mean"
+    assert [f.kind for f in result.failures] == ["returned 4"]
+    assert abs(result.efficiency[0] - 1) < 0.02
+
+    @numba.cfunc("float64(CPointer(float64), CPointer(float64))")
+    def other(z, x):
+        return z[0]
+
+    with pytest.raises(gm.InputError, match=r"estimator is declared as .* as numba.cfunc\("):
+        run(other, Level())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gramian._answers import Answer
+from gramian._arrays import as_float_array
+from gramian._compiled import TrialFunction
 from gramian.exceptions import InputError
 from gramian.monte_carlo.experiment import Estimates, Experiment, squared_over
 from gramian.monte_carlo.statistics import LEAF, Moments, moments
@@ -36,10 +38,16 @@ MOST = 2**24
 HEAD = 2048
 #: Errors beyond this overflow when their fourth power is summed.
 LARGEST = 1e75
-#: Entries of the column `status` beside 0 (success) and the built-in estimators' own, > 0.
-STATUS = {"raised": -1, "not finite": -2, "wrong shape": -3, "not numbers": -4}
+#: Entries of the column `status` beside 0 (success) and the estimators' own, > 0.
+STATUS = {"raised": -1, "not finite": -2, "wrong shape": -3, "not numbers": -4, "returned": -5}
+#: The largest number that a compiled function may return.
+MOST_RETURNED = 2**15 - 1
+#: What a trial of compiled functions takes, roughly, in seconds: it sets the size of chunks.
+COMPILED = 1e-4
 #: What the name of a column of errors begins with.
 ERROR = "error_"
+#: What is asked of an estimate.
+FINITE = "must be finite"
 #: Bins of the NEES histogram, the last one for all above.
 BINS = 48
 
@@ -51,7 +59,7 @@ class Failure(Answer):
     Attributes
     ----------
     kind : str
-        "raised ValueError", "not finite", "wrong shape", "not converged", ...
+        "raised ValueError", "not finite", "wrong shape", "not converged", "returned 3", ...
     count : int
     first_trial : int
         The first of them.
@@ -171,8 +179,8 @@ class Task:
 
     experiment: Experiment
     seed: int
-    estimator: str | Estimator | None
-    quantities: Mapping[str, Callable[[Any], Any] | None]
+    estimator: str | Estimator | TrialFunction | None
+    quantities: Mapping[str, Callable[[Any], Any] | TrialFunction | None]
     bound: Array | None
     edges: Array | None
     limit: float
@@ -180,8 +188,18 @@ class Task:
 
     @property
     def in_rust(self) -> bool:
-        """Whether no function of the user's has a part in it."""
-        return not (callable(self.estimator) or any(self.quantities.values()))
+        """Whether no function in Python has a part in it, but for the experiment's own."""
+        return not any(callable(part) for part in (self.estimator, *self.quantities.values()))
+
+    @property
+    def cost(self) -> float | None:
+        """What a trial takes, roughly, in seconds; None where a function in Python says."""
+        if not self.in_rust:
+            return None
+        parts = (self.estimator, *self.quantities.values())
+        compiled = any(isinstance(part, TrialFunction) for part in parts)
+        built_in = isinstance(self.estimator, str) or not compiled
+        return max(compiled * COMPILED, built_in * self.experiment.cost)
 
     @property
     def dtype(self) -> np.dtype[np.void]:
@@ -196,7 +214,8 @@ class Task:
         """Simulate and estimate `trials` trials from `first` on."""
         rows, notes = TrialTable(first, np.zeros(trials, dtype=np.int16)), _Notes()
         measurements = None
-        if callable(self.estimator) or any(self.quantities.values()):
+        parts = (self.estimator, *self.quantities.values())
+        if any(callable(part) or isinstance(part, TrialFunction) for part in parts):
             measurements = self.experiment.simulate(self.seed, first, trials)
             if len(measurements) != trials:
                 raise InputError(
@@ -205,6 +224,8 @@ class Task:
         if isinstance(self.estimator, str):
             found = self.experiment.estimate(self.estimator, self.seed, first, trials)
             self._take(found, rows, notes)
+        elif isinstance(self.estimator, TrialFunction):
+            self._called(self.estimator, measurements, rows, notes)
         elif self.estimator is not None:
             self._estimate(self.estimator, measurements, rows, notes)
         for name, function in self.quantities.items():
@@ -292,21 +313,49 @@ class Task:
             errors[i] = state - truth
             if covariance is not None:
                 covariances[i] = covariance
-        rows.nees = self._nees(errors, rows, covariances, notes)
-
-    def _nees(
-        self, errors: Array, rows: TrialTable, covariances: Mapping[int, Array], notes: _Notes
-    ) -> Array:
-        """Return the squared errors over the covariances claimed, or else over the bound."""
-        trials = len(rows.status)
-        nees = np.full(trials, np.nan)
         claiming = np.zeros(trials, dtype=bool)
         claiming[list(covariances)] = True
+        claims = np.stack(list(covariances.values())) if covariances else None
+        rows.nees = self._nees(errors, rows, claiming, claims, notes)
+
+    def _called(
+        self, estimator: TrialFunction, measurements: Any, rows: TrialTable, notes: _Notes
+    ) -> None:
+        """Estimate by a compiled function."""
+        returned, states, claims = estimator.records(_records(measurements))
+        status = rows.status = _status(returned)
+        for kind, message, which in _refusals(returned):
+            notes.add(kind, rows.first, which, f"the estimator {message}")
+        lost = (returned == 0) & ~(np.abs(states) <= LARGEST).all(axis=1)
+        if lost.any():
+            place = int(np.flatnonzero(lost)[0])
+            notes.add("not finite", rows.first, lost, f"the estimate is {states[place]}: {FINITE}")
+            status[lost] = STATUS["not finite"]
+        rows.errors = states - np.asarray(self.experiment.truth, dtype=float)
+        rows.errors[status != 0] = np.nan
+        claiming = (status == 0) & (claims is not None)
+        rows.nees = self._nees(
+            rows.errors, rows, claiming, None if claims is None else claims[claiming], notes
+        )
+
+    def _nees(
+        self,
+        errors: Array,
+        rows: TrialTable,
+        claiming: NDArray[np.bool_],
+        claims: Array | None,
+        notes: _Notes,
+    ) -> Array:
+        """Return the squared errors over the covariances claimed, or else over the bound.
+
+        `claims` are those of the trials that are `claiming`.
+        """
+        trials = len(rows.status)
+        nees = np.full(trials, np.nan)
         if self.bound is not None and (held := (rows.status == 0) & ~claiming).any():
             nees[held] = squared_over(errors[held], self.bound)
-        if not covariances:
+        if claims is None or not len(claims):
             return nees
-        claims = np.stack(list(covariances.values()))
         with np.errstate(invalid="ignore", over="ignore"):
             size = np.sqrt(np.abs(np.diagonal(claims, axis1=1, axis2=2)))
             # A filter's covariance may be a little uneven by rounding.
@@ -328,20 +377,30 @@ class Task:
     def _quantity(
         self,
         name: str,
-        function: Callable[[Any], Any] | None,
+        function: Callable[[Any], Any] | TrialFunction | None,
         measurements: Any,
         rows: TrialTable,
         notes: _Notes,
     ) -> None:
         trials = len(rows.status)
-        if function is None:
-            found = self.experiment.quantity(name, self.seed, rows.first, trials)
-            rows.quantities[name] = values = np.asarray(found, dtype=float)
-            if values.shape != (trials,):
-                raise InputError(f"quantity returned {values.shape}: must be ({trials},)")
-            if not (good := np.abs(values) <= LARGEST).all():
-                place = int(np.flatnonzero(~good)[0])
-                notes.add(f"{name}: not finite", rows.first, ~good, f"{name} = {values[place]}")
+        if not callable(function):
+            if function is None:
+                values = np.asarray(
+                    self.experiment.quantity(name, self.seed, rows.first, trials), dtype=float
+                )
+                if values.shape != (trials,):
+                    raise InputError(f"quantity returned {values.shape}: must be ({trials},)")
+                there = np.ones(trials, dtype=bool)
+            else:
+                returned, found, _ = function.records(_records(measurements))
+                there = returned == 0
+                values = np.where(there, found[:, 0], np.nan)
+                for kind, message, which in _refusals(returned):
+                    notes.add(f"{name}: {kind}", rows.first, which, f"{name} {message}")
+            rows.quantities[name] = values
+            if (lost := there & ~(np.abs(values) <= LARGEST)).any():
+                place = int(np.flatnonzero(lost)[0])
+                notes.add(f"{name}: not finite", rows.first, lost, f"{name} = {values[place]}")
             return
         values = rows.quantities[name] = np.full(trials, np.nan)
         for i in range(trials):
@@ -362,6 +421,30 @@ class Task:
                 continue
             if not abs(values[i]) <= LARGEST:
                 notes.add_one(f"{name}: not finite", trial, f"{name} = {values[i]}")
+
+
+def _records(measurements: Any) -> Array:
+    """Return the measurements as a compiled function takes them: numbers, (trials, ...)."""
+    return np.ascontiguousarray(as_float_array(measurements, "measurements"))
+
+
+def _status(returned: NDArray[np.int64]) -> NDArray[np.int16]:
+    """Return what compiled functions returned as the column of the table."""
+    fits = (returned >= 0) & (returned <= MOST_RETURNED)
+    return np.where(fits, returned, STATUS["returned"]).astype(np.int16)
+
+
+def _refusals(returned: NDArray[np.int64]) -> Iterator[tuple[str, str, NDArray[np.bool_]]]:
+    """Yield kind, message and trials of each number that is not 0."""
+    status = _status(returned)
+    for code in np.unique(status[status != 0]):
+        which = status == code
+        first = returned[which][0]
+        if code > 0:
+            yield f"returned {code}", f"returned {code}: 0 is for success", which
+        else:
+            wanted = f"must be 0 for success, or 1 to {MOST_RETURNED}"
+            yield "returned no status", f"returned {first}: {wanted}", which
 
 
 class _Notes:
@@ -404,7 +487,7 @@ def _answer(returned: Any, n: int) -> tuple[Array, Array | None]:
     if state.shape != (n,):
         raise _Unusable("wrong shape", f"the estimate has shape {state.shape}: {_wanted(n)}")
     if not (np.abs(state) <= LARGEST).all():
-        raise _Unusable("not finite", f"the estimate is {state}: must be finite")
+        raise _Unusable("not finite", f"the estimate is {state}: {FINITE}")
     if covariance is not None:
         covariance = _numbers(covariance, "the covariance is", n)
         if covariance.shape != (n, n):

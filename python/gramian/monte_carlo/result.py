@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gramian._answers import Answer, Columns, Tone
+from gramian._compiled import TrialFunction
 from gramian._registry import draw
 from gramian._text import brief, plain
 from gramian.exceptions import GramianError, InputError
@@ -192,7 +193,7 @@ class MonteCarloResult(Answer):
         experiment: Experiment,
         *,
         seed: int,
-        estimator: str | Estimator | None,
+        estimator: str | Estimator | TrialFunction | None,
         bound: Array | None,
         bound_covariance: Array | None,
         statistics: Statistics,

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from gramian import _options as options
+from gramian._compiled import TrialFunction, is_compiled
 from gramian.exceptions import InputError
 from gramian.model import Model
 from gramian.monte_carlo.chunks import (
@@ -74,11 +75,13 @@ def run(
         The name of a built-in estimator of the experiment (the first by default),
         which runs wholly in Rust; or a function of one trial's measurements that
         returns the estimate (n,), or a pair of that and its covariance (n, n).
-        By default none where `quantities` are asked for.
+        By default none where `quantities` are asked for. Or a compiled function
+        (``numba.cfunc``, ``scipy.LowLevelCallable``, ``ctypes``), called without the
+        interpreter, from several threads at once: see Notes.
     workers : int, optional
         Processes for an estimator or quantity in Python, threads for what runs in
-        Rust. By default Python runs in this process and Rust on as many threads
-        as the work is worth.
+        Rust or is compiled. By default Python runs in this process and Rust on as
+        many threads as the work is worth.
     executor : concurrent.futures.Executor, optional
         Where chunks run instead: a process pool, or ``Client.get_executor()`` of
         Dask for many machines.
@@ -89,7 +92,7 @@ def run(
         on where the last one stopped, also with more trials.
     quantities : iterable of str, or mapping of str to callable, optional
         Numbers to average besides: names of the experiment's own, or functions
-        of one trial's measurements.
+        of one trial's measurements, in Python or compiled.
     table : bool
         Keep the row of every trial in memory; without it, memory stays the same
         for any number of trials.
@@ -120,6 +123,14 @@ def run(
     stream of random numbers, and sums are taken along one binary tree over the
     trials. A trial that fails is counted by kind, with the first traceback, and
     is in no average. A killed worker's chunks are run again.
+
+    A compiled estimator is ``void f(double *z, double *x)``: z are the measurements of a
+    trial as `simulate` of the experiment gives them, in C order, in which it may work; it
+    writes the estimate (n,) to x. With a third ``double *`` it writes the covariance (n, n)
+    there. It may return ``int``: 0 for an estimate, another number k for none, which counts as
+    "returned k"; what is NaN, or not written, is "not finite". A compiled quantity writes one
+    number to x. None of them may keep anything between calls. `simulate` of an experiment of
+    your own is called from several threads at once beside them.
 
     Examples
     --------
@@ -155,8 +166,7 @@ def run(
         size = _chunk(chunk)
     else:
         # A run that is resumed keeps its chunks, also when it is made longer.
-        cost = experiment.cost if task.in_rust else None
-        size = kept_chunk_size(resume) or chunk_size(trials, cost)
+        size = kept_chunk_size(resume) or chunk_size(trials, task.cost)
     total = _Total(table)
     store = None
     if resume is not None:
@@ -349,7 +359,7 @@ def _check_executor(executor: Any, workers: int | None) -> None:
 
 def _quantities(
     experiment: Experiment, given: Quantities | None
-) -> dict[str, Callable[[Any], Any] | None]:
+) -> dict[str, Callable[[Any], Any] | TrialFunction | None]:
     if given is None:
         return {}
     if isinstance(given, str):
@@ -359,7 +369,7 @@ def _quantities(
             f"quantities = {given!r}: must be names of the experiment's own, or a mapping of name "
             "to function"
         )
-    wanted: dict[str, Callable[[Any], Any] | None] = (
+    wanted: dict[str, Callable[[Any], Any] | TrialFunction | None] = (
         dict(given) if isinstance(given, Mapping) else dict.fromkeys(given)
     )
     for name, function in wanted.items():
@@ -373,14 +383,16 @@ def _quantities(
                 f"quantities has {name!r}: the experiment's own are {own}; "
                 "others go in a mapping of name to function"
             )
-        if function is not None and not callable(function):
+        if is_compiled(function):
+            wanted[name] = TrialFunction.quantity(function, name)
+        elif function is not None and not callable(function):
             raise InputError(f"quantities[{name!r}] = {function!r}: must be a function")
     return wanted
 
 
 def _estimator(
     experiment: Experiment, given: str | Estimator | None, quantities: bool
-) -> str | Estimator | None:
+) -> str | Estimator | TrialFunction | None:
     if given is None:
         if quantities:
             return None
@@ -395,6 +407,8 @@ def _estimator(
             own = ", ".join(experiment.estimators) or "none"
             raise InputError(f"estimator = {given!r}: the experiment's own are {own}")
         return given
+    if is_compiled(given):
+        return TrialFunction.estimator(given, len(experiment.names))
     if not callable(given):
         raise InputError(f"estimator is a {type(given).__name__}: must be a name or a function")
     return given

@@ -1,8 +1,9 @@
-//! A measurement function that is compiled already (numba, C): called by its address, without
-//! the interpreter.
+//! Functions that are compiled already (numba, C), called by their address, without the
+//! interpreter: measurement functions, and functions of one trial's measurements.
 #![allow(unsafe_code)] // A foreign function is called: see `Function::call`.
 
-use std::ffi::c_void;
+use std::convert::Infallible;
+use std::ffi::{c_int, c_void};
 use std::time::Instant;
 
 use gramian::solve::measured::{Measurement, Records, Setting};
@@ -12,33 +13,50 @@ use pyo3::prelude::*;
 use crate::convert::Input;
 use crate::output::{self, Batch};
 
-/// What a function is called with: the state, and where the result goes.
-type Plain = unsafe extern "C" fn(*const f64, *mut f64);
-/// The same, and data of its own.
-type WithData = unsafe extern "C" fn(*const f64, *mut f64, *mut c_void);
-
-/// A function by its address, and the data it was made with where it takes some.
+/// A function by its address, and how it is declared.
 #[derive(Clone, Copy)]
 struct Function {
     address: usize,
+    /// Its last argument, where it takes data of its own.
     data: Option<usize>,
+    /// Whether it returns an `int`, and not nothing.
+    returns: bool,
 }
 
 impl Function {
-    /// Calls the function. Arrays of other lengths than it was declared with are refused
-    /// before, by [`Compiled::value`] and [`Compiled::derivatives`].
-    fn call(self, x: &[f64], out: &mut [f64]) {
-        let address = self.address as *const ();
+    /// Calls the function, which reads `from` and writes `to` and `more`; what it returns, 0
+    /// where that is nothing. Its callers see to it that the arrays are as long as declared.
+    fn call(self, from: *const f64, to: &mut [f64], more: Option<&mut [f64]>) -> c_int {
+        let (address, to) = (self.address as *const (), to.as_mut_ptr());
+        macro_rules! call {
+            ($($kind:ty = $value:expr),*) => {
+                if self.returns {
+                    type Entry = unsafe extern "C" fn($($kind),*) -> c_int;
+                    core::mem::transmute::<*const (), Entry>(address)($($value),*)
+                } else {
+                    type Entry = unsafe extern "C" fn($($kind),*);
+                    core::mem::transmute::<*const (), Entry>(address)($($value),*);
+                    0
+                }
+            };
+        }
         // SAFETY: the address is that of a function of this signature, which Python has checked
-        // as far as it is declared (`gramian._compiled`), and of a live object: `Compiled` keeps
-        // it. That it reads and writes as many numbers as were declared is its author's word.
+        // as far as it is declared (`gramian._compiled`), and of a live object: who holds a
+        // `Function` keeps it. That it reads and writes as many numbers as were declared is its
+        // author's word.
         unsafe {
-            if let Some(data) = self.data {
-                let entry = core::mem::transmute::<*const (), WithData>(address);
-                entry(x.as_ptr(), out.as_mut_ptr(), data as *mut c_void);
-            } else {
-                let entry = core::mem::transmute::<*const (), Plain>(address);
-                entry(x.as_ptr(), out.as_mut_ptr());
+            match (more.map(<[f64]>::as_mut_ptr), self.data) {
+                (None, None) => call!(*const f64 = from, *mut f64 = to),
+                (Some(more), None) => call!(*const f64 = from, *mut f64 = to, *mut f64 = more),
+                (None, Some(data)) => {
+                    call!(*const f64 = from, *mut f64 = to, *mut c_void = data as *mut c_void)
+                }
+                (Some(more), Some(data)) => call!(
+                    *const f64 = from,
+                    *mut f64 = to,
+                    *mut f64 = more,
+                    *mut c_void = data as *mut c_void
+                ),
             }
         }
     }
@@ -67,7 +85,7 @@ impl Measurement for Compiled {
 
     fn value(&self, x: &[f64], out: &mut [f64]) {
         if x.len() == self.states && out.len() == self.measurements {
-            self.function.call(x, out);
+            self.function.call(x.as_ptr(), out, None);
         } else {
             out.fill(f64::NAN);
         }
@@ -78,7 +96,7 @@ impl Measurement for Compiled {
             Some(jacobian)
                 if x.len() == self.states && out.len() == self.measurements * self.states =>
             {
-                jacobian.call(x, out);
+                jacobian.call(x.as_ptr(), out, None);
                 true
             }
             _ => false,
@@ -98,9 +116,14 @@ impl Compiled {
         measurements: usize,
         kept: Py<PyAny>,
     ) -> Self {
+        let plain = |address, data| Function {
+            address,
+            data,
+            returns: false,
+        };
         Self {
-            function: Function { address, data },
-            jacobian: jacobian.map(|(address, data)| Function { address, data }),
+            function: plain(address, data),
+            jacobian: jacobian.map(|(address, data)| plain(address, data)),
             states,
             measurements,
             kept,
@@ -237,6 +260,94 @@ impl Compiled {
     }
 }
 
+/// A compiled function of one trial's measurements: an estimator, or a quantity.
+#[pyclass(frozen, name = "TrialFunction", module = "gramian._core")]
+pub struct TrialFunction {
+    function: Function,
+    /// Numbers that it writes.
+    size: usize,
+    /// Whether it also writes a covariance (size, size).
+    covariance: bool,
+    /// What the address belongs to.
+    #[allow(dead_code)]
+    kept: Py<PyAny>,
+}
+
+#[pymethods]
+impl TrialFunction {
+    #[new]
+    #[pyo3(signature = (address, data, returns, size, covariance, kept))]
+    fn new(
+        address: usize,
+        data: Option<usize>,
+        returns: bool,
+        size: usize,
+        covariance: bool,
+        kept: Py<PyAny>,
+    ) -> Self {
+        Self {
+            function: Function {
+                address,
+                data,
+                returns,
+            },
+            size,
+            covariance,
+            kept,
+        }
+    }
+
+    /// Of each record z (..., m): what the function returned, and the numbers that it wrote,
+    /// NaN where it wrote none.
+    fn records<'py>(
+        &self,
+        py: Python<'py>,
+        z: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let mut z = Input::unchecked(z, "measurements", 1)?;
+        let m = z.core_shape()[0];
+        let batch = Batch::of(&mut [&mut z])?;
+        let all = z.items()?;
+        let more = if self.covariance {
+            self.size * self.size
+        } else {
+            0
+        };
+        let size = 1 + self.size + more;
+        // Measured on one trial: it sets the pieces that work is cut into, and no number
+        // depends on it.
+        let mut cost = 0.0;
+        if batch.len() > 0 {
+            let (mut own, mut out) = (vec![0.0; m], vec![0.0; size]);
+            let start = Instant::now();
+            self.call(all.get(0), &mut own, &mut out);
+            cost = start.elapsed().as_secs_f64() * 1e9;
+        }
+        batch.fill(py, &[size], cost, |trials, threads, out| {
+            let records = all.skip(trials.start);
+            let scratch = || vec![0.0; m];
+            let each = |own: &mut Vec<f64>, trial: usize, out: &mut [f64]| {
+                self.call(records.get(trial), own, out);
+                Ok::<(), Infallible>(())
+            };
+            let Ok(()) = threads.over_with(out, size, cost, scratch, each);
+        })
+    }
+}
+
+impl TrialFunction {
+    /// The answer about the record `z`, of which the function has a copy of its own to work in.
+    fn call(&self, z: &[f64], own: &mut [f64], out: &mut [f64]) {
+        own.copy_from_slice(z);
+        out.fill(f64::NAN);
+        let (returned, out) = out.split_at_mut(1);
+        let (to, more) = out.split_at_mut(self.size);
+        let more = self.covariance.then_some(more);
+        returned[0] = f64::from(self.function.call(own.as_mut_ptr(), to, more));
+    }
+}
+
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    module.add_class::<Compiled>()
+    module.add_class::<Compiled>()?;
+    module.add_class::<TrialFunction>()
 }
