@@ -456,10 +456,23 @@ def test_a_search_recalls_what_an_exhaustive_one_finds():
     for trial in range(8):
         model = Beacons(rng.uniform(-100, 100, (3, 2)), 1.0)
         handle = handle_of(model, model.h(x := rng.uniform(-150, 150, 2)))
-        found = handle.recall(x, ("box", [-200.0] * 2, [200.0] * 2), 64, trial, 600, 5000.0)
-        count, seen = count + found[0], seen + found[1]
+        box = ("box", [-200.0] * 2, [200.0] * 2)
+        minima, found, level = handle.recall(x, box, 64, trial, 600, 5000.0)
+        count, seen = count + minima, seen + found
+        assert level == 0
     assert count > 5
     assert seen == count
+
+
+def test_places_along_a_level_valley_are_no_minima():
+    def product(x):
+        return np.array([x[0] * x[1], x[0] * x[1] + 1e-13 * x[0]])
+
+    model = gm.from_function(product, [1.0, 1.0], 1.0, ["a", "b"])
+    handle = handle_of(model, [1.0, 1.0])
+    minima, _, level = handle.recall([1.0, 1.0], ("box", [0.5] * 2, [30.0] * 2), 0, 0, 20, 50.0)
+    assert minima == 0
+    assert level > 2
 
 
 def test_pictures_are_drawn():

@@ -796,8 +796,8 @@ impl PyModel {
         })
     }
 
-    /// How many other places there are, by `many` starts, and how many of them a search of
-    /// `starts` finds.
+    /// How many other minima there are, by `many` starts, how many of them a search of `starts`
+    /// finds, and how many places came up that are no minima of their own.
     #[pyo3(signature = (x, spread, starts, seed, many, reach))]
     #[allow(clippy::too_many_arguments)]
     fn recall<'py>(
@@ -809,10 +809,11 @@ impl PyModel {
         seed: u64,
         many: usize,
         reach: f64,
-    ) -> PyResult<(usize, usize)> {
+    ) -> PyResult<(usize, usize, usize)> {
         let x = self.state(x, "x")?;
         let search = self.search(Vec::new(), Some(spread), starts, seed)?;
-        self.run(py, |model| recall(model, &x, &search, many, reach))
+        let recall = self.run(py, |model| recall(model, &x, &search, many, reach))?;
+        Ok((recall.minima, recall.found, recall.level))
     }
 
     /// What the residuals at a state say.

@@ -79,10 +79,8 @@ pub struct Options {
     pub tolerance: f64,
     /// How residuals count.
     pub loss: Loss,
-    /// Given up where so many steps lower chi2 by less than this share of it; 0 for never.
+    /// Given up where so many steps lower chi2 by less than a millionth of it; 0 for never.
     pub patience: u32,
-    /// See `patience`.
-    pub stall: f64,
     /// Damping of the first step, on columns of unit length. 0 goes all the way at once, which
     /// is the faster near a minimum; 1 follows the slope from far away.
     pub damping: f64,
@@ -95,7 +93,6 @@ impl Default for Options {
             tolerance: 1e-8,
             loss: Loss::Squares,
             patience: 0,
-            stall: 1e-6,
             damping: 0.0,
         }
     }
@@ -685,11 +682,12 @@ struct Progress {
     /// Steps and chi2 when patience began.
     since: (u32, f64),
     patience: u32,
-    stall: f64,
 }
 
 /// So many steps of that kind, that hardly lower chi2, end nowhere.
 const FARTHER: u32 = 6;
+/// Patience ends with steps that lower chi2 by less than this share of it.
+const STALL: f64 = 1e-6;
 
 impl Progress {
     fn new(start: &[f64], chi2: f64, options: Options) -> Self {
@@ -699,7 +697,6 @@ impl Progress {
             farther: 0,
             since: (0, chi2),
             patience: options.patience,
-            stall: options.stall,
         }
     }
 
@@ -725,7 +722,7 @@ impl Progress {
         if self.patience == 0 || steps < self.since.0 + self.patience {
             return false;
         }
-        let stalled = self.since.1 - chi2 < self.stall * (1.0 + chi2);
+        let stalled = self.since.1 - chi2 < STALL * (1.0 + chi2);
         self.since = (steps, chi2);
         stalled
     }

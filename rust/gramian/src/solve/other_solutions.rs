@@ -5,8 +5,7 @@
 //! risen and falls again; from points spread over the prior or a box. Each is followed
 //! by the model's own Gauss-Newton steps, and what they reach is clustered. One whose next
 //! step leads to a place that is known already is followed no farther, nor one from where the
-//! way to such a place is nearly straight, nor one that no longer gets anywhere; what is new
-//! is polished.
+//! way to such a place is nearly straight; what is new is polished.
 
 use alloc::vec;
 use alloc::vec::Vec;
@@ -211,9 +210,6 @@ const COARSE: f64 = 1e-2;
 /// the way there, and how much of the way may be left after the next step, where Gauss-Newton
 /// steps lead to it.
 const STRAIGHT: f64 = 0.5;
-/// So many steps that lower chi2 by less than this share of it, before a start is given up.
-const PATIENCE: u32 = 6;
-const STALL: f64 = 1e-4;
 /// Damping of a first step from far away: half the evaluations, and more of the starts come to
 /// rest.
 const FAR: f64 = 1.0;
@@ -240,8 +236,6 @@ impl<'a, M: Model + ?Sized> Places<'a, M> {
         let (model, n) = (self.model, start.len());
         let coarse = Options {
             tolerance: COARSE,
-            patience: PATIENCE,
-            stall: STALL,
             damping: FAR,
             ..self.options
         };

@@ -8,9 +8,10 @@ use super::fit::Fit;
 use super::gauss_newton::{Options, Solution, minimize};
 use super::other_solutions::{Search, other_solutions};
 use super::region::{self, Interval};
-use super::starts::multi_start;
+use super::starts::{multi_start, same_place};
 use super::{Function, Model};
 use crate::batch::{Stream, Threads};
+use crate::observability::Observability;
 
 /// A model whose residuals carry a given noise: the record of one trial.
 #[derive(Clone, Debug)]
@@ -208,39 +209,80 @@ impl<M: Model + ?Sized> Trials<'_, M> {
     }
 }
 
-/// Whether a search from a state finds each of the places that an exhaustive one does.
-///
-/// Returns how many places there are beside the state, within `reach` in chi2 of the best,
-/// and how many of them the search found: `many` points of the spread are followed for the
-/// exhaustive one.
+/// How many of the places that an exhaustive search finds another one finds too.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Recall {
+    /// Minima beside the state searched from.
+    pub minima: usize,
+    /// Those of them that the search found.
+    pub found: usize,
+    /// Places that are no minima of their own: a thousandth of a deviation along their weakest
+    /// direction, and the steps lead elsewhere. Steps come to rest anywhere along a valley
+    /// where chi2 is level to rounding.
+    pub level: usize,
+}
+
+/// Compares a search from a state with an exhaustive one, in which `many` points of the spread
+/// are followed to the end; of what they reach, minima within `reach` in chi2 of the best count.
 pub fn recall<M: Model + ?Sized>(
     model: &M,
     x: &[f64],
     search: &Search,
     many: usize,
     reach: f64,
-) -> (usize, usize) {
+) -> Recall {
     let options = search.options;
     let from = minimize(model, x, &[], options);
     let found = other_solutions(model, &from, search);
+    let mut out = Recall::default();
     let Some(spread) = &search.spread else {
-        return (0, 0);
+        return out;
     };
     let starts = (0..many).map(|i| spread.random(search.seed ^ 0x5eed, i as u64));
     let places = multi_start(model, starts, options);
     let least = places.first().map_or(0.0, |c| c.solution.chi2);
     let mut known: Vec<&Solution> = vec![&found.best];
     known.extend(found.others.iter().map(|o| &o.solution));
-    let (mut count, mut seen) = (0, 0);
     for place in &places {
-        let home = |other: &[f64]| super::starts::same_place(model, other, &place.solution.x);
+        let home = |other: &[f64]| same_place(model, other, &place.solution.x);
         if place.hits == 0 || place.solution.chi2 > least + reach || home(&from.x) {
             continue;
         }
-        count += 1;
-        if known.iter().any(|s| home(&s.x)) {
-            seen += 1;
+        if !stays(model, &place.solution.x, options) {
+            out.level += 1;
+            continue;
         }
+        out.minima += 1;
+        out.found += usize::from(known.iter().any(|s| home(&s.x)));
     }
-    (count, seen)
+    out
+}
+
+/// By how much a place is moved to see if it is a minimum, in deviations, and how many steps
+/// it may take to come back.
+const PUSH: f64 = 1e-3;
+const WAY_BACK: u32 = 3000;
+
+/// Whether steps from a little beside a place lead back to it, on either side along its
+/// weakest direction.
+fn stays<M: Model + ?Sized>(model: &M, x: &[f64], options: Options) -> bool {
+    let n = model.states();
+    let mut residuals = vec![0.0; model.measurements()];
+    let mut rows = vec![0.0; residuals.len() * n];
+    let axis = match model.linearize(x, &mut residuals, Some(&mut rows)) {
+        Ok(()) => Observability::new(&rows, n, None).map(|found| found.longest_axes(1)),
+        Err(_) => return false,
+    };
+    let Some(axis) = axis.ok().and_then(|axes| axes.into_iter().next()) else {
+        return false;
+    };
+    let options = Options {
+        max_iterations: WAY_BACK,
+        ..options
+    };
+    [-PUSH, PUSH].iter().all(|push| {
+        let beside: Vec<f64> = x.iter().zip(&axis).map(|(x, a)| x + push * a).collect();
+        let back = minimize(model, &beside, &[], options);
+        same_place(model, &back.x, x)
+    })
 }

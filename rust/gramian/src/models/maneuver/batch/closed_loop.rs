@@ -290,7 +290,6 @@ const OPTIONS: Options = Options {
     tolerance: 1e-3,
     loss: Loss::Squares,
     patience: 0,
-    stall: 1e-6,
     damping: 0.0,
 };
 
