@@ -81,5 +81,9 @@ def whole(value: Any, name: str, least: int = 0, most: int = 2**63 - 1) -> int:
 
 def wrap_angles(angles: Array) -> Array:
     """Return the angles in (-pi, pi] that differ from these by whole turns."""
-    wrapped: Array = angles - 2 * np.pi * np.ceil(angles / (2 * np.pi) - 0.5)
-    return wrapped
+    # In one array: many records of many angles do not fit the caches several times.
+    wrapped: Array = np.asarray(angles / (2 * np.pi))
+    wrapped -= 0.5
+    np.ceil(wrapped, out=wrapped)
+    wrapped *= 2 * np.pi
+    return np.subtract(angles, wrapped, out=wrapped)

@@ -72,7 +72,9 @@ class Noise(Value):
         """Return noise (..., m) of standard normal numbers (..., draws)."""
         if self.spread.ndim == 1:
             return normals * self.spread
-        noise: Array = normals @ self.spread.T
+        # A product for each sample: one of all together would round differently for
+        # another number of them.
+        noise: Array = np.matmul(normals[..., None, :], self.spread.T)[..., 0, :]
         return noise
 
     def keep(self, kept: NDArray[np.bool_]) -> Noise:

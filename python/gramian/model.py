@@ -215,7 +215,8 @@ class Model(ProblemSource, Value):
         count = 1 if trials is None else whole(trials, "trials", 1)
         start = whole(first, "first")
         normals = _core.normals(whole(seed, "seed", 0, SEED_MOST), start, count, noise.draws)
-        drawn = exact + noise.sample(normals)
+        drawn = noise.sample(normals)
+        drawn += exact
         return drawn if trials is not None else drawn[0]
 
     @property

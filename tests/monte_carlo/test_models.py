@@ -326,3 +326,15 @@ def test_a_report_of_a_run_with_failures_counts_them():
     assert dead.tone == "bad"
     assert dead.headline == "NO ESTIMATE"
     dead.to_json()
+
+
+def test_trials_of_correlated_noise_do_not_depend_on_their_company():
+    random = np.random.default_rng(0)
+    beacons, root = 100 * random.normal(size=(37, 2)), random.normal(size=(37, 37))
+    model = gm.from_function(
+        lambda p: np.hypot(*(beacons - p).T), [3.0, 4.0], root @ root.T, ["east", "north"]
+    )
+    together = model.simulate(seed=1, trials=50)
+    for size in (1, 2, 7):
+        parts = [model.simulate(None, 1, min(size, 50 - k), k) for k in range(0, 50, size)]
+        assert np.concatenate(parts).tobytes() == together.tobytes()

@@ -131,12 +131,16 @@ def squared_over(errors: Array, covariance: Array) -> Array:
     scaled = np.nan_to_num(covariance / (scale[..., :, None] * scale[..., None, :]))
     whole = np.linalg.eigvalsh(scaled)[..., 0] > 0
     usable = np.where(whole[..., None, None], scaled, np.eye(errors.shape[-1]))
-    # One system for each trial, so that no sum depends on how many there are.
-    vectors = (errors / scale)[..., None]
-    solved = np.linalg.solve(
-        np.broadcast_to(usable, (*vectors.shape[:-1], usable.shape[-1])), vectors
-    )
-    squares: Array = np.where(whole, (vectors * solved).sum(axis=(-2, -1)), np.nan)
+    vectors = errors / scale
+    # No sum depends on how many trials there are: one system for each, or the inverse of
+    # the one covariance taken column by column.
+    if usable.ndim == 2:
+        solved = np.zeros_like(vectors)
+        for j, column in enumerate(np.linalg.inv(usable).T):
+            solved += vectors[:, j : j + 1] * column
+    else:
+        solved = np.linalg.solve(usable, vectors[..., None])[..., 0]
+    squares: Array = np.where(whole, (vectors * solved).sum(axis=-1), np.nan)
     return squares
 
 

@@ -131,7 +131,9 @@ class Bearings(Experiment):
         """Return bearings (trials, m), or with a prior (trials, m + 4)."""
         m = self.times.size
         noise = _core.normals(seed, first, trials, m + 4 * bool(self.prior))
-        noisy = self.exact + self.sigma * noise[:, :m]
+        noisy = noise[:, :m]
+        noisy *= self.sigma
+        noisy += self.exact
         wrapped = wrap_angles(noisy)
         if not self.prior:
             return wrapped
