@@ -135,7 +135,7 @@ def squared_over(errors: Array, covariance: Array) -> Array:
     # No sum depends on how many trials there are: one system for each, or the inverse of
     # the one covariance taken column by column.
     if usable.ndim == 2:
-        solved = np.zeros_like(vectors)
+        solved: NDArray[np.floating[Any]] = np.zeros_like(vectors)
         for j, column in enumerate(np.linalg.inv(usable).T):
             solved += vectors[:, j : j + 1] * column
     else:
