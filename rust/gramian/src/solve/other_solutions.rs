@@ -12,7 +12,7 @@ use alloc::vec::Vec;
 
 use super::Model;
 use super::gauss_newton::{Options, Solution, Stage, dot, minimize, minimize_until, norm};
-use super::starts::{Cluster, SAME, Spread, same_place};
+use super::starts::{Cluster, SAME, Spread, moves, same};
 use crate::chi_square;
 use crate::observability::Observability;
 
@@ -109,8 +109,12 @@ pub fn other_solutions<M: Model + ?Sized>(model: &M, x: &Solution, search: &Sear
             places.follow(&start);
         }
     }
-    let mut clusters = places.clusters;
-    let best = (0..clusters.len())
+    let Places {
+        mut clusters,
+        mut local,
+        ..
+    } = places;
+    let first = (0..clusters.len())
         .min_by(|&a, &b| {
             let chi2 = |i: usize| clusters[i].solution.chi2;
             // The given state stays the answer where another one fits no better.
@@ -123,12 +127,14 @@ pub fn other_solutions<M: Model + ?Sized>(model: &M, x: &Solution, search: &Sear
             }
         })
         .unwrap_or(0);
-    let best = clusters.swap_remove(best).solution;
+    let best = clusters.swap_remove(first).solution;
+    let at_best = local.swap_remove(first);
     let mut out = vec![0.0; model.measurements()];
     let mut others: Vec<Other> = clusters
         .into_iter()
-        .filter(|c| !same_place(model, &best.x, &c.solution.x))
-        .map(|c| {
+        .zip(&local)
+        .filter(|(c, local)| !one_place(model, (&best.x, &at_best), (&c.solution.x, local)))
+        .map(|(c, _)| {
             let sound = model.difference(&best.x, &c.solution.x, &mut out).is_ok();
             let distance = if sound { norm(&out) } else { f64::INFINITY };
             Other {
@@ -178,11 +184,7 @@ impl Local {
 
     /// How far a change of the state moves the measurements, squared and whitened, by the rows.
     fn moves(&self, change: &[f64]) -> f64 {
-        let n = change.len().max(1);
-        self.rows
-            .chunks_exact(n)
-            .map(|row| dot(row, change).powi(2))
-            .sum()
+        moves(&self.rows, change)
     }
 
     /// Whether residuals after a change are nearly what the rows foretell.
@@ -203,6 +205,13 @@ impl Local {
     }
 }
 
+/// As [`super::starts::same_place`], where the model at both states is known.
+fn one_place<M: Model + ?Sized>(model: &M, a: (&[f64], &Local), b: (&[f64], &Local)) -> bool {
+    let mut change = vec![0.0; a.0.len()];
+    model.change(a.0, b.0, &mut change);
+    same(&change, &[&a.1.rows, &b.1.rows])
+}
+
 /// How near a start is followed, in deviations, before it is known whether it leads to
 /// something new.
 const COARSE: f64 = 1e-2;
@@ -216,19 +225,15 @@ const FAR: f64 = 1.0;
 
 impl<'a, M: Model + ?Sized> Places<'a, M> {
     fn new(model: &'a M, first: &Solution, options: Options) -> Self {
-        let mut places = Self {
+        Self {
             model,
             options,
-            clusters: Vec::new(),
-            local: Vec::new(),
-        };
-        places.add(first.clone(), 0);
-        places
-    }
-
-    fn add(&mut self, solution: Solution, hits: usize) {
-        self.local.push(Local::new(self.model, &solution.x));
-        self.clusters.push(Cluster { solution, hits });
+            local: vec![Local::new(model, &first.x)],
+            clusters: vec![Cluster {
+                solution: first.clone(),
+                hits: 0,
+            }],
+        }
     }
 
     /// Follows a start; whether it led to a minimum, known or new.
@@ -274,20 +279,21 @@ impl<'a, M: Model + ?Sized> Places<'a, M> {
         if !solution.converged {
             return false;
         }
-        let home = self
-            .clusters
-            .iter()
-            .position(|c| same_place(model, &c.solution.x, &solution.x));
-        match home {
-            Some(index) => {
-                let cluster = &mut self.clusters[index];
-                cluster.hits += 1;
-                if solution.chi2 < cluster.solution.chi2 {
-                    self.local[index] = Local::new(model, &solution.x);
-                    cluster.solution = solution;
-                }
+        let here = Local::new(model, &solution.x);
+        let mut known = self.clusters.iter().zip(&self.local);
+        let home = known.position(|(cluster, local)| {
+            one_place(model, (&cluster.solution.x, local), (&solution.x, &here))
+        });
+        if let Some(index) = home {
+            let cluster = &mut self.clusters[index];
+            cluster.hits += 1;
+            if solution.chi2 < cluster.solution.chi2 {
+                cluster.solution = solution;
+                self.local[index] = here;
             }
-            None => self.add(solution, 1),
+        } else {
+            self.local.push(here);
+            self.clusters.push(Cluster { solution, hits: 1 });
         }
         true
     }

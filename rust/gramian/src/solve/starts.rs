@@ -94,26 +94,28 @@ pub const SAME: f64 = 0.01;
 /// at either.
 pub fn same_place<M: Model + ?Sized>(model: &M, a: &[f64], b: &[f64]) -> bool {
     let (m, n) = (model.measurements(), model.states());
-    let mut residuals = vec![0.0; m];
-    let mut rows = vec![0.0; m * n];
     let mut change = vec![0.0; n];
     model.change(a, b, &mut change);
-    if change.iter().all(|&c| c == 0.0) {
-        return true;
-    }
-    for x in [a, b] {
-        if model.linearize(x, &mut residuals, Some(&mut rows)).is_err() {
-            return false;
-        }
-        let moved: f64 = rows
-            .chunks_exact(n.max(1))
-            .map(|row| super::gauss_newton::dot(row, &change).powi(2))
-            .sum();
-        if !(moved < SAME) {
-            return false;
-        }
-    }
-    true
+    let rows = |x: &[f64]| {
+        let (mut residuals, mut rows) = (vec![0.0; m], vec![0.0; m * n]);
+        let known = model.linearize(x, &mut residuals, Some(&mut rows));
+        known.map_or(Vec::new(), |()| rows)
+    };
+    same(&change, &[]) || same(&change, &[&rows(a)]) && same(&change, &[&rows(b)])
+}
+
+/// Whether a change between two states is none, or a tenth of a deviation by the rows at each;
+/// rows are empty where the model has none.
+pub(super) fn same(change: &[f64], rows: &[&[f64]]) -> bool {
+    let near = |rows: &&[f64]| !rows.is_empty() && moves(rows, change) < SAME;
+    change.iter().all(|&c| c == 0.0) || !rows.is_empty() && rows.iter().all(near)
+}
+
+/// How far a change of the state moves the measurements, squared and whitened, by the rows.
+pub(super) fn moves(rows: &[f64], change: &[f64]) -> f64 {
+    rows.chunks_exact(change.len().max(1))
+        .map(|row| super::gauss_newton::dot(row, change).powi(2))
+        .sum()
 }
 
 /// Puts a solution to the cluster it belongs to, or makes it a new one.
