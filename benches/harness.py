@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from limits import Limit, Rates
+    from limits import Gauge, Limit, Rates
 
 HERE = Path(__file__).parent
 OURS = "gramian"
@@ -136,6 +136,7 @@ class Row:
     operations: dict[str, float] = field(default_factory=dict)  # a unit, by kind
     count: str = ""  # where their numbers come from
     fraction: float | None = None  # of the limit
+    rates: dict[str, float] = field(default_factory=dict)  # by kind, seen beside the contest
     limit: str = ""
     memory: float | None = None  # bytes at the peak beyond the inputs
     message: str = ""
@@ -200,18 +201,31 @@ def grown(contest: Callable[..., Contest], *, quick: bool) -> Iterator[Contest]:
 
 
 def run(
-    contest: Contest, *, rounds: int, limits: Rates, seconds: float = 0.02, patience: float = 4.0
+    contest: Contest,
+    *,
+    rounds: int,
+    limits: Rates,
+    gauge: Gauge | None = None,
+    seconds: float = 0.02,
+    patience: float = 4.0,
 ) -> list[Row]:
     """Run a contest: each round times every contestant once, in turn.
 
-    `seconds` is how long each is timed in a round, `patience` what a slow one may
-    take in all.
+    `gauge` takes its turn too, and its rates stand in for the `limits` then. `seconds` is
+    how long each is timed in a round, `patience` what a slow one may take in all.
     """
     import gramian as gm
 
     contest = replace(contest, contestants=joined(contest))
     ready: list[_Ready] = []
     messages: dict[str, str] = {}
+    rates: Rates = {}
+    bound = {
+        ("one" if one.threads == 1 else "all", kind)
+        for one in contest.contestants
+        if (limit := one.limit or contest.limit)
+        for kind in limit.operations
+    }
     before = gm.set_threads(1)
     try:
         for contestant in contest.contestants:
@@ -230,6 +244,8 @@ def run(
         gc.collect()
         gc.disable()
         for _ in range(rounds):
+            if gauge is not None and limits:
+                gauge.once(rates, sorted(bound))
             for one in ready:
                 if one.times and sum(one.times) * one.units * one.calls > patience:
                     continue  # slow ones need no more rounds
@@ -239,13 +255,17 @@ def run(
     finally:
         gc.enable()
         gm.set_threads(1)
-        rows = _rows(contest, ready, messages, limits)
+        rows = _rows(contest, ready, messages, limits, rates)
         gm.set_threads(before)
     return rows
 
 
 def _rows(
-    contest: Contest, ready: Sequence[_Ready], messages: dict[str, str], limits: Rates
+    contest: Contest,
+    ready: Sequence[_Ready],
+    messages: dict[str, str],
+    limits: Rates,
+    rates: Rates,
 ) -> list[Row]:
     measured = {one.contestant.name: one.times for one in ready if one.times}
     ours = statistics.median(measured[OURS]) if OURS in measured else None
@@ -269,6 +289,7 @@ def _rows(
             row.ratio = row.median / ours if ours else None
             if limit := contestant.limit or contest.limit:
                 row.operations, row.count = limit.operations, limit.count
+                row.rates = rates.get("one" if row.threads == 1 else "all", {})
             if contestant.asked:
                 row.errors = {case: _error(contestant, of) for case, of in contest.cases.items()}
         rows.append(row)
@@ -277,14 +298,19 @@ def _rows(
 
 
 def against(rows: Iterable[Row], limits: Rates) -> None:
-    """Set each row's fraction of the limit, at these rates if there are any."""
+    """Set each row's fraction of the limit: at its own rates, or at these if there are any."""
     from limits import Limit
 
     for row in rows:
         if limits and row.operations and row.minimum:
-            rates = limits["one" if row.threads == 1 else "all"]
+            rates = row.rates or limits["one" if row.threads == 1 else "all"]
             least, kind = Limit(row.operations, row.count).best(rates)
             row.fraction, row.limit = least / row.minimum, f"{kind}: {row.count}"
+
+
+def impossible(rows: Iterable[Row]) -> list[Row]:
+    """Return the rows that are faster than what binds them: their operations or rates are wrong."""
+    return [row for row in rows if row.fraction and row.fraction > 1]
 
 
 def _error(contestant: Contestant, case: Case) -> float:
@@ -435,18 +461,18 @@ def main(contests: Callable[[bool], Iterator[Contest | Footprint]]) -> None:
     """Run one bench module alone and print its tables."""
     import sys
 
-    from limits import measure
+    from limits import Gauge, measure
 
     if any(os.environ.get(name) != value for name, value in ONE_THREAD.items()):
         # numpy is there already, with as many threads as it likes: anew.
         os.execve(sys.executable, [sys.executable, *sys.argv], {**os.environ, **ONE_THREAD})
     quick = "--quick" in sys.argv
     only = [word for word in sys.argv[1:] if not word.startswith("-")]
-    limits = measure()
+    limits, gauge = measure(), Gauge()
     for contest in contests(quick):
         if not only or any(word in contest.name for word in only):
             if isinstance(contest, Footprint):
                 rows = contest.run()
             else:
-                rows = run(contest, rounds=3 if quick else 7, limits=limits)
+                rows = run(contest, rounds=3 if quick else 7, limits=limits, gauge=gauge)
             print(markdown(rows), flush=True)

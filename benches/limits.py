@@ -6,9 +6,9 @@ import ctypes
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from harness import c_library, pointer
@@ -52,6 +52,27 @@ def larger(first: Rates, second: Rates) -> Rates:
     }
 
 
+@dataclass
+class Gauge:
+    """Rates that are seen in turn with the contestants of a contest.
+
+    A machine changes its pace within minutes: what binds is what it does beside the contest.
+    """
+
+    _works: dict[str, Callable[[], float]] = field(default_factory=dict)
+
+    def once(self, rates: Rates, wanted: Iterable[tuple[str, str]]) -> None:
+        """Measure once what is wanted, ("one" or "all", kind); keep the best in `rates`."""
+        for threads, kind in wanted:
+            if kind not in self._works:
+                self._works[kind] = _work(c_library("limits.c", "-fno-math-errno"), kind)
+            count = 1 if threads == "one" else os.cpu_count() or 1
+            # Of memory one piece of work takes milliseconds.
+            rate = _best(self._works[kind], 0.0, count, 2 if kind == "memory" else 10)
+            of = rates.setdefault(threads, {})
+            of[kind] = max(rate, of.get(kind, 0.0))
+
+
 def _work(library: ctypes.CDLL, kind: str) -> Callable[[], float]:
     """Return what does some of the work and tells how much; threads may call it together."""
     name = {"cache": "read", "memory": "read"}.get(kind, kind)
@@ -89,8 +110,11 @@ def _work(library: ctypes.CDLL, kind: str) -> Callable[[], float]:
     return arithmetic
 
 
-def _best(work: Callable[[], float], seconds: float, threads: int) -> float:
-    """Return the best rate of several goes: never fewer than three, however slow the machine."""
+def _best(work: Callable[[], float], seconds: float, threads: int, pieces: int = 10) -> float:
+    """Return the best rate of several goes: never fewer than three, however slow the machine.
+
+    Each of several threads does so many `pieces` of work in a go.
+    """
     best, goes = 0.0, 0
     with ThreadPoolExecutor(threads) as pool:
 
@@ -98,7 +122,7 @@ def _best(work: Callable[[], float], seconds: float, threads: int) -> float:
             if threads == 1:
                 return work()
             # Long enough that the start of the threads does not show.
-            jobs = [pool.submit(lambda: sum(work() for _ in range(10))) for _ in range(threads)]
+            jobs = [pool.submit(lambda: sum(work() for _ in range(pieces))) for _ in range(threads)]
             return sum(job.result() for job in jobs)
 
         go()  # warm: pages are mapped, the clock is up

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from harness import OURS, Row, markdown, percent
+from harness import OURS, Row, impossible, markdown, percent
 from limits import KINDS, Rates
 
 #: One colour and mark a kind of contestant, the same in every picture.
@@ -69,7 +69,8 @@ Written by `{command}`. All contestants of a table take turns within the run, on
 data, so the ratios hold where the machine's speed drifts. `x ours` is a contestant's median
 over ours: above 1, ours is faster. Errors are relative if nothing else is said, against
 arithmetic of 30 to 60 digits; *no digit* is an error of one or more. *Of the limit*: the time
-that the operations of the method take at the rates below, over the time taken.
+that the operations of the method take at the rates measured in turn with the contestants,
+over the time taken.
 """
 
 
@@ -87,7 +88,7 @@ def document(
     text += "\n## Machine and versions\n\n| | |\n|---|---|\n"
     text += "".join(f"| {key} | {value} |\n" for key, value in about.items())
     if limits:
-        text += "\n## The machine's limits\n\nMeasured in the run, G a second.\n\n"
+        text += "\n## The machine's limits\n\nThe best of the run, G a second.\n\n"
         text += "| what | one thread | all |\n|---|---|---|\n"
         for kind, meaning in KINDS.items():
             one, together = (limits[threads][kind] / 1e9 for threads in ("one", "all"))
@@ -127,6 +128,13 @@ def worst(rows: Sequence[Row]) -> str:
         for row in sorted(same, key=lambda row: row.ratio or 0):
             errors = ", ".join(f"{case} {error:.0e}" for case, error in row.errors.items())
             text += f"| {row.contest} | {row.contestant} | {row.ratio:.2f} | {errors} |\n"
+    if wrong := impossible(rows):
+        text += "\n## Errors of the suite\n\nNothing is faster than what binds it: the operations "
+        text += (
+            "or the rates are wrong.\n\n| contest | contestant | of the limit |\n|---|---|---|\n"
+        )
+        for row in wrong:
+            text += f"| {row.contest} | {row.contestant} | {percent(row.fraction)} |\n"
     missing: dict[str, list[Row]] = {}
     for row in rows:
         if row.message:

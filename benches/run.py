@@ -29,8 +29,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from harness import HERE, ONE_THREAD, Footprint, Row, against, markdown, run
-from limits import larger, measure
+from harness import HERE, ONE_THREAD, Footprint, Row, against, impossible, markdown, run
+from limits import Gauge, larger, measure
 from report import document, pictures
 from rich.console import Console
 
@@ -89,6 +89,9 @@ class Run:
         self.console.print(f"written to {RESULTS}")
         if stopped:
             sys.exit(130)
+        if wrong := impossible(self.rows):
+            names = "; ".join(f"{row.contest}: {row.contestant}" for row in wrong)
+            sys.exit(f"faster than what binds them, which is an error of the suite: {names}")
 
     def _part(self, number: int, name: str) -> None:
         began = time.perf_counter()
@@ -127,7 +130,7 @@ class Run:
             return []
 
     def _write(self, path: Path | None = None, drawn: Sequence[str] = ()) -> None:
-        """Write what there is; fractions by the best rates seen until now."""
+        """Write what there is; fractions by the rates beside each contest, or the best seen."""
         against(self.rows, self.limits)
         RESULTS.mkdir(exist_ok=True)
         self.about["minutes"] = round((time.perf_counter() - self.start) / 60, 1)
@@ -164,7 +167,7 @@ def part(name: str, *, quick: bool) -> None:
     def tell(**what: Any) -> None:
         print(MARK + json.dumps(what), flush=True)
 
-    limits = measure(0.03)
+    limits, gauge = measure(0.03), Gauge()
     tell(limits=limits)
     for contest in importlib.import_module(f"bench_{name}").contests(quick):
         tell(contest=contest.name)
@@ -175,6 +178,7 @@ def part(name: str, *, quick: bool) -> None:
                 contest,
                 rounds=3 if quick else 7,
                 limits=limits,
+                gauge=gauge,
                 seconds=0.01 if quick else 0.02,
                 patience=0.5 if quick else 4.0,
             )

@@ -19,13 +19,15 @@ from harness import (
     Contest,
     Contestant,
     Row,
+    against,
     c_function,
+    impossible,
     joined,
     markdown,
     pointer,
     run,
 )
-from limits import KINDS, Limit, larger, measure
+from limits import KINDS, Gauge, Limit, larger, measure
 
 RATES = {"one": dict.fromkeys(KINDS, 1e9), "all": dict.fromkeys(KINDS, 2e9)}
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
@@ -74,6 +76,7 @@ def test_a_contest_lists_times_errors_and_what_failed():
     assert rows["slow"].ratio > 3
     assert rows[OURS].fraction == pytest.approx(8e-9 / rows[OURS].minimum)
     assert rows[OURS].errors == {"well": 0.0}
+    assert rows[OURS].rates == {}
     assert rows["wrong"].errors == {"well": math.inf}
     assert rows["missing"].message == "ImportError: no such peer | at all"
     assert rows["missing"].minimum is None
@@ -82,6 +85,56 @@ def test_a_contest_lists_times_errors_and_what_failed():
     # A message must not break the table.
     assert {line.replace("\\|", "").count("|") for line in lines} == {7}
     assert "no digit" in text
+
+
+def test_limits_take_their_turn_in_each_contest():
+    class Slowing:
+        """A machine that gets slower from round to round, and was ten times as fast before."""
+
+        def __init__(self):
+            self.asked = []
+
+        def once(self, rates, wanted):
+            self.asked.append(list(wanted))
+            for threads, kind in wanted:
+                of = rates.setdefault(threads, {})
+                of[kind] = max(of.get(kind, 0.0), 1e8 / len(self.asked))
+
+    gauge = Slowing()
+    contest = Contest(
+        "sums", "number", 1000.0, np.arange(1000.0),
+        [
+            Contestant(OURS, lambda data: data.sum),
+            Contestant("two threads", lambda data: data.sum, threads=2, limit=Limit({"fma": 1.0}, "")),
+        ],
+        limit=Limit({"cache": 8.0}, "8 bytes each"),
+    )  # fmt: skip
+    ours, two = run(contest, rounds=3, limits=RATES, gauge=gauge, seconds=1e-3)
+    assert gauge.asked == [[("all", "fma"), ("one", "cache")]] * 3
+    assert (ours.rates, two.rates) == ({"cache": 1e8}, {"fma": 1e8})
+    assert ours.fraction == pytest.approx(8e-8 / ours.minimum)
+
+
+@needs_gcc
+def test_the_gauge_keeps_the_best_rate():
+    rates = {"one": {"fma": 1.0, "divide": 1e30}}
+    Gauge().once(rates, [("one", "fma"), ("one", "divide"), ("all", "root")])
+    assert rates["one"]["fma"] > 1e7
+    assert rates["one"]["divide"] == 1e30
+    assert rates["all"]["root"] > 1e7
+
+
+def test_what_is_faster_than_its_limit_is_an_error_of_the_suite():
+    fast, slow = (
+        Row("c", name, "trial", 1, minimum=time, operations={"fma": 1.0}, rates={"fma": 1e9})
+        for name, time in (("fast", 0.5e-9), ("slow", 2e-9))
+    )
+    against([fast, slow], RATES)
+    assert impossible([fast, slow]) == [fast]
+    text = report.worst([fast, slow])
+    assert "## Errors of the suite" in text
+    assert "| c | fast | 200% |" in text
+    assert "slow" not in text
 
 
 def test_slopes_are_those_of_whole_calls():
