@@ -273,6 +273,7 @@ CALLS: dict[str, dict[str, Any]] = {
     },
     "dipole.localize_trials": {
         **PASS,
+        "baselines": np.array([0.0, 0.0, 1.0]),
         "times": PASS_TIMES,
         "sigma": 1e-9,
         "seed": 1,
@@ -289,7 +290,13 @@ CALLS: dict[str, dict[str, Any]] = {
         "earth_field": np.array([2e-5, 0.0, 4e-5]),
     },
     "dipole.problem": {**PASS, "times": PASS_TIMES, "sigma": 1e-9, "scale": np.ones(9)},
-    "dipole.rows": {**PASS, "times": PASS_TIMES, "sigma": 1e-9, "sensors": np.zeros((1, 3))},
+    "dipole.rows": {
+        **PASS,
+        "times": PASS_TIMES,
+        "sigma": 1e-9,
+        "sensors": np.zeros((1, 3)),
+        "baselines": np.ones((1, 3)),
+    },
     "dipole.simulate": {**PASS, "times": PASS_TIMES, "sigma": 1e-9, "seed": 1, "trials": 2},
     "inertial.Leg": {"duration": 60.0, "turn": 0.5, "speed_change": 1.0, "bank": 0.1},
     "inertial.error_model": {

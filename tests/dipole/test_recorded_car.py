@@ -47,6 +47,28 @@ def test_both_sensors_tell_the_speed_and_the_side(example, passes):
         assert found.direction[1] > 0.9, "from the first sensor to the second"
 
 
+def test_the_time_between_the_sensors_agrees_with_the_dipoles_not_with_the_record(example, passes):
+    """It needs no model of the car: the recorded speeds are in the ratio 1.6, the car's in 1.4."""
+    means = []
+    for _, _, times, field in passes:
+        late = example["delays"](times, field, np.ones((2, 3), dtype=bool))
+        speeds = [0.5 / value for value in late.values()]
+        assert len(speeds) == 3
+        assert max(speeds) < 1.08 * min(speeds)
+        means.append(np.mean(speeds))
+        for sources in (1, 3):
+            found = example["together"](times, field, sources=sources)
+            assert found.speed[0] == pytest.approx(means[-1], rel=0.06)
+            wide = found.widened()
+            low, high = wide.interval("speed").pieces[0]
+            assert low < max(speeds)
+            assert high > min(speeds)
+            assert wide.status == found.status == "misfit"
+            assert wide.reason == found.reason
+        assert found.explained > 0.94
+    assert 1.25 < means[1] / means[0] < 1.5
+
+
 def test_a_fitted_correlation_does_not_pass_the_car_for_noise(passes, example):
     """Its residuals grow with the field: a speed that is wrong may not be called determined."""
     for _, _, times, field in passes:
@@ -80,7 +102,8 @@ def test_the_example_runs(example, recorded, capsys):
     example["main"](recorded("car_magnetometer.csv"))
     text = capsys.readouterr().out
     assert text.count("sensor 1 alone") == 2
-    assert text.count("misfit: neighbouring residuals are correlated") == 6
+    assert text.count("misfit: neighbouring residuals are correlated") == 8
+    assert text.count("by the time between the sensors") == 2
     assert "km/h" in text
 
 
@@ -104,4 +127,4 @@ def test_the_example_takes_broken_records_to_the_end(example, recorded, tmp_path
     assert "1x is 4e-07 T throughout" in text
     assert "2y repeats 2x" in text
     assert "no answer" in text
-    assert text.count("both sensors") == 2
+    assert text.count("both sensors, the speed unknown") == 4

@@ -2,7 +2,7 @@
 
 use gramian::chi_square::Goodness;
 use gramian::dipole::localize::{Background, Knowledge, Options, localize};
-use gramian::dipole::{Pass, Sensing, measure, push_rows};
+use gramian::dipole::{Pass, Sensing, Sensors, measure, push_rows};
 use gramian::observability::Observability;
 
 use crate::{Answer, Limits, Question};
@@ -109,8 +109,14 @@ pub fn fit(mut question: Question<'_>) -> Result<Answer, String> {
         sigma: Some(sigma),
         ..Options::default()
     };
-    let found = localize(times, field, &[sensor], &Knowledge::default(), &options)
-        .map_err(|error| error.to_string())?;
+    let found = localize(
+        times,
+        field,
+        &Sensors::vector(&[sensor]),
+        &Knowledge::default(),
+        &options,
+    )
+    .map_err(|error| error.to_string())?;
     let fit = Goodness::new(found.best.cost, field.len() as f64 - ESTIMATED);
     let alone: Vec<f64> = field
         .iter()

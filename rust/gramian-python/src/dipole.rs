@@ -6,7 +6,7 @@ use gramian::dipole::description::{Description, Motion};
 use gramian::dipole::localize::{Background, Knowledge, Loss, Options};
 use gramian::dipole::measured::Measured;
 use gramian::dipole::tracker::{Bound as TrackBound, Sample, Tracker, Wander};
-use gramian::dipole::{Pass, Sensing};
+use gramian::dipole::{Pass, Sensing, Sensors};
 use gramian::posterior::Posterior;
 use gramian::solve::Model;
 use gramian::solve::noise::Whitening;
@@ -342,6 +342,29 @@ fn knowledge(exact: [f64; 11], prior: [[f64; 2]; 11]) -> Knowledge {
     }
 }
 
+/// Sensors of a record: `places`, `baselines` (none, or one for each) and `ambient`.
+#[derive(FromPyObject)]
+struct PySensors {
+    places: Vec<[f64; 3]>,
+    baselines: Vec<[f64; 3]>,
+    ambient: Option<[f64; 3]>,
+}
+
+impl PySensors {
+    fn sensors(&self) -> PyResult<Sensors<'_>> {
+        let (places, baselines) = (self.places.len(), self.baselines.len());
+        if baselines != 0 && baselines != places {
+            let text = format!("baselines has {baselines} entries: must be {places}, one a sensor");
+            return Err(InputError::new_err(text));
+        }
+        Ok(Sensors {
+            places: &self.places,
+            baselines: &self.baselines,
+            ambient: self.ambient,
+        })
+    }
+}
+
 #[derive(FromPyObject)]
 struct PyOptions {
     background: String,
@@ -386,11 +409,12 @@ fn dipole_localize<'py>(
     py: Python<'py>,
     times: &Bound<'py, PyAny>,
     field: &Bound<'py, PyAny>,
-    sensors: Vec<[f64; 3]>,
+    sensors: PySensors,
     exact: [f64; 11],
     prior: [[f64; 2]; 11],
     options: PyOptions,
 ) -> PyResult<Bound<'py, PyDict>> {
+    let sensors = sensors.sensors()?;
     let mut times = Input::new(times, "times", 1)?;
     times.expect_entries()?;
     times.expect_increasing("s")?;
@@ -402,10 +426,11 @@ fn dipole_localize<'py>(
         "",
         "must be finite, or NaN where it is missing",
     )?;
-    let wanted = [Some(samples), Some(sensors.len()), Some(3)];
-    field.expect(&wanted, "three components for each time and sensor")?;
+    let (count, components) = (sensors.places.len(), sensors.components());
+    let wanted = [Some(samples), Some(count), Some(components)];
+    field.expect(&wanted, "the components for each time and sensor")?;
     let batch = Batch::of(&mut [&mut times, &mut field])?;
-    let size = batch::dipole_localized_size(samples, sensors.len());
+    let size = batch::dipole_localized_size(samples, sensors.channels());
     let (knowledge, options) = (knowledge(exact, prior), options.options()?);
     let (times, field) = (times.items()?, field.items()?);
     let cost = batch::localize_cost(field.size());
@@ -420,7 +445,6 @@ fn dipole_localize<'py>(
             out,
         )
     })?;
-    let count = sensors.len();
     let parts: [(&str, &[usize]); 11] = [
         ("state", &[9]),
         ("mirror", &[9]),
@@ -430,9 +454,9 @@ fn dipole_localize<'py>(
         ("converged", &[]),
         ("rounds", &[]),
         ("efficiency", &[]),
-        ("background", &[count, 3]),
-        ("residuals", &[samples, count, 3]),
-        ("weights", &[samples, count, 3]),
+        ("background", &[count, components]),
+        ("residuals", &[samples, count, components]),
+        ("weights", &[samples, count, components]),
     ];
     batch.named(&records, &parts)
 }
@@ -445,7 +469,7 @@ fn dipole_localize_trials<'py>(
     times: &Bound<'py, PyAny>,
     state: [f64; 9],
     sigma: f64,
-    sensors: Vec<[f64; 3]>,
+    sensors: PySensors,
     exact: [f64; 11],
     prior: [[f64; 2]; 11],
     options: PyOptions,
@@ -458,13 +482,13 @@ fn dipole_localize_trials<'py>(
     times.expect_increasing("s")?;
     let (knowledge, options) = (knowledge(exact, prior), options.options()?);
     let pass = Pass::of(&state);
-    let times = times.slice()?;
-    let cost = batch::localize_cost(3 * times.len() * sensors.len());
+    let (times, sensors) = (times.slice()?, sensors.sensors()?);
+    let cost = batch::localize_cost(times.len() * sensors.channels());
     Batch::trials(first, trials).fill(py, &[11], cost, |range, threads, out| {
         let simulated = Simulated {
             times,
             pass: &pass,
-            sensors: &sensors,
+            sensors,
             sigma,
             seed,
             first: first + range.start as u64,
@@ -495,7 +519,7 @@ impl PyRecord {
     fn new(
         times: &Bound<'_, PyAny>,
         field: &Bound<'_, PyAny>,
-        sensors: Vec<[f64; 3]>,
+        sensors: PySensors,
         weights: &Bound<'_, PyAny>,
         offsets: bool,
         exact: [f64; 11],
@@ -507,18 +531,22 @@ impl PyRecord {
         let times = Input::new(times, "times", 1)?;
         times.expect_entries()?;
         let samples = times.core_shape()[0];
-        let shape = [Some(samples), Some(sensors.len()), Some(3)];
+        let sensors = sensors.sensors()?;
+        let (count, components) = (sensors.places.len(), sensors.components());
+        let shape = [Some(samples), Some(count), Some(components)];
         let field = Input::new(field, "field", 3)?;
-        field.expect(&shape, "three components for each time and sensor")?;
+        field.expect(&shape, "the components for each time and sensor")?;
         let weights = Input::new(weights, "weights", 3)?;
         weights.expect(&shape, "one for each number of the field")?;
+        let quiet = sensors.quiet();
+        let beside: Vec<f64> = field.slice()?.iter().map(|y| y - quiet).collect();
         let record = Measured::new(
             times.slice()?,
             &sensors,
-            field.slice()?,
+            &beside,
             Whitening::first_order(
                 times.slice()?,
-                3 * sensors.len(),
+                sensors.channels(),
                 weights.slice()?.to_vec(),
                 correlation,
                 spacing,

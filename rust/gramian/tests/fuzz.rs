@@ -21,7 +21,7 @@ use std::time::Duration;
 use gramian::bearings::{self, Form, Monitor};
 use gramian::bound;
 use gramian::chi_square;
-use gramian::dipole::{self, Accumulator, Pass, Sensing};
+use gramian::dipole::{self, Accumulator, Pass, Sensing, Sensors};
 use gramian::inertial::{
     self, Group, Leg, Motion, Output, Recorded, Sample, Segments, Start, Sway,
 };
@@ -802,6 +802,35 @@ fn bodies<T: Number>(draw: &mut Draw<T>) {
     assert_eq!(Description::source(1)[3].0, "mx of dipole 2");
 }
 
+/// What sensors of every kind read of a pass, in double precision alone.
+fn sensors<T: Number>(draw: &mut Draw<T>) {
+    let wide = |x: [T; 3]| x.map(Real::double);
+    let (state, times): ([T; 9], [T; 2]) = (draw.array(), draw.array());
+    let (state, times) = (state.map(Real::double), times.map(Real::double));
+    let (places, apart) = ([wide(draw.array())], [wide(draw.array())]);
+    let ambient = (draw.below(2) == 0).then(|| wide(draw.array()));
+    let kind = Sensors {
+        places: &places,
+        baselines: &apart[..draw.index(2)],
+        ambient,
+    };
+    let mut out = vec![0.0; 2 * kind.channels()];
+    let result = kind.measure(&times, &Pass::of(&state), &mut out);
+    if draw.taken(result).is_some() {
+        assert!(out.iter().all(|x| x.is_finite()));
+        assert!(kind.quiet() >= 0.0);
+    }
+    let heads = kind.heads(0).count();
+    assert_eq!(heads, 1 + kind.baselines.len());
+    assert_eq!(kind.channels(), kind.components() * places.len());
+    assert_eq!(kind.along().is_some(), ambient.is_some());
+    assert_eq!(
+        kind.plain(),
+        kind == Sensors::vector(&places),
+        "a sensor of three components has no more"
+    );
+}
+
 fn passes<T: Number>(draw: &mut Draw<T>) {
     let pass = Pass::of(&draw.array());
     let sound = draw.sound;
@@ -1538,6 +1567,7 @@ cases![
     passes,
     #[cfg(feature = "std")]
     bodies,
+    sensors,
     accumulator,
     tracker,
     laws,

@@ -16,7 +16,7 @@ from gramian._values import Value
 from gramian.estimation import Channel, channel_faults
 from gramian.models.dipole._model import MU0, NAMES
 
-__all__ = ["KNOWABLE", "PARTS", "Description", "DipoleModel"]
+__all__ = ["KNOWABLE", "PARTS", "Description", "DipoleModel", "Heads"]
 
 Array = NDArray[np.float64]
 
@@ -63,6 +63,42 @@ class Description(Value):
         return f"{dipoles}, {self.motion}{induced}"
 
 
+@dataclass(frozen=True)
+class Heads:
+    """Sensors as the extension takes them."""
+
+    places: list[list[float]]
+    baselines: list[list[float]]
+    ambient: tuple[float, float, float] | None
+
+    @classmethod
+    def of(
+        cls,
+        sensors: Array,
+        baselines: Array | None,
+        ambient: tuple[float, float, float] | None,
+    ) -> Heads:
+        """Return sensors (S, 3), with their baselines where they are gradiometers."""
+        return cls(sensors.tolist(), [] if baselines is None else baselines.tolist(), ambient)
+
+    @property
+    def components(self) -> int:
+        """Numbers of one sample of one sensor."""
+        return 3 if self.ambient is None else 1
+
+    @property
+    def axes(self) -> str:
+        """Letters of the components."""
+        return "xyz" if self.ambient is None else "F"
+
+    @property
+    def quiet(self) -> float:
+        """The reading without a dipole, T."""
+        if self.ambient is None or self.baselines:
+            return 0.0
+        return float(np.linalg.norm(self.ambient))
+
+
 @dataclass(frozen=True, eq=False)
 class DipoleModel(Value):
     """The fields of a pass at one or more sensors.
@@ -77,7 +113,7 @@ class DipoleModel(Value):
         Seconds since the instant of the state.
     sensors : ndarray, shape (S, 3)
         Metres.
-    weights : ndarray, shape (K, S, 3)
+    weights : ndarray, shape (K, S, 3), or (K, S, 1) of the total field
         1 / sigma of each number of the field, 1/T; 0 for one that does not count.
     near : ndarray, shape (9,)
         A pass near the one looked for: it settles from which axis angles count.
@@ -91,6 +127,10 @@ class DipoleModel(Value):
         The time between neighbours of which it is told, s.
     description : Description
         What there is beside one dipole on a straight pass.
+    baselines : ndarray, shape (S, 3), or None
+        Of gradiometers: from each sensor to its second head, metres.
+    ambient : tuple of float, or None
+        Of sensors of the total field: the field without the dipole, tesla.
     """
 
     times: Array
@@ -103,13 +143,20 @@ class DipoleModel(Value):
     correlation: float = 0.0
     spacing: float = 1.0
     description: Description = Description()
+    baselines: Array | None = None
+    ambient: tuple[float, float, float] | None = None
+
+    @property
+    def heads(self) -> Heads:
+        """The sensors as the extension takes them."""
+        return Heads.of(self.sensors, self.baselines, self.ambient)
 
     def record(self, z: ArrayLike) -> _core.DipoleRecord:
-        """Return the extension's record of these fields, (K, S, 3) or flat, tesla."""
+        """Return the extension's record of these fields, (K, S, components) or flat, tesla."""
         plain = _core.DipoleRecord(
             self.times,
             finite(z, "field").reshape(self.weights.shape),
-            self.sensors.tolist(),
+            self.heads,
             self.weights,
             self.background,
             [self.known.get(name, np.nan) for name in KNOWABLE],
@@ -150,7 +197,7 @@ class DipoleModel(Value):
 
     @property
     def used(self) -> NDArray[np.bool_]:
-        """Which channels (3 S,) count."""
+        """Which channels (components S,) count."""
         used: NDArray[np.bool_] = (self.weights > 0).any(axis=0).ravel()
         return used
 
@@ -242,7 +289,7 @@ class DipoleModel(Value):
         return self.record(z).model()
 
     def h(self, x: ArrayLike) -> Array:
-        """Return the exact fields (3 K S,) at a state, tesla."""
+        """Return the exact readings (components K S,) at a state, tesla."""
         # Constants are of the channels that count.
         even = replace(
             self,
@@ -266,11 +313,11 @@ class DipoleModel(Value):
         return exact
 
     def residuals(self, x: ArrayLike, z: ArrayLike) -> Array:
-        """Return the whitened residuals (3 K S,) of fields at a state."""
+        """Return the whitened residuals (components K S,) of fields at a state."""
         return self.handle(finite(z, "z")).linearize(x)[0][: self.weights.size]
 
     def rows(self, x: ArrayLike) -> Array:
-        """Return the whitened rows (3 K S, n) at a state."""
+        """Return the whitened rows (components K S, n) at a state."""
         return self._blank.model().linearize(x)[1][: self.weights.size]
 
     def alternatives(self, x: Array, z: Array) -> dict[str, Array]:
@@ -283,15 +330,17 @@ class DipoleModel(Value):
 
     def faults(self, z: Array) -> tuple[str, ...]:
         """Return which channels are dead, stuck or doubled, in words."""
-        sensors = len(self.sensors)
-        places = np.arange(self.weights.size).reshape(-1, 3 * sensors)
+        sensors, axes = len(self.sensors), self.heads.axes
+        count = len(axes)
+        places = np.arange(self.weights.size).reshape(-1, count * sensors)
         channels = [
             Channel(
-                f"channel {'xyz'[c % 3]}" + (f" of sensor {c // 3 + 1}" if sensors > 1 else ""),
+                f"channel {axes[c % count]}"
+                + (f" of sensor {c // count + 1}" if sensors > 1 else ""),
                 places[:, c],
                 self.times,
             )
-            for c in range(3 * sensors)
+            for c in range(count * sensors)
         ]
         # Zero where a number does not count.
         sigma = np.divide(

@@ -22,8 +22,8 @@ from gramian.analysis import analyze
 from gramian.estimation import Solution as Other
 from gramian.estimation._knowledge import levels
 from gramian.exceptions import InputError, UnobservableError
-from gramian.models.dipole._estimate import KNOWABLE, Description, DipoleModel
-from gramian.models.dipole._model import NAMES, UNITS, Pass, problem
+from gramian.models.dipole._estimate import KNOWABLE, Description, DipoleModel, Heads
+from gramian.models.dipole._model import NAMES, UNITS, Pass, as_ambient, as_baselines, problem
 from gramian.models.dipole._result import (
     ClosestPoint,
     Localization,
@@ -72,6 +72,8 @@ def localize(
     *,
     prior: Mapping[str, tuple[float, float]] | None = None,
     sensors: ArrayLike | None = None,
+    ambient: ArrayLike | None = None,
+    baselines: ArrayLike | None = None,
     background: Background | Literal["drift"] | None = None,
     sources: int | Sequence[int] = 1,
     motion: Motion | Sequence[Motion] = "straight",
@@ -97,7 +99,7 @@ def localize(
     times : array_like, shape (K,)
         Increasing, seconds. The state is that of the first one.
     field : array_like, shape (K, 3), or (K, S, 3) with `sensors`
-        Tesla.
+        Tesla; with `ambient` (K,) or (K, S), as `measure` returns.
     known : mapping of str to float, optional
         What is known exactly: x0 (or x), y0, z0, vx, vy, vz, mx, my, mz, speed
         (m/s), moment (its size, A m^2).
@@ -105,8 +107,17 @@ def localize(
         What is known to a standard deviation, by the same names.
     sensors : array_like, shape (S, 3), optional
         Where the sensors are, metres; one at the origin by default.
+    ambient : array_like, shape (3,), optional
+        The field without the dipole, tesla, at sensors of the total field: they read
+        ``|ambient + field|``. Its size may be a little off where a `background` is fitted;
+        its direction counts.
+    baselines : array_like, shape (3,) or (S, 3), optional
+        From each sensor to its second head, metres, of gradiometers: `field` is the
+        difference, that of the second head less that of the first, tesla (the gradient
+        times the length).
     background : {"median", "fit"}, optional
-        What to do about a constant field in the record: fit a constant to each channel;
+        What to do about a constant field in the record (of the total field, beside the size
+        of `ambient`): fit a constant to each channel;
         with "median" the median of the whole record is taken off first; with "drift" a
         line in time is fitted beside the constant. Nothing by default.
     sources : int or sequence of int
@@ -125,7 +136,8 @@ def localize(
     loss : {"gaussian", "huber"}
         Squares, or Huber's loss with spikes rejected.
     sigma : float, optional
-        Standard deviation of the noise, tesla; estimated from the residuals by default.
+        Standard deviation of the noise of a number, tesla (for gradiometers that of the
+        difference); estimated from the residuals by default.
     window : "pass" or (start, end), optional
         Use only these times; "pass" finds the pass first and keeps four times
         the time from its closest point to 45 degrees on both sides.
@@ -133,7 +145,7 @@ def localize(
         What to do about numbers that are NaN.
     use : array_like of bool, shape (3 S,), (S, 3) or that of `field`, optional
         Which channels, or which numbers, to use: ``check_record(times, field).usable`` for
-        one. All by default.
+        one. All by default. With `ambient` (S,), (S, 1) or that of `field`.
     correlation : float or "fit"
         Of the noise of neighbouring samples of a channel, at the usual time between them:
         from 0, white noise, to below 1; or fitted with the pass.
@@ -174,6 +186,11 @@ def localize(
     that of the M-estimate; where the model itself is the larger error it is too small.
     Correlated noise is of first order, its parameters by restricted maximum likelihood.
 
+    The total field is searched by its component along `ambient`, and the best ends are fitted
+    as the sensors read. Where the dipole's field is far weaker than the ambient one a single
+    sensor tells five numbers of the nine: a time, a duration, three sizes. The mirror image at a
+    single gradiometer is that about its middle, with the opposite moment.
+
     Examples
     --------
     >>> import numpy as np, gramian as gm
@@ -183,7 +200,14 @@ def localize(
     >>> answer.m.round(1), answer.mirror
     (array([10., 20., 10.]), None)
     """
-    setup = _Setup(known, prior, sensors, background, loss, sigma, starts, drift=True)
+    setup = _Setup(
+        known, prior, sensors, background, loss, sigma, starts, ambient, baselines, drift=True
+    )
+    if ambient is not None and (attitude is not None or scale is not None):
+        raise InputError(
+            "attitude and scale are errors of sensors of three components: with ambient, leave "
+            "them out"
+        )
     wanted = _descriptions(sources, motion, background == "drift", attitude, scale, earth_field)
     limits = levels(alpha, chance, weak_ratio)
     setup.max_iterations = whole(max_iterations, "max_iterations", 1, ITERATIONS_MOST)
@@ -195,11 +219,11 @@ def localize(
     t, y, dropped = setup.samples(times, field, missing, use)
     # The instant of the state, whichever samples are used.
     origin = float(np.ravel(as_float_array(times, "times"))[0])
-    offsets = np.zeros((y.shape[1], 3))
+    offsets = np.zeros(y.shape[1:])
     if background == "median":
         # Over the whole record: a window of the pass alone has no quiet part.
         measured = ~np.isnan(y).all(axis=0)
-        offsets[measured] = np.nanmedian(y[:, measured], axis=0)
+        offsets[measured] = np.nanmedian(y[:, measured], axis=0) - setup.heads.quiet
         y = y - offsets
     fixed = 0.0 if fitted else float(correlation)
     inner = setup.options("none" if background is None else "fit", origin, fixed)
@@ -482,6 +506,8 @@ def localize_many(
     *,
     prior: Mapping[str, tuple[float, float]] | None = None,
     sensors: ArrayLike | None = None,
+    ambient: ArrayLike | None = None,
+    baselines: ArrayLike | None = None,
     background: Background | None = None,
     loss: Loss = "gaussian",
     sigma: float | None = None,
@@ -494,8 +520,8 @@ def localize_many(
     times : array_like, shape (..., K)
         Increasing, seconds.
     field : array_like, shape (..., K, 3), or (..., K, S, 3) with `sensors`
-        Tesla.
-    known, prior, sensors, background, loss, sigma, starts
+        Tesla; with `ambient` (..., K) or (..., K, S).
+    known, prior, sensors, ambient, baselines, background, loss, sigma, starts
         As for `localize`.
 
     Returns
@@ -516,18 +542,17 @@ def localize_many(
     >>> gm.dipole.localize_many(t, y, {"z": 5.0, "vz": 0.0}, sigma=1e-9).states.shape
     (4, 9)
     """
-    setup = _Setup(known, prior, sensors, background, loss, sigma, starts)
+    setup = _Setup(known, prior, sensors, background, loss, sigma, starts, ambient, baselines)
     y = as_float_array(field, "field")
-    if y.ndim < (2 if sensors is None else 3):
-        raise InputError(
-            f"field has shape {y.shape}: must be "
-            + ("(..., K, 3)" if sensors is None else "(..., K, S, 3)")
-        )
+    if y.ndim < 1 + (sensors is not None) + (ambient is None):
+        raise InputError(f"field has shape {y.shape}: must be (..., {setup.wanted[1:]}")
+    if ambient is not None:
+        y = y[..., None]
     if sensors is None:
         y = y[..., None, :]
     finite(y, "field")
     if background == "median":
-        offsets = np.median(y, axis=-3, keepdims=True)
+        offsets = np.median(y, axis=-3, keepdims=True) - setup.heads.quiet
         y = y - offsets
     when = _as_times(times)
     setup.enough(np.empty((*when.shape[-1:], *y.shape[-2:])))
@@ -554,6 +579,8 @@ def localize_trials(
     known: Mapping[str, float] | None = None,
     prior: Mapping[str, tuple[float, float]] | None = None,
     sensors: ArrayLike | None = None,
+    ambient: ArrayLike | None = None,
+    baselines: ArrayLike | None = None,
     first: int = 0,
     starts: int = 12,
 ) -> Array:
@@ -567,7 +594,7 @@ def localize_trials(
         >= 0. Trial i depends on (seed, i) alone and has the noise of `simulate`.
     trials : int
         How many, >= 1.
-    known, prior, sensors, starts
+    known, prior, sensors, ambient, baselines, starts
         As for `localize`.
     first : int
         Number of the first trial.
@@ -590,15 +617,15 @@ def localize_trials(
     """
     seed, first = whole(seed, "seed", 0, SEED_MOST), whole(first, "first")
     trials = whole(trials, "trials", 1)
-    setup = _Setup(known, prior, sensors, None, "gaussian", sigma, starts)
+    setup = _Setup(known, prior, sensors, None, "gaussian", sigma, starts, ambient, baselines)
     times = _as_times(times)
-    setup.enough(np.empty((times.size, len(setup.sensors), 3)))
+    setup.enough(np.empty((times.size, len(setup.sensors), setup.heads.components)))
     state = np.concatenate([_three(r0, "r0"), _three(v, "v"), _three(m, "m")])
     out = _core.dipole_localize_trials(
         times,
         state.tolist(),
         number(sigma, "sigma [T]"),
-        setup.sensors.tolist(),
+        setup.heads,
         setup.exact,
         setup.priors,
         setup.options("none", None),
@@ -622,6 +649,8 @@ class _Setup:
         loss: str,
         sigma: float | None,
         starts: int,
+        ambient: ArrayLike | None,
+        baselines: ArrayLike | None,
         drift: bool = False,
     ) -> None:
         self.known = {
@@ -656,11 +685,21 @@ class _Setup:
         if self.sensors.ndim != 2 or self.sensors.shape[1] != 3 or not len(self.sensors):
             raise InputError(f"sensors has shape {self.sensors.shape}: must be (S, 3)")
         finite(self.sensors, "sensors")
+        self.ambient = as_ambient(ambient)
+        self.baselines = None if baselines is None else as_baselines(baselines, self.sensors.shape)
+        self.heads = Heads.of(self.sensors, self.baselines, self.ambient)
         self.background, self.loss, self.sigma, self.starts = background, loss, sigma, starts
         self.max_iterations = 200
-        self.used = 3 * len(self.sensors)
+        self.used = self.heads.components * len(self.sensors)
         self.exact = [self.known.get(name, np.nan) for name in KNOWABLE]
         self.priors = [list(self.prior.get(name, (np.nan, np.nan))) for name in KNOWABLE]
+
+    @property
+    def wanted(self) -> str:
+        """The shape of a field."""
+        axes = ["K"] if self.one_sensor else ["K", str(len(self.sensors))]
+        axes += ["3"] if self.ambient is None else []
+        return f"({', '.join(axes)}{',' * (len(axes) == 1)})"
 
     @property
     def unknowns(self) -> int:
@@ -699,23 +738,28 @@ class _Setup:
             inner.correlation,
             float(np.median(np.diff(t))) if len(t) > 1 else 1.0,
             about,
+            self.baselines,
+            self.ambient,
         )
 
     def samples(
         self, times: ArrayLike, field: ArrayLike, missing: str, use: ArrayLike | None
     ) -> tuple[Array, Array, int]:
-        """Return times (K,), field (K, S, 3) and how many numbers were dropped for being NaN.
+        """Return times (K,), field (K, S, components) and how many numbers are NaN, dropped.
 
         Numbers that are not used are NaN.
         """
         t, y = _as_times(times).copy(), as_float_array(field, "field").copy()
-        wanted = "(K, 3)" if self.one_sensor else f"(K, {len(self.sensors)}, 3)"
+        components = self.heads.components
+        if self.ambient is not None and y.ndim == 1 + (not self.one_sensor):
+            y = y[..., None]
         if self.one_sensor and y.ndim == 2:
             y = y[:, None, :]
-        if t.ndim != 1 or y.shape != (len(t), len(self.sensors), 3):
+        if t.ndim != 1 or y.shape != (len(t), len(self.sensors), components):
+            what = "three components" if components == 3 else "the total field"
             raise InputError(
-                f"field has shape {np.shape(field)} for {t.size} times: must be {wanted}, "
-                "three components for each time" + ("" if self.one_sensor else " and sensor")
+                f"field has shape {np.shape(field)} for {t.size} times: must be {self.wanted}, "
+                f"{what} for each time" + ("" if self.one_sensor else " and sensor")
             )
         options.choice(missing, "missing", ("raise", "drop"))
         wrong = ~np.isfinite(y)
@@ -760,9 +804,7 @@ class _Setup:
             )
 
     def run(self, times: ArrayLike, field: Array, options: _Options) -> _core._DipoleLocalized:
-        return _core.dipole_localize(
-            times, field, self.sensors.tolist(), self.exact, self.priors, options
-        )
+        return _core.dipole_localize(times, field, self.heads, self.exact, self.priors, options)
 
 
 def _as_times(times: ArrayLike) -> Array:
@@ -866,7 +908,7 @@ def _localization(
     absent = np.isnan(y)
     y = np.where(absent, 0.0, y)
     covariance = _covariance(model, model.handle(y), state, t, fit.sigma, setup)
-    signal = y - fit.fitted
+    signal = y - setup.heads.quiet - fit.fitted
     good = weights > 0
     residuals = fit.residuals
     return Localization(
@@ -951,7 +993,15 @@ def _covariance(
 def _refusal(here: Pass, t: Array, sigma: float, setup: _Setup, directions: Sequence[str]) -> str:
     given = ", ".join(f"{name} = {value:g}" for name, value in setup.known.items())
     given += ", ".join(f"prior of {name}" for name in setup.prior)
-    answer = analyze(problem(*here, t, sigma, sensors=setup.sensors))
+    scene = problem(
+        *here,
+        t,
+        sigma,
+        sensors=setup.sensors,
+        ambient=setup.ambient,
+        baselines=setup.baselines,
+    )
+    answer = analyze(scene)
     told = setup.known.keys() | setup.prior.keys()
     repairs = [
         s.name
@@ -1030,15 +1080,19 @@ def _used(use: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.bool_]:
         given = np.empty(0)
     if given.dtype != bool:
         raise InputError(f"use = {options.given(use)}: must be True or False for each")
-    samples, sensors = shape[:2]
-    for whole_shape in ((3 * sensors,), (sensors, 3), (samples, sensors, 3), (samples, 3)):
+    samples, sensors, components = shape
+    shapes = [(components * sensors,), (sensors, components), shape]
+    if sensors == 1:
+        shapes.append((samples, components))
+    if components == 1:
+        shapes.append((samples, sensors))
+        shapes += [(samples,)] if sensors == 1 else []
+    for whole_shape in shapes:
         if given.shape == whole_shape and (len(whole_shape) < 3 or given.size):
-            if whole_shape == (samples, 3) and sensors != 1:
-                continue
-            flat = given.reshape(-1, sensors, 3)
-            return np.broadcast_to(flat, shape)
+            return np.broadcast_to(given.reshape(-1, sensors, components), shape)
     raise InputError(
-        f"use has shape {given.shape}: must be ({3 * sensors},), ({sensors}, 3) or that of field"
+        f"use has shape {given.shape}: must be ({components * sensors},), "
+        f"({sensors}, {components}) or that of field"
     )
 
 

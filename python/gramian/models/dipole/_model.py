@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -181,6 +182,7 @@ def rows(
     *,
     sensors: ArrayLike | None = None,
     ambient: ArrayLike | None = None,
+    baselines: ArrayLike | None = None,
 ) -> Array:
     """Return whitened rows of the field of a dipole at constant velocity.
 
@@ -201,6 +203,9 @@ def rows(
     ambient : array_like, shape (3,), optional
         The field without the dipole, tesla. With it the sensors are of the total
         field: they measure ``|ambient + field|``, one number instead of three.
+    baselines : array_like, shape (3,) or (S, 3), optional
+        From each sensor to its second head, metres. With it the sensors are gradiometers:
+        they measure the difference, that of the second head less that of the first, tesla.
 
     Returns
     -------
@@ -219,7 +224,9 @@ def rows(
     -----
     Dai, Zhou & Shan 2020, eq. (19). One sensor of three components always has
     the null vector (r0, v, 3 m); one of the total field also has that of a turn
-    about the ambient field.
+    about the ambient field, and where the field of the dipole is far weaker than the
+    ambient one two more that its rows hardly show: it has five numbers to tell, a time, a
+    duration and three sizes. A gradiometer has none in general: its baseline is a length.
 
     Examples
     --------
@@ -227,9 +234,12 @@ def rows(
     >>> a.shape, bool(abs(a @ [-10, -10, 5, 1, 1, 0, 30, 60, 30]).max() < 1e-12 * abs(a).max())
     ((63, 9), True)
     """
+    level, along = _at_least_1d(sigma), as_ambient(ambient)
     return require_finite(
-        _core.dipole_rows(
-            times, r0, v, m, _at_least_1d(sigma), _sensors(sensors), _ambient(ambient)
+        _of_heads(
+            sensors,
+            baselines,
+            lambda places: _core.dipole_rows(times, r0, v, m, level, places, along),
         ),
         "a row",
     )
@@ -243,25 +253,32 @@ def measure(
     *,
     sensors: ArrayLike | None = None,
     ambient: ArrayLike | None = None,
+    baselines: ArrayLike | None = None,
 ) -> Array:
     """Return what sensors measure of a dipole at constant velocity, without noise.
 
     Parameters
     ----------
-    r0, v, m, times, sensors, ambient
+    r0, v, m, times, sensors, ambient, baselines
         As for `rows`.
 
     Returns
     -------
     ndarray, shape (..., K, 3) or (..., K), with ``sensors`` (..., K, S, 3) or (..., K, S)
-        Tesla. With `ambient` the total field, otherwise three components.
+        Tesla. With `ambient` the total field, otherwise three components; with `baselines`
+        their differences.
 
     Examples
     --------
     >>> measure([-10, -10, 5], [1, 1, 0], [10, 20, 10], np.arange(21.0)).shape
     (21, 3)
     """
-    out = _core.dipole_measure(times, r0, v, m, _sensors(sensors), _ambient(ambient))
+    along = as_ambient(ambient)
+    out = _of_heads(
+        sensors,
+        baselines,
+        lambda places: _core.dipole_measure(times, r0, v, m, places, along),
+    )
     out = require_finite(out, "the field")
     if sensors is None:
         out = out[..., 0, :]
@@ -278,13 +295,14 @@ def simulate(
     *,
     sensors: ArrayLike | None = None,
     ambient: ArrayLike | None = None,
+    baselines: ArrayLike | None = None,
     trials: int | None = None,
 ) -> Array:
     """Return noisy fields of a pass, the same for the same seed on any machine.
 
     Parameters
     ----------
-    r0, v, m, times, sensors, ambient
+    r0, v, m, times, sensors, ambient, baselines
         As for `rows`, of one pass.
     sigma : float
         Standard deviation of each component, tesla.
@@ -310,7 +328,7 @@ def simulate(
     sigma = number(sigma, "sigma [T]")
     if sigma < 0:
         raise InputError(f"sigma = {sigma} T: must be >= 0 and finite")
-    exact = measure(r0, v, m, times, sensors=sensors, ambient=ambient)
+    exact = measure(r0, v, m, times, sensors=sensors, ambient=ambient, baselines=baselines)
     if exact.ndim != 1 + (ambient is None) + (sensors is not None):
         raise InputError("simulate takes one pass, without leading axes")
     noise = _core.normals(seed, 0, trials or 1, exact.size).reshape(-1, *exact.shape)
@@ -425,13 +443,14 @@ def problem(
     *,
     sensors: ArrayLike | None = None,
     ambient: ArrayLike | None = None,
+    baselines: ArrayLike | None = None,
     scale: ArrayLike | None = None,
 ) -> Problem:
     """Return the problem of one pass: rows with named states.
 
     Parameters
     ----------
-    r0, v, m, times, sigma, sensors, ambient
+    r0, v, m, times, sigma, sensors, ambient, baselines
         As for `rows`, without leading axes.
     scale : array_like, shape (9,), optional
         For each state the deviation that would be useless. By default the closest range
@@ -461,7 +480,7 @@ def problem(
     >>> answer.knowing("speed").repairs, answer.knowing("vz").repairs
     (True, False)
     """
-    values = rows(r0, v, m, times, sigma, sensors=sensors, ambient=ambient)
+    values = rows(r0, v, m, times, sigma, sensors=sensors, ambient=ambient, baselines=baselines)
     if values.ndim != 2:
         raise InputError(f"the rows have shape {values.shape}: a problem is one pass")
     combinations = {}
@@ -478,7 +497,9 @@ def problem(
     if scale is None:
         scale = _scales(r0, v, m, times, sensors)
     made = Problem(values, NAMES, units=UNITS, scale=scale, combinations=combinations)
-    return made if ambient is not None else made._of("dipole", r0, v, m, times, sigma, sensors)
+    if ambient is not None or baselines is not None:
+        return made
+    return made._of("dipole", r0, v, m, times, sigma, sensors)
 
 
 def _scales(
@@ -501,12 +522,39 @@ def _sensors(sensors: ArrayLike | None) -> ArrayLike:
     return _ORIGIN if sensors is None else sensors
 
 
+def _of_heads(
+    sensors: ArrayLike | None, baselines: ArrayLike | None, of: Callable[[ArrayLike], Array]
+) -> Array:
+    """Return what is of sensors, or for gradiometers that of the second heads less the first."""
+    places = _sensors(sensors)
+    if baselines is None:
+        return of(places)
+    first = finite(places, "sensors")
+    apart = as_baselines(baselines, first.shape[-2:])
+    difference: Array = of(first + apart) - of(first)
+    return difference
+
+
+def as_baselines(baselines: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """Return baselines (S, 3) of sensors of that shape, metres, none of them 0."""
+    given = finite(baselines, "baselines [m]")
+    if given.shape not in ((3,), shape):
+        wanted = ", ".join(map(str, shape))
+        raise InputError(f"baselines has shape {given.shape}: must be (3,) or ({wanted})")
+    apart = np.array(np.broadcast_to(given, shape))
+    if (still := ~apart.any(axis=-1)).any():
+        raise InputError(
+            f"baselines[{int(np.argmax(still))}] is 0: the heads of a gradiometer must be apart"
+        )
+    return apart
+
+
 def _at_least_1d(sigma: ArrayLike) -> Array:
     array = as_float_array(sigma, "sigma [T]")
     return array[None] if array.ndim == 0 else array
 
 
-def _ambient(ambient: ArrayLike | None) -> tuple[float, float, float] | None:
+def as_ambient(ambient: ArrayLike | None) -> tuple[float, float, float] | None:
     if ambient is None:
         return None
     array = as_float_array(ambient, "ambient")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -104,7 +104,11 @@ class RecordCheck(Answer):
 
 
 def check_record(
-    times: ArrayLike, field: ArrayLike, *, channels: Sequence[str] | None = None
+    times: ArrayLike,
+    field: ArrayLike,
+    *,
+    channels: Sequence[str] | None = None,
+    components: Literal[1, 3] = 3,
 ) -> RecordCheck:
     """Look through a record for what a fit would suffer from.
 
@@ -113,9 +117,12 @@ def check_record(
     times : array_like, shape (K,)
         Seconds.
     field : array_like, shape (K, 3), or (K, S, 3) for S sensors
-        Tesla; NaN for a missing sample.
+        Tesla; NaN for a missing sample. With ``components=1`` (K,), or (K, S).
     channels : sequence of str, optional
-        Names of the 3 S channels; "x", "y", "z", or "1x" .. by default.
+        Names of the channels; "x", "y", "z", or "1x" .. by default.
+    components : {3, 1}
+        Numbers of a sample of a sensor: 1 of the total field, whose channels are "F", or
+        "1F" ..
 
     Returns
     -------
@@ -151,27 +158,36 @@ def check_record(
     z repeats x with the opposite sign, noise included
     """
     t, y = as_float_array(times, "times"), as_float_array(field, "field")
-    if t.ndim != 1 or y.ndim not in (2, 3) or y.shape[0] != t.size or y.shape[-1] != 3:
-        raise InputError(
-            f"times has shape {t.shape} and field {y.shape}: must be (K,) and (K, 3) or (K, S, 3)"
-        )
+    if components not in (1, 3):
+        raise InputError(f"components = {options.given(components)}: must be 3 or 1")
+    if components == 1:
+        y = y[..., None]
+    if t.ndim != 1 or y.ndim not in (2, 3) or y.shape[0] != t.size or y.shape[-1] != components:
+        given = y.shape if components == 3 else y.shape[:-1]
+        wanted = "(K, 3) or (K, S, 3)" if components == 3 else "(K,) or (K, S)"
+        raise InputError(f"times has shape {t.shape} and field {given}: must be (K,) and {wanted}")
     flat = np.ascontiguousarray(y.reshape(t.size, -1))
     largest = np.fmax.reduce(np.abs(flat), axis=None, initial=0.0)
     if not largest < 1e100:
         raise InputError(f"field has a reading of {largest:g} T: must be below 1e100 T")
     count = flat.shape[1]
-    names = _names(channels, count)
+    names = _names(channels, count, "xyz" if components == 3 else "F")
     found, noise = _core.dipole_check(t, flat)
-    findings = tuple(_finding(kind, figures, names, t) for kind, figures in found)
+    findings = tuple(
+        _finding(kind, figures, names, t)
+        for kind, figures in found
+        # Readings of the total field have no axes to confuse.
+        if components == 3 or kind != "axes"
+    )
     sigma, correlation, step = np.array(noise).reshape(count, 3).T
     return RecordCheck(findings, names, sigma, correlation, step)
 
 
-def _names(channels: Sequence[str] | None, count: int) -> tuple[str, ...]:
+def _names(channels: Sequence[str] | None, count: int, axes: str) -> tuple[str, ...]:
     if channels is None:
-        axes = "xyz"
+        size = len(axes)
         return tuple(
-            axes[c % 3] if count == 3 else f"{c // 3 + 1}{axes[c % 3]}" for c in range(count)
+            axes[c] if count == size else f"{c // size + 1}{axes[c % size]}" for c in range(count)
         )
     names = options.names(channels, "channels", "names of the channels")
     if len(names) != count or len(set(names)) != count:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
@@ -14,6 +15,7 @@ from gramian._options import choice
 from gramian._registry import draw
 from gramian._text import brief
 from gramian.estimation import Estimate, Fit
+from gramian.estimation import Solution as Other
 from gramian.exceptions import InputError
 from gramian.models.dipole._estimate import PARTS, Description
 from gramian.models.dipole._model import NAMES, UNITS
@@ -60,13 +62,13 @@ class Localization(Estimate):
         The instant of r0: the first time of the record.
     times : ndarray, shape (K,)
         The samples used.
-    residuals : ndarray, shape (K, S, 3)
+    residuals : ndarray, shape (K, S, 3), or (K, S, 1) of the total field
         Field minus background minus model, tesla; NaN where there is no field.
-    predicted : ndarray, shape (K, S, 3)
-        The field of the answer, without background.
-    background : ndarray, shape (S, 3)
-        What was taken off or fitted, tesla.
-    weights : ndarray, shape (K, S, 3)
+    predicted : ndarray, shape as `residuals`
+        The field of the answer, without background; of the total field without ``|ambient|``.
+    background : ndarray, shape (S, 3) or (S, 1)
+        What was taken off or fitted, tesla; of the total field beside ``|ambient|``.
+    weights : ndarray, shape as `residuals`
         Between 0 (a spike, or a number that is not used) and 1.
     sigma : float
         The standard deviation given or estimated, tesla.
@@ -113,6 +115,8 @@ class Localization(Estimate):
     correlation: float = 0.0
     correlation_given: bool = True
     candidates: tuple[tuple[Description, float], ...] = ()
+    #: Of one that is widened: why the answer that it comes from does not fit.
+    _misfit_before: str = ""
 
     _more_in_dict = (*Estimate._more_in_dict, "speed", "moment")
     _not_in_dict = Estimate._not_in_dict | {
@@ -155,8 +159,79 @@ class Localization(Estimate):
         return np.array([self.model.expand(x)[0] for x in self.sample(count, seed)])
 
     @cached_property
+    def _spread(self) -> float:
+        """By how much deviations grow where residuals follow each other.
+
+        As the mean of a series has the variance of its samples times their autocorrelation
+        time, the sum of all autocorrelations, up to the first that is not positive.
+        """
+        there = (self.weights > 0) & np.isfinite(self.residuals)
+        left = np.where(there, self.residuals, 0.0).reshape(len(self.times), -1) / self.sigma
+        squares = float((left**2).sum())
+        freedom = max(int(there.sum()) - len(self.state), 1)
+        if squares == 0.0:
+            return 1.0
+        time = 1.0
+        for lag in range(1, max(len(left) // 4, 1)):
+            share = float((left[lag:] * left[:-lag]).sum()) / squares
+            if share <= 0.0:
+                break
+            time += 2.0 * share
+        return float(np.sqrt(max(time * squares / freedom, 1.0)))
+
+    def widened(self) -> Localization:
+        """Return the answer with deviations and intervals that allow for what it leaves over.
+
+        Returns
+        -------
+        Localization
+            The same pass; its `sigma` is that of as many independent numbers as the residuals
+            amount to, so that `std`, `interval` and `region` are wider, and never narrower.
+
+        Notes
+        -----
+        The residuals of a body that is no dipole follow each other, and count as if they
+        were noise: their variance times their autocorrelation time stands for sigma^2. It
+        is no bound on the error of a model that does not fit, whose `status` stays what it
+        is; better is a description that fits (`sources=`, `motion=`).
+
+        Examples
+        --------
+        >>> import numpy as np, gramian as gm
+        >>> t = np.arange(0, 20, 0.2)
+        >>> y = gm.dipole.measure([-10, -10, 5], [1, 1, 0], [10, 20, 10], t)
+        >>> y += gm.dipole.measure([-13, -13, 5], [1, 1, 0], [5, -10, 10], t)
+        >>> found = gm.dipole.localize(t, y, {"z": 5.0, "vz": 0.0})
+        >>> wide = found.widened()
+        >>> found.status, bool(wide.speed[1] > 3 * found.speed[1])
+        ('misfit', True)
+        """
+        factor = self._spread
+        model = replace(self.model, weights=self.model.weights / factor)
+        wide = replace(
+            self,
+            model=model,
+            sigma=self.sigma * factor,
+            cost=self.cost / factor**2,
+            mirror=self.mirror and replace(self.mirror, cost=self.mirror.cost / factor**2),
+            others=tuple(_nearer(other, factor) for other in self.others),
+            _misfit_before=self._misfit,
+        )
+        # Priors do not widen.
+        columns = model.expand(self.state)[1]
+        spread = columns @ wide.covariance @ columns.T
+        by_range = model.functions["range"][0](self.state)[1]
+        near = replace(
+            self.closest,
+            time_std=self.closest.time_std * factor,
+            range_std=root(by_range @ wide.covariance @ by_range),
+        )
+        std = np.sqrt(np.maximum(np.diag(spread), 0.0))
+        return replace(wide, pass_std=std, pass_covariance=spread, closest=near)
+
+    @cached_property
     def _misfit(self) -> str:
-        return super()._misfit or self._growing
+        return self._misfit_before or super()._misfit or self._growing
 
     @property
     def _exact(self) -> bool:
@@ -250,6 +325,13 @@ class Localization(Estimate):
             return "excluded by what is known"
         return "nothing fits there"
 
+    @property
+    def _image(self) -> str:
+        """What the mirror image is, in words."""
+        if self.model.baselines is None:
+            return "mirror image (-r0, -v, m)"
+        return "mirror image about the middle of the gradiometer (with -v, -m)"
+
     def _size(self, vector: Array, name: str) -> tuple[float, float]:
         size, part = float(np.linalg.norm(vector)), PARTS[name]
         if name in self.known:
@@ -290,7 +372,7 @@ class Localization(Estimate):
         if self.mirror is None:
             lines.append(f"mirror image: {self.no_mirror}")
         elif self.mirror.cost <= self.cost * (1 + 1e-6) + 1e-9:
-            lines.append("mirror image (-r0, -v, m): fits exactly as well, so either may be true")
+            lines.append(f"{self._image}: fits exactly as well, so either may be true")
         else:
             lines.append(
                 f"mirror image: fits worse, cost {self.mirror.cost:.6g} against {self.cost:.6g}"
@@ -360,6 +442,13 @@ class Localizations(Answer):
         others: dict[str, Any] = {"cost": self.costs, "mirror_cost": self.mirror_costs}
         others |= {"sigma": self.sigmas, "converged": self.converged}
         return columns_of_states(NAMES, UNITS, values, others)
+
+
+def _nearer(other: Other, factor: float) -> Other:
+    """Return another solution as it is told with deviations that are larger by a factor."""
+    distance = other.distance / factor
+    half = 0.5 * math.erfc(distance / math.sqrt(8.0))
+    return replace(other, chi2=other.chi2 / factor**2, distance=distance, chance=half)
 
 
 def root(variance: float | Array) -> float:

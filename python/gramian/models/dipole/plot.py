@@ -19,13 +19,13 @@ _AXES = ("x", "y", "z")
 
 def fit(answer: Localization) -> Figure:
     """Draw the field of each component with the model, and what is left."""
-    sensors = len(answer.sensors)
-    fig = figure(4.6 * sensors + 1.2, 7.0)
-    axes = fig.subplots(3, sensors, sharex=True, sharey=True, squeeze=False)
+    sensors, letters = len(answer.sensors), answer.model.heads.axes
+    fig = figure(4.6 * sensors + 1.2, 7.0 if len(letters) == 3 else 3.6)
+    axes = fig.subplots(len(letters), sensors, sharex=True, sharey=True, squeeze=False)
     unit, name = _unit(answer.predicted)
     good = answer.weights > 0
     for s in range(sensors):
-        for i in range(3):
+        for i, letter in enumerate(letters):
             ax = axes[i, s]
             data = np.where(good[:, s, i], (answer.predicted + answer.residuals)[:, s, i], np.nan)
             ax.plot(
@@ -51,7 +51,7 @@ def fit(answer: Localization) -> Figure:
             )
             ax.axvline(answer.closest.time, color="black", linewidth=0.5)
             if s == 0:
-                ax.set_ylabel(f"{_AXES[i]}   {name}")
+                ax.set_ylabel(f"{letter}   {name}")
         if sensors > 1:
             axes[0, s].set_title(f"sensor {s + 1}")
         axes[-1, s].set_xlabel("time, s")

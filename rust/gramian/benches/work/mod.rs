@@ -11,7 +11,7 @@ use gramian::bearings::{self, Monitor};
 use gramian::bounds::batch::{self as bounds_batch, Recursion};
 use gramian::dipole::batch::{self as dipole_batch, Passes, Simulated};
 use gramian::dipole::localize::{Knowledge, Options};
-use gramian::dipole::{Pass, Sensing};
+use gramian::dipole::{Pass, Sensing, Sensors};
 use gramian::linear::batch::{self as linear_batch, Span};
 use gramian::maneuver::batch::closed_loop::{
     self, Guidance, Happens, LostBearing, PER_SAMPLE, Setting,
@@ -646,7 +646,7 @@ fn dipole_trials() -> Work {
         let simulated = Simulated {
             times: &times,
             pass: &pass,
-            sensors: &[[0.0; 3]],
+            sensors: Sensors::vector(&[[0.0; 3]]),
             sigma: 1e-9,
             seed: 1,
             first: 0,
@@ -674,12 +674,12 @@ fn dipole_localize() -> Work {
     assert!(done.is_ok());
     let knowledge = height_known();
     let sensors = [[0.0; 3]];
-    let mut out = vec![0.0; dipole_batch::dipole_localized_size(21, 1)];
+    let mut out = vec![0.0; dipole_batch::dipole_localized_size(21, 3)];
     Box::new(move || {
         let done = dipole_batch::dipole_localize(
             Items::shared(&times),
             Items::each(&field, 63),
-            &sensors,
+            &Sensors::vector(&sensors),
             &knowledge,
             &Options::default(),
             Threads::One,

@@ -5,7 +5,9 @@ use pulp::Simd;
 use crate::batch::simd::{Path, lane_sums};
 use crate::batch::{Items, Stream, Threads};
 use crate::dipole::localize::{self, Knowledge, Located, Options, localize};
-use crate::dipole::{Error, MU0_OVER_4PI, Pass, Sensing, field, jacobian, measure, push_rows};
+use crate::dipole::{
+    Error, MU0_OVER_4PI, Pass, Sensing, Sensors, field, jacobian, measure, push_rows,
+};
 use crate::numbers::algebra::{advanced, dot};
 use crate::rows::RowSink;
 use crate::scalar::NumberError;
@@ -444,13 +446,13 @@ impl pulp::WithSimd for Moments<'_> {
 }
 
 /// How many numbers [`dipole_localize`] writes for a trial of `samples` times and
-/// `sensors`: two states, two costs, sigma, converged (1 or 0), rounds, efficiency, the
-/// background (S, 3), residuals (K, S, 3) and weights (K, S, 3).
-pub fn dipole_localized_size(samples: usize, sensors: usize) -> usize {
-    24 + 3 * sensors * (1 + 2 * samples)
+/// `channels` in all: two states, two costs, sigma, converged (1 or 0), rounds, efficiency, the
+/// background, residuals and weights of each number.
+pub fn dipole_localized_size(samples: usize, channels: usize) -> usize {
+    24 + channels * (1 + 2 * samples)
 }
 
-/// Locates dipoles in fields (trials, K, S, 3); see [`localize()`]. Where there is
+/// Locates dipoles in fields (trials, K, S, components); see [`localize()`]. Where there is
 /// no mirror image its state and cost are infinite.
 ///
 /// # Errors
@@ -458,13 +460,13 @@ pub fn dipole_localized_size(samples: usize, sensors: usize) -> usize {
 pub fn dipole_localize(
     times: Items<'_>,
     field: Items<'_>,
-    sensors: &[[f64; 3]],
+    sensors: &Sensors<'_>,
     knowledge: &Knowledge,
     options: &Options,
     threads: Threads,
     out: &mut [f64],
 ) -> Result<(), (usize, localize::Error)> {
-    let size = dipole_localized_size(times.size(), sensors.len());
+    let size = dipole_localized_size(times.size(), sensors.channels());
     threads.over(out, size, localize_cost(field.size()), |trial, out| {
         let (times, field) = (times.get(trial), field.get(trial));
         let located =
@@ -512,8 +514,8 @@ pub struct Simulated<'a> {
     pub times: &'a [f64],
     /// The pass.
     pub pass: &'a Pass<f64>,
-    /// Where the sensors are.
-    pub sensors: &'a [[f64; 3]],
+    /// The sensors.
+    pub sensors: Sensors<'a>,
     /// Standard deviation of the noise of each component, T.
     pub sigma: f64,
     /// Of the random numbers.
@@ -543,10 +545,13 @@ pub fn dipole_localize_trials(
         sigma,
         ..
     } = *simulated;
-    let count = 3 * times.len() * sensors.len();
+    let count = times.len() * sensors.channels();
     let mut exact = alloc::vec![0.0; count];
-    measure(times, pass, sensors, &Sensing::Vector, &mut exact)
-        .map_err(|error| (0, TrialError::Pass(error)))?;
+    let measured = sensors.measure(times, pass, &mut exact);
+    measured.map_err(|error| (0, TrialError::Pass(error)))?;
+    for h in &mut exact {
+        *h += sensors.quiet();
+    }
     let truth = pass.state();
     let scratch = || exact.clone();
     threads.over_with(
@@ -559,7 +564,7 @@ pub fn dipole_localize_trials(
             for (y, h) in field.iter_mut().zip(&exact) {
                 *y = h + sigma * random.normal();
             }
-            let located = localize(times, field, sensors, knowledge, options)
+            let located = localize(times, field, &sensors, knowledge, options)
                 .map_err(|error| (trial, TrialError::Localize(error)))?;
             let far = |state: &[f64; 9]| {
                 let squares = state[..6]

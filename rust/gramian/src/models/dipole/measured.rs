@@ -11,6 +11,7 @@ use alloc::vec::Vec;
 
 use super::description::{Description, MOST, Motion, Step};
 use super::localize::{Knowledge, MOMENT, SPEED, huber, robust_sigma};
+use super::sensors::{Head, Sensors, excess};
 use super::{Error, Jacobian, Pass, jacobian};
 use crate::numbers::algebra::dot;
 use crate::numbers::angle::wrapped;
@@ -21,6 +22,7 @@ use crate::solve::noise::{Left, Whitening};
 /// Names of the states.
 const NAMES: [&str; 9] = ["x0", "y0", "z0", "vx", "vy", "vz", "mx", "my", "mz"];
 const AXES: [&str; 3] = ["x", "y", "z"];
+const UNITS: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
 /// How the components of one vector follow from the states of the model.
 #[derive(Clone, Copy, Debug)]
@@ -38,6 +40,7 @@ enum Part {
 /// A recording of a pass, and what is known of it.
 ///
 /// ```
+/// use gramian::dipole::Sensors;
 /// use gramian::dipole::localize::Knowledge;
 /// use gramian::dipole::measured::Measured;
 /// use gramian::solve::{Model, noise::Whitening};
@@ -45,7 +48,8 @@ enum Part {
 /// let mut knowledge = Knowledge::default();
 /// knowledge.exact[2] = Some(5.0);
 /// let noise = Whitening::white(vec![1e9; 6], 3);
-/// let record = Measured::new(&[0.0, 1.0], &[[0.0; 3]], &[0.0; 6], noise, false, knowledge, &near);
+/// let sensors = Sensors::vector(&[[0.0; 3]]);
+/// let record = Measured::new(&[0.0, 1.0], &sensors, &[0.0; 6], noise, false, knowledge, &near);
 /// assert_eq!(record.names(), ["x0", "y0", "vx", "vy", "vz", "mx", "my", "mz"]);
 /// let x = record.coordinates(&near);
 /// assert_eq!(record.expand(&x).0, near);
@@ -54,8 +58,10 @@ enum Part {
 pub struct Measured {
     /// Since the instant of the state, s.
     times: Vec<f64>,
-    sensors: Vec<[f64; 3]>,
-    /// (K, S, 3), T.
+    places: Vec<[f64; 3]>,
+    baselines: Vec<[f64; 3]>,
+    ambient: Option<[f64; 3]>,
+    /// (K, S, components), T.
     field: Vec<f64>,
     noise: Whitening,
     /// The channels whose constant is a state.
@@ -79,15 +85,42 @@ struct Layout {
     end: usize,
 }
 
-/// What one sensor sees of the body at one time.
+/// What one head of a sensor sees of the body at one time.
 struct Sight {
     step: Step,
+    /// Where the body is, from the head, m.
+    place: [f64; 3],
+    /// Whether it is the first head of its sensor, and by what it counts.
+    first: bool,
+    sign: f64,
+    /// Of a sensor of the total field: direction of the field, and its size beside the ambient.
+    total: Option<([f64; 3], f64)>,
     /// T.
     field: [f64; 3],
     /// Of each dipole.
     jacobians: [Jacobian<f64>; MOST],
     /// By the place of the body, of all dipoles.
     by_place: [[f64; 3]; 3],
+}
+
+impl Sight {
+    /// What a change of the field at the head changes of the numbers of the sensor.
+    #[inline(always)]
+    fn read(&self, v: &[f64; 3], mut put: impl FnMut(usize, f64)) {
+        match &self.total {
+            None => (0..3).for_each(|i| put(i, self.sign * v[i])),
+            Some((along, _)) => put(0, self.sign * dot(along, v)),
+        }
+    }
+
+    /// What the head adds to the numbers of the sensor, by the field as it gives it.
+    #[inline(always)]
+    fn add(&self, v: &[f64; 3], mut put: impl FnMut(usize, f64)) {
+        match &self.total {
+            None => (0..3).for_each(|i| put(i, self.sign * v[i])),
+            Some((_, beside)) => put(0, self.sign * beside),
+        }
+    }
 }
 
 fn cross(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
@@ -102,13 +135,13 @@ fn three(x: &[f64]) -> [f64; 3] {
 }
 
 impl Measured {
-    /// `times` count from the instant of the state. `field` is (K, S, 3), as the numbers of
-    /// `noise`; with `offsets` a constant of each channel that counts is a state. `near` is a
+    /// `times` count from the instant of the state. `field` is (K, S, components), as the
+    /// numbers of `noise`, and of the total field what is beside [`Sensors::quiet`]; with `offsets` a constant of each channel that counts is a state. `near` is a
     /// pass near the one looked for: it chooses between angles, and between the signs that a
     /// known size leaves open.
     pub fn new(
         times: &[f64],
-        sensors: &[[f64; 3]],
+        sensors: &Sensors<'_>,
         field: &[f64],
         noise: Whitening,
         offsets: bool,
@@ -135,7 +168,7 @@ impl Measured {
                 _ => Part::Components,
             }
         };
-        let channels = 3 * sensors.len();
+        let channels = sensors.channels();
         let counts = |c: &usize| {
             noise
                 .factors()
@@ -149,7 +182,9 @@ impl Measured {
             .collect();
         Self {
             times: times.to_vec(),
-            sensors: sensors.to_vec(),
+            places: sensors.places.to_vec(),
+            baselines: sensors.baselines.to_vec(),
+            ambient: sensors.ambient,
             field: field.to_vec(),
             constants,
             noise,
@@ -161,6 +196,20 @@ impl Measured {
             ],
             description: Description::default(),
         }
+    }
+
+    fn sensors(&self) -> Sensors<'_> {
+        Sensors {
+            places: &self.places,
+            baselines: &self.baselines,
+            ambient: self.ambient,
+        }
+    }
+
+    /// The channels whose constant is a state, in the order of these states, the last but for
+    /// drifts.
+    pub fn constants(&self) -> &[usize] {
+        &self.constants
     }
 
     /// The same record, explained by more than one dipole on a straight pass.
@@ -180,7 +229,7 @@ impl Measured {
             Part::Sphere { .. } => 2,
             Part::Side { .. } => 0,
         });
-        let (about, sensors) = (&self.description, self.sensors.len());
+        let (about, sensors) = (&self.description, self.places.len());
         let motion = own.sum();
         let sources = motion + about.motion.states();
         let induced = sources + 6 * (about.sources - 1);
@@ -231,7 +280,7 @@ impl Measured {
         (step.place, by)
     }
 
-    fn sight(&self, state: &[f64; 9], x: &[f64], t: f64, sensor: usize) -> Result<Sight, Error> {
+    fn sight(&self, state: &[f64; 9], x: &[f64], t: f64, head: &Head) -> Result<Sight, Error> {
         let at = self.layout();
         let step = self
             .description
@@ -243,6 +292,10 @@ impl Measured {
         };
         let mut sight = Sight {
             step,
+            place: core::array::from_fn(|i| step.place[i] - head.place[i]),
+            first: true,
+            sign: head.sign,
+            total: None,
             field: [0.0; 3],
             jacobians: [none; MOST],
             by_place: [[0.0; 3]; 3],
@@ -256,7 +309,7 @@ impl Measured {
                 }
             }
             let place: [f64; 3] =
-                core::array::from_fn(|i| step.place[i] + offset[i] - self.sensors[sensor][i]);
+                core::array::from_fn(|i| step.place[i] + offset[i] - head.place[i]);
             let own = jacobian(&place, &moment)?;
             for i in 0..3 {
                 sight.field[i] += dot(&own.moment[i], &moment);
@@ -266,16 +319,26 @@ impl Measured {
             }
             sight.jacobians[index] = own;
         }
+        if let Some(ambient) = &self.ambient {
+            let (beside, along) = excess(ambient, &sight.field)?;
+            sight.total = Some((along, beside));
+        }
         Ok(sight)
     }
 
     /// How a channel is called.
     fn channel(&self, index: usize) -> String {
-        let axis = AXES[index % 3];
-        if self.sensors.len() == 1 {
+        let components = self.sensors().components();
+        // The total field has this letter.
+        let axis = if components == 1 {
+            "F"
+        } else {
+            AXES[index % 3]
+        };
+        if self.places.len() == 1 {
             axis.to_string()
         } else {
-            format!("{axis} of sensor {}", index / 3 + 1)
+            format!("{axis} of sensor {}", index / components + 1)
         }
     }
 
@@ -316,18 +379,18 @@ impl Measured {
             names.push("induced volume".to_string());
         }
         let of = |s: usize| {
-            if self.sensors.len() == 1 {
+            if self.places.len() == 1 {
                 String::new()
             } else {
                 format!(" of sensor {}", s + 1)
             }
         };
-        for s in 0..self.sensors.len() {
+        for s in 0..self.places.len() {
             if about.attitude.is_some() {
                 names.extend(AXES.map(|axis| format!("attitude {axis}{}", of(s))));
             }
         }
-        for s in 0..self.sensors.len() {
+        for s in 0..self.places.len() {
             if about.scale.is_some() {
                 names.push(format!("scale{}", of(s)));
             }
@@ -446,19 +509,24 @@ impl Measured {
         (state, columns)
     }
 
-    /// What each sensor sees at each sample, with the first number and the time.
+    /// What each head of each sensor sees at each sample, with the first number, the time and
+    /// the sensor.
     fn sights(
         &self,
         x: &[f64],
         mut each: impl FnMut(usize, f64, usize, &Sight),
     ) -> Result<(), Error> {
         let (state, _) = self.expand(x);
+        let sensors = self.sensors();
         let mut first = 0;
         for (k, &t) in self.times.iter().enumerate() {
-            for s in 0..self.sensors.len() {
-                let sight = self.sight(&state, x, t, s).map_err(|e| e.at(k))?;
-                each(first, t, s, &sight);
-                first += 3;
+            for s in 0..self.places.len() {
+                for (index, head) in sensors.heads(s).enumerate() {
+                    let mut sight = self.sight(&state, x, t, &head).map_err(|e| e.at(k))?;
+                    sight.first = index == 0;
+                    each(first, t, s, &sight);
+                }
+                first += sensors.components();
             }
         }
         Ok(())
@@ -479,6 +547,13 @@ impl Measured {
             constant[channel] = Some(k);
         }
         let middle = self.middle();
+        let components = self.sensors().components();
+        let level = |channel: usize, t: f64| {
+            constant[channel].map_or(0.0, |k: usize| {
+                let drift = if about.drift { x[at.drifts + k] } else { 0.0 };
+                x[at.constants + k] + drift * (t - middle)
+            })
+        };
         self.sights(x, |first, t, s, sight| {
             let tilt = about.attitude.map(|_| three(&x[at.attitude + 3 * s..]));
             let tilt = tilt.unwrap_or_default();
@@ -489,20 +564,22 @@ impl Measured {
                 core::array::from_fn(|i| gain * (v[i] - across[i]))
             };
             let h = seen(&sight.field);
-            for i in 0..3 {
-                let level = constant[3 * s + i].map_or(0.0, |k| {
-                    let drift = if about.drift { x[at.drifts + k] } else { 0.0 };
-                    x[at.constants + k] + drift * (t - middle)
-                });
-                residuals[first + i] = self.field[first + i] - h[i] - level;
-            }
+            sight.add(&h, |i, value| {
+                let out = &mut residuals[first + i];
+                *out = if sight.first {
+                    self.field[first + i] - value - level(components * s + i, t)
+                } else {
+                    *out - value
+                };
+            });
             let Some(rows) = rows.as_deref_mut() else {
                 return;
             };
             let mut put = |column: usize, v: &[f64; 3]| {
-                for i in 0..3 {
-                    rows[(first + i) * n + column] = v[i];
-                }
+                sight.read(v, |i, value| {
+                    let out = &mut rows[(first + i) * n + column];
+                    *out = if sight.first { value } else { *out + value };
+                });
             };
             let through = |matrix: &[[f64; 3]; 3], v: &[f64; 3]| -> [f64; 3] {
                 core::array::from_fn(|i| dot(&matrix[i], v))
@@ -527,10 +604,8 @@ impl Measured {
             }
             for index in 1..about.sources {
                 let column = at.sources + 6 * (index - 1);
-                for axis in 0..3 {
-                    let mut unit = [0.0; 3];
-                    unit[axis] = 1.0;
-                    let unit = step.turn(&unit);
+                for (axis, unit) in UNITS.iter().enumerate() {
+                    let unit = step.turn(unit);
                     put(column + axis, &seen(&through(&own[index].position, &unit)));
                     put(
                         column + 3 + axis,
@@ -545,20 +620,18 @@ impl Measured {
                 put(k, &[0.0; 3]);
             }
             if about.attitude.is_some() {
-                for axis in 0..3 {
-                    let mut unit = [0.0; 3];
-                    unit[axis] = 1.0;
-                    let across = cross(&unit, &sight.field);
+                for (axis, unit) in UNITS.iter().enumerate() {
+                    let across = cross(unit, &sight.field);
                     put(at.attitude + 3 * s + axis, &across.map(|c| -gain * c));
                 }
             }
             if about.scale.is_some() {
                 put(at.scale + s, &h.map(|h| h / gain));
             }
-            for i in 0..3 {
+            for i in 0..components {
                 let row = &mut rows[(first + i) * n..][..n];
                 row[at.constants..].fill(0.0);
-                if let Some(k) = constant[3 * s + i] {
+                if let Some(k) = constant[components * s + i] {
                     row[at.constants + k] = 1.0;
                     if about.drift {
                         row[at.drifts + k] = t - middle;
@@ -582,7 +655,6 @@ impl Measured {
         let m = self.field.len();
         let fit = Fit::new(self, x)?;
         let at = self.layout();
-        let (state, _) = self.expand(x);
         let range = self.nearest(x);
         let mut found: Vec<(f64, Vec<f64>)> = Vec::new();
         for cell in (0..27).filter(|&cell| cell != 13) {
@@ -593,21 +665,17 @@ impl Measured {
                 // Rows of priors see nothing of it.
                 let mut columns = vec![0.0; 3 * (m + self.priors())];
                 let mut sound = true;
-                self.sights(x, |first, t, s, _| {
-                    let motion = self.description.motion;
-                    let step = motion.at(&state, &x[at.motion..at.sources], t);
-                    let turned = step.turn(&offset);
-                    let place: [f64; 3] =
-                        core::array::from_fn(|i| step.place[i] + turned[i] - self.sensors[s][i]);
+                self.sights(x, |first, _, _, sight| {
+                    let turned = sight.step.turn(&offset);
+                    let place: [f64; 3] = core::array::from_fn(|i| sight.place[i] + turned[i]);
                     match jacobian(&place, &[0.0; 3]) {
                         Ok(own) => {
-                            for axis in 0..3 {
-                                let mut unit = [0.0; 3];
-                                unit[axis] = 1.0;
-                                let unit = step.turn(&unit);
-                                for i in 0..3 {
-                                    columns[3 * (first + i) + axis] = dot(&own.moment[i], &unit);
-                                }
+                            for (axis, unit) in UNITS.iter().enumerate() {
+                                let unit = sight.step.turn(unit);
+                                let seen = [0, 1, 2].map(|i| dot(&own.moment[i], &unit));
+                                sight.read(&seen, |i, value| {
+                                    columns[3 * (first + i) + axis] += value;
+                                });
                             }
                         }
                         Err(_) => sound = false,
@@ -635,7 +703,7 @@ impl Measured {
         let mut least = f64::INFINITY;
         for &t in &self.times {
             let (place, _) = self.place(x, t);
-            for sensor in &self.sensors {
+            for sensor in &self.places {
                 let apart: [f64; 3] = core::array::from_fn(|i| place[i] - sensor[i]);
                 least = least.min(dot(&apart, &apart).sqrt());
             }
@@ -655,10 +723,11 @@ impl Measured {
         self.raw(x, &mut left, None)?;
         let mut strength = vec![0.0; m];
         self.sights(x, |first, _, _, sight| {
-            for i in 0..3 {
-                strength[first + i] = sight.field[i].abs();
-            }
+            sight.add(&sight.field, |i, value| strength[first + i] += value);
         })?;
+        for value in &mut strength {
+            *value = value.abs();
+        }
         self.noise.apply(&mut left);
         let counts: Vec<f64> = self
             .noise
@@ -710,7 +779,7 @@ impl Measured {
         if speed > 0.0 {
             // Along the track, away from the first sensor at the closest point, across.
             let along = pass.velocity.map(|v| v / speed);
-            let from = pass.offset(&self.sensors[0], 0.0);
+            let from = pass.offset(&self.places[0], 0.0);
             let shift = dot(&from, &along);
             let closest: [f64; 3] = core::array::from_fn(|i| from[i] - shift * along[i]);
             let distance = dot(&closest, &closest).sqrt();
@@ -727,19 +796,19 @@ impl Measured {
             ] {
                 let mut column = vec![0.0; m];
                 self.sights(x, |first, t, _, sight| {
-                    for i in 0..3 {
-                        column[first + i] = 0.5 * t * t * dot(&sight.by_place[i], &direction);
-                    }
+                    let slope = [0, 1, 2].map(|i| dot(&sight.by_place[i], &direction));
+                    sight.read(&slope, |i, value| column[first + i] += 0.5 * t * t * value);
                 })?;
                 found.push((name.to_string(), column, 1));
             }
             // In any direction.
             let mut columns = vec![0.0; 3 * m];
             self.sights(x, |first, t, _, sight| {
-                for i in 0..3 {
-                    for k in 0..3 {
-                        columns[3 * (first + i) + k] = 0.5 * t * t * sight.by_place[i][k];
-                    }
+                for k in 0..3 {
+                    let slope = [0, 1, 2].map(|i| sight.by_place[i][k]);
+                    sight.read(&slope, |i, value| {
+                        columns[3 * (first + i) + k] += 0.5 * t * t * value;
+                    });
                 }
             })?;
             found.push(("acceleration".to_string(), columns, 3));
@@ -751,15 +820,14 @@ impl Measured {
                 ("a second dipole on the other side", across, -1.0),
             ] {
                 let mut columns = vec![0.0; 3 * m];
-                self.sights(x, |first, _, s, sight| {
-                    let other: [f64; 3] = core::array::from_fn(|i| {
-                        sight.step.place[i] - self.sensors[s][i] + side * distance * direction[i]
-                    });
+                self.sights(x, |first, _, _, sight| {
+                    let other: [f64; 3] =
+                        core::array::from_fn(|i| sight.place[i] + side * distance * direction[i]);
                     if let Ok(j) = jacobian(&other, &pass.moment) {
-                        for i in 0..3 {
-                            for k in 0..3 {
-                                columns[3 * (first + i) + k] = j.moment[i][k];
-                            }
+                        for k in 0..3 {
+                            sight.read(&j.moment[k], |i, value| {
+                                columns[3 * (first + i) + k] += value;
+                            });
                         }
                     }
                 })?;
@@ -768,7 +836,7 @@ impl Measured {
         }
         let mut exact = vec![0.0; m];
         self.sights(x, |first, _, _, sight| {
-            exact[first..first + 3].copy_from_slice(&sight.field);
+            sight.add(&sight.field, |i, value| exact[first + i] += value);
         })?;
         let middle = self.middle();
         for c in 0..channels {
@@ -822,7 +890,7 @@ impl Model for Measured {
     }
 
     fn channels(&self) -> usize {
-        3 * self.sensors.len()
+        self.sensors().channels()
     }
 
     fn linearize(
@@ -927,12 +995,22 @@ impl Model for Measured {
     }
 
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
-        let &[sensor] = self.sensors.as_slice() else {
+        if self.places.len() != 1 {
             return;
-        };
-        let excluded = (0..3).any(|i| {
-            self.knowledge.exact[i].is_some_and(|value| value != sensor[i])
-                || self.knowledge.exact[3 + i].is_some_and(|value| value != 0.0)
+        }
+        // About the middle of a gradiometer, with the opposite moment.
+        let heads: Vec<[f64; 3]> = self.sensors().heads(0).map(|h| h.place).collect();
+        let count = heads.len() as f64;
+        let center: [f64; 3] =
+            core::array::from_fn(|i| heads.iter().map(|h| h[i]).sum::<f64>() / count);
+        let sign = if heads.len() == 1 { 1.0 } else { -1.0 };
+        let excluded = (0..9).any(|i| {
+            let still = match i {
+                0..3 => center[i],
+                3..6 => 0.0,
+                _ => return sign < 0.0 && self.knowledge.exact[i].is_some_and(|m| m != 0.0),
+            };
+            self.knowledge.exact[i].is_some_and(|value| value != still)
         });
         let sided = self.parts.iter().any(|p| matches!(p, Part::Side { .. }));
         if excluded || sided {
@@ -940,8 +1018,9 @@ impl Model for Measured {
         }
         let (mut state, _) = self.expand(x);
         for i in 0..3 {
-            state[i] = 2.0 * sensor[i] - state[i];
+            state[i] = 2.0 * center[i] - state[i];
             state[3 + i] = -state[3 + i];
+            state[6 + i] *= sign;
         }
         let mut image = self.coordinates(&state);
         let at = self.layout();
@@ -952,9 +1031,16 @@ impl Model for Measured {
             }
         }
         for index in 1..self.description.sources {
-            for offset in &mut image[at.sources + 6 * (index - 1)..][..3] {
+            let own = &mut image[at.sources + 6 * (index - 1)..][..6];
+            for offset in &mut own[..3] {
                 *offset = -*offset;
             }
+            for moment in &mut own[3..] {
+                *moment *= sign;
+            }
+        }
+        if self.description.induced.is_some() {
+            image[at.induced] *= sign;
         }
         found(&image);
     }
@@ -996,11 +1082,11 @@ mod tests {
             knowledge.prior[index] = Some((3.0, 0.2));
         }
         let times: Vec<f64> = (0..9).map(|k| 2.0 * f64::from(k)).collect();
-        let sensors = [[0.0; 3], [0.0, 0.5, 0.2]];
+        let places = [[0.0; 3], [0.0, 0.5, 0.2]];
         let field = vec![1e-9; 54];
         Measured::new(
             &times,
-            &sensors,
+            &Sensors::vector(&places),
             &field,
             Whitening::first_order(&times, 6, vec![1e9; 54], 0.5, 2.0),
             offsets,
@@ -1118,6 +1204,139 @@ mod tests {
         }
     }
 
+    /// Gradiometers and sensors of the total field, near enough for the field of the dipole to
+    /// turn the ambient one.
+    #[test]
+    fn rows_are_derivatives_whatever_the_sensors_measure() {
+        let times: Vec<f64> = (0..9).map(|k| 2.0 * f64::from(k)).collect();
+        let places = [[0.0; 3], [0.0, 0.5, 0.2]];
+        let baselines = [[0.0, 0.0, 1.5], [0.4, 0.0, -0.9]];
+        let strong = [2e-9, -1e-9, 4e-9];
+        for (baselines, ambient) in [
+            (&baselines[..], None),
+            (&[][..], Some(strong)),
+            (&baselines[..], Some(strong)),
+        ] {
+            let sensors = Sensors {
+                places: &places,
+                baselines,
+                ambient,
+            };
+            let channels = sensors.channels();
+            let count = times.len() * channels;
+            let factors = vec![1e9; count];
+            let record = Measured::new(
+                &times,
+                &sensors,
+                &vec![1e-9; count],
+                Whitening::first_order(&times, channels, factors, 0.5, 2.0),
+                true,
+                Knowledge::default(),
+                &NEAR,
+            )
+            .with(Description {
+                motion: Motion::Turning,
+                sources: 2,
+                drift: true,
+                induced: Some([16.0, 5.0, -36.0]),
+                ..Description::default()
+            });
+            let (n, m) = (record.states(), record.measurements());
+            assert_eq!((n, m), (9 + 1 + 6 + 1 + 2 * channels, count));
+            assert_eq!(record.names().len(), n);
+            let mut x = record.coordinates(&NEAR);
+            let at = record.layout();
+            x[at.motion] = 0.02;
+            x[at.sources..at.induced].copy_from_slice(&[1.0, -0.5, 0.7, 3.0, -8.0, 4.0]);
+            x[at.induced] = 0.1;
+            let (mut residuals, mut rows) = (vec![0.0; m], vec![0.0; m * n]);
+            record
+                .linearize(&x, &mut residuals, Some(&mut rows))
+                .unwrap();
+            for j in 0..n {
+                let slope = |step: f64| -> Vec<f64> {
+                    let at = |by: f64| {
+                        let mut moved = x.clone();
+                        moved[j] += by;
+                        let mut r = vec![0.0; m];
+                        record.linearize(&moved, &mut r, None).unwrap();
+                        r
+                    };
+                    let (plus, minus) = (at(step), at(-step));
+                    let pairs = plus.iter().zip(&minus);
+                    pairs.map(|(p, q)| (q - p) / (2.0 * step)).collect()
+                };
+                let step = if j >= at.constants { 1e-10 } else { 1e-3 };
+                let size = (0..m).fold(0.0_f64, |a, i| a.max(rows[i * n + j].abs()));
+                // Sixth order, from three steps.
+                let steps = [slope(step), slope(2.0 * step), slope(4.0 * step)];
+                for i in 0..m {
+                    let (a, b, c) = (steps[0][i], steps[1][i], steps[2][i]);
+                    let (first, second) = ((4.0 * a - b) / 3.0, (4.0 * b - c) / 3.0);
+                    let wanted = (16.0 * first - second) / 15.0;
+                    let off = (rows[i * n + j] - wanted).abs();
+                    assert!(off < 1e-8 * size, "{j} {i} {off} {size}");
+                }
+            }
+            // What is told of one pass is what the sensors measure of it.
+            let plain = record.with(Description::default());
+            let mut x = plain.coordinates(&NEAR);
+            let mut left = vec![0.0; m];
+            x.truncate(9);
+            x.extend(vec![0.0; channels]);
+            plain.linearize(&x, &mut left, None).unwrap();
+            let mut exact = vec![0.0; count];
+            sensors
+                .measure(&times, &Pass::of(&NEAR), &mut exact)
+                .unwrap();
+            let mut wanted: Vec<f64> = exact.iter().map(|h| 1e-9 - h).collect();
+            plain.noise.apply(&mut wanted);
+            for (a, b) in left.iter().zip(&wanted) {
+                assert!((a - b).abs() < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn the_mirror_image_at_a_gradiometer_has_the_opposite_moment() {
+        let times = [0.0, 4.0, 8.0, 12.0];
+        let sensors = Sensors {
+            places: &[[0.3, 0.0, 0.0]],
+            baselines: &[[0.0, 0.0, 2.0]],
+            ambient: None,
+        };
+        let noise = Whitening::white(vec![1e9; 12], 3);
+        let build = |knowledge| {
+            Measured::new(
+                &times,
+                &sensors,
+                &[0.0; 12],
+                noise.clone(),
+                false,
+                knowledge,
+                &NEAR,
+            )
+        };
+        let mut knowledge = Knowledge::default();
+        let record = build(knowledge);
+        let x = record.coordinates(&NEAR);
+        let mut count = 0;
+        record.symmetries(&x, &mut |image| {
+            count += 1;
+            let (state, _) = record.expand(image);
+            assert!((state[0] - 10.6).abs() < 1e-12 && (state[2] + 3.0).abs() < 1e-12);
+            assert!((state[6] + NEAR[6]).abs() < 1e-12);
+            let mut difference = vec![0.0; 12];
+            record.difference(&x, image, &mut difference).unwrap();
+            assert!(difference.iter().all(|d| d.abs() < 1e-9));
+        });
+        assert_eq!(count, 1);
+        knowledge.exact[6] = Some(10.0);
+        let record = build(knowledge);
+        let x = record.coordinates(&NEAR);
+        record.symmetries(&x, &mut |_| panic!("mx is 10"));
+    }
+
     #[test]
     fn a_second_dipole_is_found_from_a_seed() {
         const SENSORS: [[f64; 3]; 3] = [[0.0; 3], [0.0, 0.5, 0.0], [0.5, 0.0, 0.0]];
@@ -1134,7 +1353,7 @@ mod tests {
         let near = [-10.0, -9.0, 5.0, 1.0, 0.8, 0.0, 10.0, 20.0, -10.0];
         let blank = Measured::new(
             &times,
-            &SENSORS,
+            &Sensors::vector(&SENSORS),
             &[0.0; 369],
             noise.clone(),
             false,
@@ -1153,7 +1372,15 @@ mod tests {
         for f in &mut field {
             *f *= -1e-9;
         }
-        let record = Measured::new(&times, &SENSORS, &field, noise, false, knowledge, &near);
+        let record = Measured::new(
+            &times,
+            &Sensors::vector(&SENSORS),
+            &field,
+            noise,
+            false,
+            knowledge,
+            &near,
+        );
         let start = record.coordinates(&near);
         let one = minimize(&record, &start, &[], Options::default());
         let seeds = record.seeds(&one.x, 8).unwrap();
@@ -1174,7 +1401,7 @@ mod tests {
         let build = |knowledge| {
             Measured::new(
                 &times,
-                &sensor,
+                &Sensors::vector(&sensor),
                 &[0.0; 12],
                 Whitening::white(vec![1e9; 12], 3),
                 false,

@@ -28,9 +28,11 @@ pub mod localize;
 pub mod measured;
 #[cfg(feature = "std")]
 pub mod record;
+pub mod sensors;
 pub mod tracker;
 
 pub use accumulator::Accumulator;
+pub use sensors::Sensors;
 
 use crate::numbers::algebra::{dot, multiply};
 use crate::numbers::lane::Lane;

@@ -7,31 +7,36 @@ use super::knowledge::Knowledge;
 use super::separable::Record;
 use super::starts::{Shape, Trace};
 use super::{Background, Loss, Options};
+use crate::dipole::Sensors;
 use crate::solve::noise::Whitening;
 
 /// A recording with what was done to it.
 pub struct Data {
     /// Counted from the instant of the state.
     pub times: Vec<f64>,
-    /// (K, S, 3); 0 where a number is missing.
+    /// (K, S, components), what is beside the quiet reading; 0 where a number is missing.
     pub field: Vec<f64>,
     /// How often each number counts: 0 for a spike, and one that is missing.
     pub counts: Vec<f64>,
     channels: usize,
+    /// Of one sensor.
+    components: usize,
     correlation: f64,
     /// The usual time between samples.
     spacing: f64,
 }
 
 impl Data {
-    pub fn new(times: &[f64], field: &[f64], channels: usize, options: &Options) -> Self {
+    pub fn new(times: &[f64], field: &[f64], sensors: &Sensors<'_>, options: &Options) -> Self {
+        let quiet = sensors.quiet();
         let origin = options.origin.unwrap_or(times[0]);
         let mut steps: Vec<f64> = times.windows(2).map(|t| t[1] - t[0]).collect();
         let mut data = Self {
             times: times.iter().map(|t| t - origin).collect(),
-            field: field.to_vec(),
+            field: field.iter().map(|y| y - quiet).collect(),
             counts: vec![1.0; field.len()],
-            channels,
+            channels: sensors.channels(),
+            components: sensors.components(),
             correlation: options.correlation,
             spacing: median(&mut steps),
         };
@@ -41,7 +46,12 @@ impl Data {
             }
         }
         if options.loss == Loss::Huber {
-            reject_spikes(&data.field, channels, &mut data.counts);
+            reject_spikes(
+                &data.field,
+                data.channels,
+                data.components,
+                &mut data.counts,
+            );
         }
         data
     }
@@ -80,7 +90,7 @@ impl Data {
         (count as f64, (knowledge.unknowns() + fitted) as f64)
     }
 
-    pub fn record<'a>(&'a self, sensors: &'a [[f64; 3]], options: &Options) -> Record<'a> {
+    pub fn record<'a>(&'a self, sensors: Sensors<'a>, options: &Options) -> Record<'a> {
         Record {
             times: &self.times,
             sensors,
@@ -99,6 +109,7 @@ impl Data {
             field: Vec::new(),
             counts: Vec::new(),
             channels,
+            components: self.components,
             correlation: 0.0,
             spacing: self.spacing,
         };
@@ -122,12 +133,13 @@ impl Data {
     }
 
     /// For each sensor the shapes that its own field suggests.
-    pub fn shapes(&self, sensors: &[[f64; 3]], options: &Options) -> Vec<(usize, Shape)> {
+    pub fn shapes(&self, options: &Options) -> Vec<(usize, Shape)> {
         let mut out = Vec::new();
-        for s in 0..sensors.len() {
-            let at = |k: usize, axis: usize| k * self.channels + 3 * s + axis;
+        for s in 0..self.channels / self.components {
+            let at = |k: usize, axis: usize| k * self.channels + self.components * s + axis;
             let trace = Trace::new(
                 &self.times,
+                self.components,
                 |k, axis| self.field[at(k, axis)],
                 |k, axis| self.counts[at(k, axis)],
                 options.background == Background::Fit,
@@ -149,7 +161,7 @@ impl Data {
             .zip(&self.counts)
             .map(|(y, c)| c * y * y)
             .sum();
-        let sensors = self.channels as f64 / 3.0;
+        let sensors = (self.channels / self.components) as f64;
         let least = if shapes.is_empty() { size } else { least };
         let count = self.counts.iter().filter(|c| **c > 0.0).count().max(1);
         (least * sensors).max(1e-18 * size).sqrt() / (count as f64).sqrt()
@@ -270,7 +282,7 @@ fn median(values: &mut [f64]) -> f64 {
 /// Gives weight 0 to numbers that stand out from the median of the five around
 /// them by more than a tenth of the range of those medians (and ten times their
 /// usual distance from it).
-fn reject_spikes(field: &[f64], channels: usize, weights: &mut [f64]) {
+fn reject_spikes(field: &[f64], channels: usize, components: usize, weights: &mut [f64]) {
     let given = weights.to_vec();
     for channel in 0..channels {
         // Those that are there.
@@ -302,8 +314,8 @@ fn reject_spikes(field: &[f64], channels: usize, weights: &mut [f64]) {
         for (&i, d) in there.iter().zip(&distance) {
             if *d > limit {
                 // The sensor's other components of that sample are not trusted either.
-                let first = i / 3 * 3;
-                weights[first..first + 3].fill(0.0);
+                let first = i / components * components;
+                weights[first..first + components].fill(0.0);
             }
         }
     }

@@ -44,6 +44,15 @@ impl Knowledge {
         9 - self.exact.iter().filter(|x| x.is_some()).count().min(9)
     }
 
+    /// The same without what is known of the moment; `None` where nothing is.
+    pub fn without_moment(&self) -> Option<Self> {
+        let mut free = *self;
+        for i in (6..9).chain([MOMENT]) {
+            (free.exact[i], free.prior[i]) = (None, None);
+        }
+        (free != *self).then_some(free)
+    }
+
     /// Whether (-r0, -v, m) would contradict an exactly known component.
     pub fn excludes_mirror(&self) -> bool {
         self.exact[..6].iter().flatten().any(|&x| x != 0.0)

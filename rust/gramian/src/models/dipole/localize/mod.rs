@@ -8,7 +8,7 @@
 //!
 //! ```
 //! use gramian::dipole::localize::{Knowledge, Options, localize};
-//! use gramian::dipole::{Pass, Sensing, measure};
+//! use gramian::dipole::{Pass, Sensing, Sensors, measure};
 //! let pass = Pass::of(&[-10.0, -10.0, 5.0, 1.0, 1.0, 0.0, 10.0, 20.0, 10.0]);
 //! let times: Vec<f64> = (0..21).map(f64::from).collect();
 //! let mut field = vec![0.0; 63];
@@ -17,7 +17,8 @@
 //! let mut known = Knowledge::default();
 //! known.exact[2] = Some(5.0);
 //! let options = Options { sigma: Some(1e-9), ..Options::default() };
-//! let found = localize(&times, &field, &[[0.0; 3]], &known, &options).unwrap();
+//! let sensors = Sensors::vector(&[[0.0; 3]]);
+//! let found = localize(&times, &field, &sensors, &known, &options).unwrap();
 //! assert!((found.best.state[0] + 10.0).abs() < 1e-6);
 //! ```
 
@@ -35,11 +36,15 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use data::Data;
 pub(in crate::models::dipole) use data::{huber, robust_sigma};
 pub use knowledge::{Contradiction, Knowledge, MOMENT, SPEED};
-use separable::{Fitter, Point, Record};
+use separable::{Fitter, Point};
 use starts::Shape;
 
+use super::Sensors;
+use super::measured::Measured;
+use super::sensors::Head;
 use crate::batch::Stream;
 use crate::scalar::{NumberError, check_length};
+use crate::solve::gauss_newton::{self, minimize};
 
 /// What is done about a constant field in the record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -109,11 +114,11 @@ pub struct Located {
     pub best: Solution,
     /// The best near the mirror image of it, where knowledge allows one.
     pub mirror: Option<Solution>,
-    /// Residuals (K, S, 3), T.
+    /// Residuals (K, S, components), T.
     pub residuals: Vec<f64>,
-    /// Background (S, 3), T.
+    /// Background (S, components), T; of the total field beside the ambient one.
     pub background: Vec<f64>,
-    /// Weights (K, S, 3) between 0 and 1 that the loss gave; 0 where a number is missing.
+    /// Weights (K, S, components) between 0 and 1 that the loss gave; 0 where a number is missing.
     pub weights: Vec<f64>,
     /// What the weights are to be multiplied by, so that the curvature of the weighted squares
     /// is the inverse covariance of the estimate: 1 without a robust loss.
@@ -126,8 +131,9 @@ pub struct Located {
     pub iterations: u32,
 }
 
-/// Locates a dipole. `times` increase; `field` is (K, S, 3) in tesla, NaN for a number that
-/// is missing; positions are in the frame of `sensors`.
+/// Locates a dipole. `times` increase; `field` is (K, S, components) in tesla, NaN for a number
+/// that is missing; positions are in the frame of `sensors`. The total field is searched by its
+/// component along the ambient field, in which the moment is linear, and then fitted as it is.
 ///
 /// # Errors
 /// [`Error`] for knowledge that contradicts itself, and where no pass explains
@@ -135,17 +141,19 @@ pub struct Located {
 pub fn localize(
     times: &[f64],
     field: &[f64],
-    sensors: &[[f64; 3]],
+    sensors: &Sensors<'_>,
     knowledge: &Knowledge,
     options: &Options,
 ) -> Result<Located, Error> {
     knowledge.check().map_err(Error::Contradiction)?;
-    let channels = 3 * sensors.len();
     check_length("times", times.len(), times.len().max(1))?;
-    check_length("field", field.len(), times.len() * channels)?;
-    let data = Data::new(times, field, channels, options);
+    check_length("field", field.len(), times.len() * sensors.channels())?;
+    if !sensors.baselines.is_empty() {
+        check_length("baselines", sensors.baselines.len(), sensors.places.len())?;
+    }
+    let data = Data::new(times, field, sensors, options);
     let thin = data.thinned();
-    let shapes = data.shapes(sensors, options);
+    let shapes = data.shapes(options);
     let mut sigma = match options.sigma {
         Some(sigma) => sigma,
         None => data.first_sigma(&shapes),
@@ -154,18 +162,8 @@ pub fn localize(
     if (shapes.is_empty() && known_place.is_none()) || !(sigma > 0.0 && sigma.is_finite()) {
         return Err(Error::NoField);
     }
-    let mut best = {
-        let mut fitter = Fitter::new(thin.record(sensors, options), knowledge);
-        fitter.set_noise(thin.noise(thin.counts.iter().map(|w| w.sqrt() / sigma)));
-        search(&mut fitter, &shapes, sensors, knowledge, options)?
-    };
-    let record = Record {
-        times: &data.times,
-        sensors,
-        field: &data.field,
-        offsets: options.background == Background::Fit,
-    };
-    let mut fitter = Fitter::new(record, knowledge);
+    let ends = ends(&thin, sigma, &shapes, sensors, knowledge, options)?;
+    let mut fitter = Fitter::new(data.record(*sensors, options), knowledge);
     let mut weights = data.counts.clone();
     let mut residuals = vec![0.0; field.len()];
     // With all given, one round; otherwise until sigma and weights settle.
@@ -176,11 +174,25 @@ pub fn localize(
     };
     let mut offsets = Vec::new();
     let mut efficiency = 1.0;
+    let mut best = ends[0];
     for round in 0..rounds {
         let before = best;
         fitter.set_noise(data.noise(weights.iter().map(|w| (w * efficiency).sqrt() / sigma)));
-        let start = fitter.evaluate(&best.place);
-        best = fitter.refine(&start, options.rounds);
+        best = if sensors.ambient.is_none() {
+            let start = fitter.evaluate(&best.place);
+            fitter.refine(&start, options.rounds)
+        } else {
+            let from = if round == 0 {
+                &ends[..]
+            } else {
+                core::slice::from_ref(&before)
+            };
+            let ends = from
+                .iter()
+                .map(|end| exactly(&fitter, end, knowledge, options));
+            ends.min_by(|a, b| a.cost.total_cmp(&b.cost))
+                .unwrap_or(before)
+        };
         offsets = fitter.residuals(&best, &mut residuals);
         let moved = (0..6)
             .map(|i| (best.place[i] - before.place[i]).abs() / (1e-300 + best.place[i].abs()))
@@ -222,16 +234,104 @@ pub fn localize(
     })
 }
 
-/// Follows the most promising starts and returns the best end.
+/// Where the search on a thinned record ends, best first.
+fn ends(
+    thin: &Data,
+    sigma: f64,
+    shapes: &[(usize, Shape)],
+    sensors: &Sensors<'_>,
+    knowledge: &Knowledge,
+    options: &Options,
+) -> Result<Vec<Point>, Error> {
+    let noise = || thin.noise(thin.counts.iter().map(|w| w.sqrt() / sigma));
+    let mut fitter = Fitter::new(thin.record(*sensors, options), knowledge);
+    fitter.set_noise(noise());
+    let mut ends = search(&mut fitter, shapes, sensors, knowledge, options)?;
+    if sensors.plain() {
+        return Ok(ends);
+    }
+    // The moment of a shape is that at one sensor of three components. Elsewhere a known moment
+    // does not tell sizes: they come from passes of any moment.
+    if let Some(free) = knowledge.without_moment() {
+        let mut other = Fitter::new(thin.record(*sensors, options), &free);
+        other.set_noise(noise());
+        let found = search(&mut other, shapes, sensors, &free, options)?;
+        let images: Vec<Point> = found
+            .iter()
+            .filter_map(|end| mirrored(&mut other, end, sensors, &free, options))
+            .collect();
+        for end in found.iter().chain(&images) {
+            let start = fitter.evaluate(&end.place);
+            ends.push(fitter.refine(&start, options.rounds));
+        }
+        ends.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    }
+    Ok(ends)
+}
+
+/// Improves a point by the total field itself, which is not linear in the moment.
+fn exactly(fitter: &Fitter<'_>, point: &Point, knowledge: &Knowledge, options: &Options) -> Point {
+    let (record, noise) = (fitter.record(), fitter.noise());
+    let state = point.state();
+    let measured = Measured::new(
+        record.times,
+        &record.sensors,
+        record.field,
+        noise.clone(),
+        record.offsets,
+        *knowledge,
+        &state,
+    );
+    let mut left = vec![0.0; record.field.len()];
+    let levels = fitter.residuals(point, &mut left);
+    let mut x = measured.coordinates(&state);
+    let first = x.len() - measured.constants().len();
+    for (place, &channel) in x[first..].iter_mut().zip(measured.constants()) {
+        *place = levels[channel];
+    }
+    let max_iterations = options.rounds;
+    let step = gauss_newton::Options {
+        max_iterations,
+        ..gauss_newton::Options::default()
+    };
+    let found = minimize(&measured, &x, &[], step);
+    let state = measured.expand(&found.x).0;
+    let ([a, b, c, d, e, f], [x, y, z]) = (
+        core::array::from_fn(|i| state[i]),
+        core::array::from_fn(|i| state[6 + i]),
+    );
+    Point {
+        place: [a, b, c, d, e, f],
+        moment: [x, y, z],
+        cost: if found.chi2.is_finite() {
+            found.chi2
+        } else {
+            f64::INFINITY
+        },
+        iterations: found.iterations,
+        converged: found.converged,
+    }
+}
+
+/// Follows the most promising starts and returns the best ends, best first.
 fn search(
     fitter: &mut Fitter<'_>,
     shapes: &[(usize, Shape)],
-    sensors: &[[f64; 3]],
+    sensors: &Sensors<'_>,
     knowledge: &Knowledge,
     options: &Options,
-) -> Result<Point, Error> {
+) -> Result<Vec<Point>, Error> {
     let mut starts: Vec<Point> = Vec::new();
     let mut add = |fitter: &mut Fitter<'_>, sensor: &[f64; 3], shape: &Shape| {
+        let mut shape = *shape;
+        if shape.moment[0].is_nan() {
+            let place = core::array::from_fn(|i| match i {
+                0..3 => sensor[i] + shape.position[i],
+                _ => shape.velocity[i - 3],
+            });
+            shape.moment = fitter.evaluate(&place).moment;
+        }
+        let shape = &shape;
         for (size, side) in sizes(shape, sensor, sensors, knowledge) {
             let mut place = [0.0; 6];
             for i in 0..3 {
@@ -246,12 +346,18 @@ fn search(
         }
     };
     for (s, shape) in shapes {
-        add(fitter, &sensors[*s], shape);
+        add(fitter, &sensors.places[*s], shape);
     }
     // The same passes turned at random: where the field says little of the frame.
-    for (index, (s, shape)) in shapes.iter().enumerate().take(4 * sensors.len()) {
+    // One component tells nothing of it.
+    let (first, turns) = if sensors.components() == 3 {
+        (4, 1)
+    } else {
+        (8, 4)
+    };
+    for (index, (s, shape)) in shapes.iter().enumerate().take(first * sensors.places.len()) {
         let mut random = Stream::new(0, index as u64);
-        for _ in 0..options.starts {
+        for _ in 0..turns * options.starts {
             let turn = UnitQuaternion::from_quaternion(Quaternion::new(
                 random.normal(),
                 random.normal(),
@@ -265,7 +371,7 @@ fn search(
                 moment: turned(&shape.moment),
                 misfit: shape.misfit,
             };
-            add(fitter, &sensors[*s], &other);
+            add(fitter, &sensors.places[*s], &other);
         }
     }
     if shapes.is_empty() {
@@ -275,17 +381,32 @@ fn search(
         starts.push(fitter.evaluate(&place));
     }
     starts.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-    starts.truncate(options.starts.max(1));
+    // Where the shape of the field does not give the frame in closed form, what costs least at
+    // first says less of where it leads.
+    let followed = match (sensors.ambient, sensors.baselines) {
+        (None, []) => 1,
+        (Some(_), [_, ..]) => 30,
+        _ => 10,
+    };
+    starts.truncate(followed * options.starts.max(1));
     let mut ends: Vec<Point> = starts
         .iter()
         .map(|start| fitter.refine(start, options.rounds.min(12)))
         .collect();
     ends.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-    ends.iter()
-        .take(3)
+    // What is linear is not what is measured, of the total field: more ends are worth a look.
+    let kept = if sensors.plain() { 3 } else { 8 };
+    let mut ends: Vec<Point> = ends
+        .iter()
+        .take(kept)
         .map(|end| fitter.refine(end, options.rounds.saturating_sub(12)))
-        .min_by(|a, b| a.cost.total_cmp(&b.cost))
-        .ok_or(Error::NoField)
+        .collect();
+    ends.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    if ends.is_empty() {
+        Err(Error::NoField)
+    } else {
+        Ok(ends)
+    }
 }
 
 /// Sizes (and sides: 1, or -1 for the mirror image) that knowledge suggests for
@@ -293,7 +414,7 @@ fn search(
 fn sizes(
     shape: &Shape,
     sensor: &[f64; 3],
-    sensors: &[[f64; 3]],
+    sensors: &Sensors<'_>,
     knowledge: &Knowledge,
 ) -> Vec<(f64, f64)> {
     let known = |i: usize| knowledge.exact[i].or(knowledge.prior[i].map(|(mean, _)| mean));
@@ -331,11 +452,12 @@ fn sizes(
     if let Some(value) = known(MOMENT) {
         push((value / length(&shape.moment)).cbrt(), &[1.0, -1.0]);
     }
-    if sensors.len() > 1 {
-        let baseline = sensors
-            .iter()
-            .map(|s| length(&core::array::from_fn(|i| s[i] - sensor[i])))
-            .fold(0.0, f64::max);
+    let apart = |h: Head| length(&core::array::from_fn(|i| h.place[i] - sensor[i]));
+    let baseline = (0..sensors.places.len())
+        .flat_map(|s| sensors.heads(s))
+        .map(apart)
+        .fold(0.0, f64::max);
+    if baseline > 0.0 {
         for k in 0..12 {
             push(
                 baseline * 10.0_f64.powf(-1.0 + 0.3 * f64::from(k)),
@@ -355,14 +477,15 @@ fn sizes(
 fn mirrored(
     fitter: &mut Fitter<'_>,
     best: &Point,
-    sensors: &[[f64; 3]],
+    sensors: &Sensors<'_>,
     knowledge: &Knowledge,
     options: &Options,
 ) -> Option<Point> {
-    let count = sensors.len() as f64;
+    let heads = || (0..sensors.places.len()).flat_map(|s| sensors.heads(s));
+    let count = heads().count() as f64;
     let mut place = best.place;
     for i in 0..3 {
-        let center: f64 = sensors.iter().map(|s| s[i]).sum::<f64>() / count;
+        let center: f64 = heads().map(|h| h.place[i]).sum::<f64>() / count;
         place[i] = 2.0 * center - place[i];
         place[3 + i] = -place[3 + i];
         if knowledge.exact[i].is_some_and(|x| x != center)
@@ -373,7 +496,11 @@ fn mirrored(
     }
     knowledge.project(&mut place);
     let start = fitter.evaluate(&place);
-    let end = fitter.refine(&start, options.rounds);
+    let end = if sensors.ambient.is_none() {
+        fitter.refine(&start, options.rounds)
+    } else {
+        exactly(fitter, &start, knowledge, options)
+    };
     let (mut apart, mut size, mut reach) = (0.0_f64, 0.0_f64, 0.0_f64);
     for i in 0..6 {
         apart += (end.place[i] - best.place[i]).powi(2);
@@ -431,6 +558,7 @@ mod tests {
 
     #[test]
     fn exact_data_give_the_exact_pass() {
+        let sensors = Sensors::vector(&[[0.0; 3]]);
         let (times, field) = record(&TABLE_1, &[[0.0; 3]]);
         for knowledge in [
             known(&[(2, 5.0), (5, 0.0)]),
@@ -439,7 +567,7 @@ mod tests {
             known(&[(2, 5.0), (MOMENT, 600.0_f64.sqrt())]),
         ] {
             let options = Options::default();
-            let found = localize(&times, &field, &[[0.0; 3]], &knowledge, &options).unwrap();
+            let found = localize(&times, &field, &sensors, &knowledge, &options).unwrap();
             let mirror = found.mirror.map_or(found.best.state, |m| m.state);
             let far = |x: &[f64; 9]| {
                 (0..9)
@@ -452,12 +580,59 @@ mod tests {
     }
 
     #[test]
+    fn exact_data_of_every_kind_of_sensor_give_the_exact_pass() {
+        let places = [[0.0; 3], [4.0, 0.0, 1.0], [0.0, 5.0, 2.0]];
+        let baselines = [[0.0, 0.0, 3.0], [2.0, 0.0, 0.0], [0.0, 2.0, 1.0]];
+        let times: Vec<f64> = (0..21).map(f64::from).collect();
+        // A few times the dipole's own field, and far larger.
+        let (near, earth) = (Some([3e-8, -2e-8, 9e-8]), Some([2e-5, 1e-6, 4.5e-5]));
+        for (count, gradient, ambient, knowledge) in [
+            (1, true, None, known(&[])),
+            (2, true, None, known(&[])),
+            (1, true, None, known(&[(6, 10.0)])),
+            (2, false, near, known(&[])),
+            (3, false, near, known(&[])),
+            (3, false, earth, known(&[])),
+            (3, true, earth, known(&[(5, 0.0)])),
+        ] {
+            let sensors = Sensors {
+                places: &places[..count],
+                baselines: &baselines[..if gradient { count } else { 0 }],
+                ambient,
+            };
+            let mut field = vec![0.0; times.len() * sensors.channels()];
+            sensors
+                .measure(&times, &Pass::of(&TABLE_1), &mut field)
+                .unwrap();
+            for y in &mut field {
+                *y += sensors.quiet();
+            }
+            let sigma = Some(1e-15);
+            let options = Options {
+                sigma,
+                ..Options::default()
+            };
+            let found = localize(&times, &field, &sensors, &knowledge, &options).unwrap();
+            let mirror = found.mirror.map_or(found.best.state, |m| m.state);
+            let far = |x: &[f64; 9]| {
+                let all = (0..9).map(|i| (x[i] - TABLE_1[i]).abs());
+                all.fold(0.0, f64::max)
+            };
+            let off = far(&found.best.state).min(far(&mirror));
+            // Digits of the ambient field are lost in the reading.
+            let limit = if ambient == earth { 1e-3 } else { 1e-6 };
+            assert!(off < limit, "{count} {gradient} {ambient:?} {off}");
+        }
+    }
+
+    #[test]
     fn the_moment_alone_may_be_unknown_even_from_one_sample() {
+        let sensors = Sensors::vector(&[[0.0; 3]]);
         let (times, field) = record(&TABLE_1, &[[0.0; 3]]);
         let place: Vec<(usize, f64)> = (0..6).map(|i| (i, TABLE_1[i])).collect();
         let knowledge = known(&place);
         let options = Options::default();
-        let found = localize(&times[..1], &field[..3], &[[0.0; 3]], &knowledge, &options).unwrap();
+        let found = localize(&times[..1], &field[..3], &sensors, &knowledge, &options).unwrap();
         for i in 6..9 {
             assert!((found.best.state[i] - TABLE_1[i]).abs() < 1e-9);
         }
@@ -465,10 +640,11 @@ mod tests {
 
     #[test]
     fn errors_say_what_is_wrong() {
+        let sensors = Sensors::vector(&[[0.0; 3]]);
         let (times, field) = record(&TABLE_1, &[[0.0; 3]]);
         let options = Options::default();
         let run = |field: &[f64], knowledge: &Knowledge| {
-            localize(&times, field, &[[0.0; 3]], knowledge, &options)
+            localize(&times, field, &sensors, knowledge, &options)
         };
         let knowledge = known(&[(3, 2.0), (SPEED, 1.0)]);
         let text = alloc::format!("{}", run(&field, &knowledge).unwrap_err());

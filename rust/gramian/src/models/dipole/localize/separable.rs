@@ -16,8 +16,8 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::columns::{Columns, center};
 use super::knowledge::{Knowledge, MOMENT, SPEED};
-use crate::dipole::MU0_OVER_4PI;
-use crate::dipole::{moment_tensor, position_tensor};
+use crate::dipole::sensors::excess;
+use crate::dipole::{MU0_OVER_4PI, Sensors, moment_tensor, position_tensor};
 use crate::numbers::algebra::dot;
 use crate::solve::noise::Whitening;
 
@@ -29,8 +29,9 @@ const PRIOR_ROWS: usize = 11;
 pub struct Record<'a> {
     /// Counted from the instant of the state.
     pub times: &'a [f64],
-    pub sensors: &'a [[f64; 3]],
-    /// (K, S, 3), the background taken off unless it is fitted.
+    /// The total field counts as it is near the ambient one: by its component along that.
+    pub sensors: Sensors<'a>,
+    /// (K, S, components), the background taken off unless it is fitted.
     pub field: &'a [f64],
     /// Whether a constant is fitted to each channel.
     pub offsets: bool,
@@ -38,7 +39,7 @@ pub struct Record<'a> {
 
 impl Record<'_> {
     pub fn channels(&self) -> usize {
-        3 * self.sensors.len()
+        self.sensors.channels()
     }
 }
 
@@ -105,6 +106,14 @@ impl<'a> Fitter<'a> {
         fitter
     }
 
+    pub fn record(&self) -> &Record<'a> {
+        &self.record
+    }
+
+    pub fn noise(&self) -> &Whitening {
+        &self.noise
+    }
+
     /// Sets what whitens the numbers of the field.
     pub fn set_noise(&mut self, noise: Whitening) {
         self.noise = noise;
@@ -125,15 +134,6 @@ impl<'a> Fitter<'a> {
             center(&mut self.data, &self.constant, &self.sums);
         }
         self.data_size = self.data.iter().map(|x| x * x).sum();
-    }
-
-    /// The factor that a number is filled in with: the rest of the whitening follows.
-    fn factor(&self, index: usize) -> f64 {
-        if self.noise.is_white() {
-            self.noise.factors()[index]
-        } else {
-            1.0
-        }
     }
 
     /// The best moment and the cost at a position and velocity; an infinite cost
@@ -183,20 +183,24 @@ impl<'a> Fitter<'a> {
 
     /// Columns of the moment and the field, weighted and centred.
     fn fill_linear(&mut self, place: &[f64; 6]) {
+        let (times, sensors) = (self.record.times, self.record.sensors);
+        let (along, noise, linear) = (sensors.along(), &self.noise, &mut self.linear);
         let mut row = 0;
-        for &t in self.record.times {
-            for sensor in self.record.sensors {
-                let r: [f64; 3] = core::array::from_fn(|i| place[i] + t * place[3 + i] - sensor[i]);
-                let inverse = 1.0 / (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]).sqrt();
-                let n = r.map(|x| x * inverse);
-                let cube = MU0_OVER_4PI * inverse * inverse * inverse;
-                for i in 0..3 {
-                    let factor = self.factor(row + i) * cube;
-                    for j in 0..3 {
-                        self.linear.column_mut(j)[row + i] = factor * moment_tensor(&n, i, j);
-                    }
+        for &t in times {
+            for sensor in 0..sensors.places.len() {
+                for (index, head) in sensors.heads(sensor).enumerate() {
+                    let r = seen_from(place, t, &head.place);
+                    let inverse = 1.0 / (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]).sqrt();
+                    let n = r.map(|x| x * inverse);
+                    let cube = head.sign * MU0_OVER_4PI * inverse * inverse * inverse;
+                    let tensor = |i, j| moment_tensor(&n, i, j);
+                    read(along.as_ref(), tensor, |i, j, value| {
+                        let value = filled_with(noise, row + i) * cube * value;
+                        let out = &mut linear.column_mut(j)[row + i];
+                        *out = if index == 0 { value } else { *out + value };
+                    });
                 }
-                row += 3;
+                row += sensors.components();
             }
         }
         for j in 0..3 {
@@ -422,24 +426,29 @@ impl<'a> Fitter<'a> {
     /// Derivatives by position and velocity, weighted and centred.
     fn fill_by_position(&mut self, point: &Point) {
         let (place, m) = (&point.place, &point.moment);
+        let (times, sensors) = (self.record.times, self.record.sensors);
+        let (along, noise, columns) = (sensors.along(), &self.noise, &mut self.by_position);
         let mut row = 0;
-        for &t in self.record.times {
-            for sensor in self.record.sensors {
-                let r: [f64; 3] = core::array::from_fn(|i| place[i] + t * place[3 + i] - sensor[i]);
-                let inverse = 1.0 / (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]).sqrt();
-                let n = r.map(|x| x * inverse);
-                let along = dot(&n, m);
-                let squared = inverse * inverse;
-                let quartic = 3.0 * MU0_OVER_4PI * squared * squared;
-                for i in 0..3 {
-                    let factor = self.factor(row + i) * quartic;
-                    for j in 0..3 {
-                        let value = factor * position_tensor(&n, m, along, i, j);
-                        self.by_position.column_mut(j)[row + i] = value;
-                        self.by_position.column_mut(3 + j)[row + i] = t * value;
-                    }
+        for &t in times {
+            for sensor in 0..sensors.places.len() {
+                for (index, head) in sensors.heads(sensor).enumerate() {
+                    let r = seen_from(place, t, &head.place);
+                    let inverse = 1.0 / (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]).sqrt();
+                    let n = r.map(|x| x * inverse);
+                    let part = dot(&n, m);
+                    let squared = inverse * inverse;
+                    let quartic = head.sign * 3.0 * MU0_OVER_4PI * squared * squared;
+                    let tensor = |i, j| position_tensor(&n, m, part, i, j);
+                    read(along.as_ref(), tensor, |i, j, value| {
+                        let value = filled_with(noise, row + i) * quartic * value;
+                        let later = t * value;
+                        for (column, value) in [(j, value), (3 + j, later)] {
+                            let out = &mut columns.column_mut(column)[row + i];
+                            *out = if index == 0 { value } else { *out + value };
+                        }
+                    });
                 }
-                row += 3;
+                row += sensors.components();
             }
         }
         for j in 0..6 {
@@ -455,17 +464,23 @@ impl<'a> Fitter<'a> {
 
     /// Residuals in tesla, and the offsets of the channels where they are fitted.
     pub fn residuals(&self, point: &Point, out: &mut [f64]) -> Vec<f64> {
-        let channels = self.record.channels();
+        let (channels, sensors) = (self.record.channels(), self.record.sensors);
+        out.copy_from_slice(self.record.field);
         let mut row = 0;
         for &t in self.record.times {
-            for sensor in self.record.sensors {
-                let r: [f64; 3] =
-                    core::array::from_fn(|i| point.place[i] + t * point.place[3 + i] - sensor[i]);
-                let h = crate::dipole::field(&r, &point.moment).unwrap_or([f64::INFINITY; 3]);
-                for i in 0..3 {
-                    out[row + i] = self.record.field[row + i] - h[i];
+            for sensor in 0..sensors.places.len() {
+                for head in sensors.heads(sensor) {
+                    let r = seen_from(&point.place, t, &head.place);
+                    let h = crate::dipole::field(&r, &point.moment).unwrap_or([f64::INFINITY; 3]);
+                    match &sensors.ambient {
+                        None => (0..3).for_each(|i| out[row + i] -= head.sign * h[i]),
+                        Some(ambient) => {
+                            let value = excess(ambient, &h).map_or(f64::INFINITY, |(x, _)| x);
+                            out[row] -= head.sign * value;
+                        }
+                    }
                 }
-                row += 3;
+                row += sensors.components();
             }
         }
         let mut offsets = vec![0.0; channels];
@@ -482,6 +497,38 @@ impl<'a> Fitter<'a> {
             }
         }
         offsets
+    }
+}
+
+/// The factor that a number is filled in with: the rest of the whitening follows.
+#[inline(always)]
+fn filled_with(noise: &Whitening, index: usize) -> f64 {
+    if noise.is_white() {
+        noise.factors()[index]
+    } else {
+        1.0
+    }
+}
+
+/// Where the dipole is at a time, seen from a head.
+#[inline(always)]
+fn seen_from(place: &[f64; 6], t: f64, head: &[f64; 3]) -> [f64; 3] {
+    core::array::from_fn(|i| place[i] + t * place[3 + i] - head[i])
+}
+
+/// Gives the entries of a matrix of the field's derivatives, or those of its component
+/// along a direction.
+#[inline(always)]
+fn read(
+    along: Option<&[f64; 3]>,
+    tensor: impl Fn(usize, usize) -> f64,
+    mut put: impl FnMut(usize, usize, f64),
+) {
+    for j in 0..3 {
+        match along {
+            None => (0..3).for_each(|i| put(i, j, tensor(i, j))),
+            Some(u) => put(0, j, (0..3).map(|i| u[i] * tensor(i, j)).sum()),
+        }
     }
 }
 

@@ -25,10 +25,22 @@ use crate::dipole::MU0_OVER_4PI;
 pub struct Shape {
     pub position: [f64; 3],
     pub velocity: [f64; 3],
-    /// For the size that the moment's size or components give.
+    /// For the size that the moment's size or components give; NaN where it is not told.
     pub moment: [f64; 3],
     /// Sum of squares that nine coefficients leave.
     pub misfit: f64,
+}
+
+impl Shape {
+    /// Of one component alone the frame of the pass is not told: any will do for a start.
+    fn of_the_times(tc: f64, tau: f64, misfit: f64) -> Self {
+        Self {
+            position: [-tc / tau, 1.0, 0.0],
+            velocity: [1.0 / tau, 0.0, 0.0],
+            moment: [f64::NAN; 3],
+            misfit,
+        }
+    }
 }
 
 /// One sensor's samples, averaged to at most some hundred.
@@ -38,27 +50,31 @@ pub struct Trace {
     weights: Vec<f64>,
     field: [Vec<f64>; 3],
     constant: bool,
+    components: usize,
 }
 
 /// More samples than this are averaged in groups.
 pub const MOST: usize = 400;
 
 impl Trace {
-    /// `weights` are those of the fit, one for each component.
+    /// `weights` are those of the fit, one for each of the three components, or of the first.
     pub fn new(
         times: &[f64],
+        components: usize,
         field: impl Fn(usize, usize) -> f64,
         weights: impl Fn(usize, usize) -> f64,
         constant: bool,
     ) -> Self {
         let group = times.len().div_ceil(MOST);
         // An axis that is not measured at all counts for nothing.
-        let used = [0, 1, 2].map(|axis| (0..times.len()).any(|k| weights(k, axis) > 0.0));
+        let used = [0, 1, 2]
+            .map(|axis| axis < components && (0..times.len()).any(|k| weights(k, axis) > 0.0));
         let mut trace = Self {
             times: Vec::new(),
             weights: Vec::new(),
             field: [Vec::new(), Vec::new(), Vec::new()],
             constant,
+            components,
         };
         for first in (0..times.len()).step_by(group) {
             let range = first..times.len().min(first + group);
@@ -154,6 +170,9 @@ impl Trace {
         kept.iter()
             .filter_map(|&(misfit, tc, tau)| {
                 let (_, coefficients) = self.fit(tc, tau)?;
+                if self.components == 1 {
+                    return Some(Shape::of_the_times(tc, tau, misfit));
+                }
                 shape(&coefficients, tc, tau, misfit)
             })
             .collect()
@@ -339,7 +358,7 @@ mod tests {
                 field(&place, &moment).unwrap()
             })
             .collect();
-        Trace::new(&times, |k, i| samples[k][i], |_, _| 1.0, false)
+        Trace::new(&times, 3, |k, i| samples[k][i], |_, _| 1.0, false)
     }
 
     #[test]

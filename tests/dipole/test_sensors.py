@@ -1,0 +1,210 @@
+"""Gradiometers and sensors of the total field."""
+
+import numpy as np
+import pytest
+
+import gramian as gm
+
+R0, V, M = np.array([-10.0, -9.0, 5.0]), np.array([1.0, 0.8, 0.1]), np.array([10.0, 20.0, -10.0])
+T = np.arange(0.0, 21.0, 0.5)
+EARTH = [2e-5, 1e-6, 4.5e-5]
+#: A few times the dipole's own field, so that the size of the sum is far from linear.
+NEAR = [3e-8, -2e-8, 9e-8]
+ARRAY = np.array([[0.0, 0.0, 0.0], [4.0, 0.0, 1.0], [0.0, 5.0, 2.0]])
+BASELINE = [0.0, 0.0, 3.0]
+BESIDE = np.array([2.0, 1.0, 0.5])
+KINDS = {
+    "gradiometer": {"baselines": BASELINE},
+    "gradiometers": {
+        "sensors": ARRAY,
+        "baselines": [[0.0, 0.0, 3.0], [2.0, 0.0, 0.0], [0.0, 2.0, 1.0]],
+    },
+    "total field": {"sensors": ARRAY, "ambient": NEAR},
+    "total field, weak": {"sensors": ARRAY, "ambient": EARTH},
+    "total gradiometers": {
+        "sensors": ARRAY,
+        "ambient": [3e-7, -2e-7, 9e-7],
+        "baselines": BASELINE,
+    },
+}
+
+
+def total(kind):
+    return "ambient" in KINDS[kind]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_rows_are_the_derivatives_of_what_is_measured(kind):
+    state = np.concatenate([R0, V, M])
+
+    def measured(x):
+        return gm.dipole.measure(x[:3], x[3:6], x[6:], T, **KINDS[kind]).ravel()
+
+    rows = gm.dipole.rows(R0, V, M, T, 1e-9, **KINDS[kind])
+    # The digits that the ambient field leaves of a difference.
+    limit = 1e-8 if KINDS[kind].get("ambient") != EARTH else 1e-4
+    for j in range(9):
+        slopes = []
+        # A velocity moves the last sample by twenty times as much.
+        first = 3e-4 if 3 <= j < 6 else 6e-3
+        for step in first * np.array([1, 2, 4]):
+            up, down = state.copy(), state.copy()
+            up[j] += step
+            down[j] -= step
+            slopes.append((measured(up) - measured(down)) / (2 * step) / 1e-9)
+        a, b, c = slopes
+        wanted = (16 * (4 * a - b) / 3 - (4 * b - c) / 3) / 15
+        np.testing.assert_allclose(rows[:, j], wanted, atol=limit * abs(rows[:, j]).max())
+
+
+def test_a_gradiometer_measures_the_difference_of_two_sensors():
+    first = gm.dipole.measure(R0, V, M, T)
+    second = gm.dipole.measure(R0 - BASELINE, V, M, T)
+    got = gm.dipole.measure(R0, V, M, T, baselines=BASELINE)
+    np.testing.assert_allclose(got, second - first, rtol=0, atol=1e-22)
+    size = gm.dipole.measure(R0, V, M, T, ambient=EARTH, baselines=[BASELINE], sensors=[[0, 0, 0]])
+    assert size.shape == (len(T), 1)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_pass_is_found_and_judged_as_by_three_axes(kind):
+    sigma = 1e-13
+    y = gm.dipole.simulate(R0, V, M, T, sigma, 3, **KINDS[kind])
+    found = gm.dipole.localize(T, y, sigma=sigma, **KINDS[kind])
+    assert found.status in ("determined", "ambiguous"), found.reason
+    truth = np.concatenate([R0, V, M])
+    image = found.mirror
+    passes = [np.concatenate([found.r0, found.v, found.m])]
+    if image is not None:
+        passes.append(np.concatenate([image.r0, image.v, image.m]))
+    bound = gm.analyze(gm.dipole.problem(R0, V, M, T, sigma, **KINDS[kind])).crlb_std
+    off = min(abs((x - truth) / bound).max() for x in passes)
+    assert off < 4.5
+    np.testing.assert_allclose(found.pass_std, bound, rtol=0.2)
+    assert found.explained > 0.99
+    assert found.residuals.shape == (len(T), len(found.sensors), 1 if total(kind) else 3)
+    # All that is asked of an estimate.
+    low, high = found.interval("range").pieces[0]
+    assert low < found.closest.range < high
+    np.testing.assert_allclose(
+        found.model.h(found.state).reshape(y.shape), y, rtol=0, atol=6 * sigma
+    )
+    assert found.fit.dof == y.size - 9
+
+
+@pytest.mark.parametrize("kind", ["gradiometers", "total field"])
+def test_intervals_hold_the_truth_and_errors_meet_the_bound(kind):
+    trials, sigma = 300, 2e-12
+    args = (R0, V, M, T, sigma)
+    found = gm.dipole.localize_trials(*args, 1, trials, **KINDS[kind])
+    errors = found - np.concatenate([R0, V, M])
+    rows = gm.dipole.rows(*args, **KINDS[kind])
+    nees = ((rows @ errors.T) ** 2).sum(axis=0)
+    # Three deviations of the mean of chi-square of nine.
+    assert abs(nees.mean() / 9 - 1) < 3 * np.sqrt(2 / 9 / trials)
+    y = gm.dipole.simulate(*args, 5, trials=40, **KINDS[kind])
+    held = 0
+    for one in y:
+        answer = gm.dipole.localize(T, one, sigma=sigma, **KINDS[kind])
+        low, high = answer.interval("speed").pieces[0]
+        held += low < np.linalg.norm(V) < high
+    assert held >= 34, "95 % of 40, less three deviations"
+
+
+@pytest.mark.parametrize("kind", ["gradiometers", "total field"])
+def test_a_constant_and_spikes_and_an_unknown_deviation(kind):
+    y = gm.dipole.simulate(R0, V, M, T, 1e-12, 3, **KINDS[kind])
+    y[7] += 1e-6
+    y += 1e-8
+    found = gm.dipole.localize(T, y, background="fit", loss="huber", **KINDS[kind])
+    assert abs(found.r0 - R0).max() < 0.1
+    assert found.spikes >= len(found.sensors)
+    assert 0.5e-12 < found.sigma < 2e-12
+    np.testing.assert_allclose(found.background, 1e-8, atol=3e-12)
+    assert found["background F of sensor 1" if total(kind) else "background x of sensor 1"]
+
+
+def test_many_are_each():
+    kind = KINDS["total field"]
+    y = gm.dipole.simulate(R0, V, M, T, 1e-12, 3, trials=3, **kind)
+    many = gm.dipole.localize_many(T, y, sigma=1e-12, **kind)
+    one = gm.dipole.localize(T, y[1], sigma=1e-12, **kind)
+    np.testing.assert_array_equal(many.states[1], np.concatenate([one.r0, one.v, one.m]))
+    assert many.states.shape == (3, 9)
+
+
+def test_one_sensor_of_the_total_field_says_what_it_cannot_tell():
+    y = gm.dipole.simulate(R0, V, M, T, 1e-12, 3, ambient=NEAR)
+    with pytest.raises(gm.UnobservableError, match="is not determined") as refused:
+        gm.dipole.localize(T, y, sigma=1e-12, ambient=NEAR)
+    assert len(refused.value.null_combinations) == 2, "the size, a turn about the ambient field"
+    problem = gm.dipole.problem(R0, V, M, T, 1e-12, ambient=NEAR)
+    answer = gm.analyze(problem)
+    turn = np.concatenate([np.cross(NEAR, x) for x in (R0, V, M)])
+    for null in (turn, np.concatenate([R0, V, 3 * M])):
+        rest = null - answer.null_space @ np.linalg.lstsq(answer.null_space, null)[0]
+        assert np.linalg.norm(rest) < 1e-6 * np.linalg.norm(null)
+
+
+def test_the_mirror_image_at_one_gradiometer_is_about_its_middle():
+    y = gm.dipole.simulate(R0, V, M, T, 1e-12, 3, baselines=BASELINE)
+    found = gm.dipole.localize(T, y, sigma=1e-12, baselines=BASELINE)
+    assert found.status == "ambiguous"
+    np.testing.assert_allclose(found.mirror.r0, BASELINE - found.r0, atol=1e-5)
+    np.testing.assert_allclose(found.mirror.m, -found.m, atol=1e-4)
+    assert "middle of the gradiometer" in found.summary()
+    told = gm.dipole.localize(T, y, {"mx": 10.0}, sigma=1e-12, baselines=BASELINE)
+    assert told.status == "determined", told.reason
+    assert abs(told.r0 - R0).max() < 0.2
+
+
+def test_a_second_dipole_and_a_stuck_channel_show():
+    kind = KINDS["total field"]
+    y = gm.dipole.simulate(R0, V, M, T, 1e-13, 3, **kind)
+    y += gm.dipole.measure(R0 + BESIDE, V, 0.5 * M, T, **kind) - np.linalg.norm(NEAR)
+    assert gm.dipole.localize(T, y, sigma=1e-13, **kind).status == "misfit"
+    y = gm.dipole.simulate(R0, V, M, T, 1e-12, 3, **kind)
+    y[:, 1] = y[0, 1]
+    found = gm.dipole.localize(T, y, sigma=1e-12, **kind)
+    assert found.status == "misfit"
+    assert "channel F of sensor 2" in found.reason
+    used = gm.dipole.localize(T, y, {"z": 5.0}, sigma=1e-12, use=[True, False, True], **kind)
+    assert abs(used.r0 - R0).max() < 0.5
+
+
+def test_pictures_and_saving(tmp_path):
+    kind = KINDS["total field"]
+    y = gm.dipole.simulate(R0, V, M, T, 1e-12, 3, **kind)
+    found = gm.dipole.localize(T, y, sigma=1e-12, **kind)
+    assert len(found.plot("field").axes) == 3
+    found.save(tmp_path / "found.json")
+    again = gm.load(tmp_path / "found.json")
+    assert again.model.ambient == tuple(NEAR)
+    np.testing.assert_array_equal(again.state, found.state)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"ambient": [0.0, 0.0, 0.0]}, "must be three finite numbers in tesla, not all 0"),
+        ({"ambient": [1e-5, 2e-5]}, "must be three finite numbers"),
+        ({"baselines": [0.0, 0.0, 0.0]}, r"baselines\[0\] is 0"),
+        ({"baselines": [[0.0, 0.0, 1.0]] * 2}, r"baselines has shape \(2, 3\): must be \(3,\) or"),
+        ({"baselines": [0.0, np.nan, 1.0]}, "baselines"),
+        ({"ambient": EARTH}, r"field has shape \(42, 3\) for 42 times: must be \(K,\)"),
+        ({"ambient": EARTH, "attitude": 0.1}, "sensors of three components"),
+    ],
+)
+def test_bad_input_is_told(options, message):
+    y = gm.dipole.simulate(R0, V, M, T, 1e-12, 3)
+    with pytest.raises(gm.InputError, match=message):
+        gm.dipole.localize(T, y, {"z": 5.0}, sigma=1e-12, **options)
+
+
+def test_bad_input_of_the_others_is_told():
+    with pytest.raises(gm.InputError, match=r"baselines has shape \(2,\)"):
+        gm.dipole.rows(R0, V, M, T, 1e-9, baselines=[1.0, 2.0])
+    with pytest.raises(gm.InputError, match="on the sensor"):
+        gm.dipole.measure([0.0, 0.0, 3.0], V, M, [0.0], baselines=BASELINE)
+    with pytest.raises(gm.InputError, match=r"field has shape \(4,\): must be \(..., K, 3\)"):
+        gm.dipole.localize_many(np.arange(4.0), np.zeros(4), baselines=BASELINE)
