@@ -138,3 +138,28 @@ def test_without_a_sigma_chi2_tests_nothing():
     assert answer.status == "determined"
     # The alternatives still do.
     assert localize(TIMES, record("10 nT left in", 6), KNOWN).status == "misfit"
+
+
+def test_widened_deviations_allow_for_what_is_left_over_and_do_not_hide_that_it_is():
+    t = np.arange(0.0, 20.0, 0.1)
+    sensors = [[0.0, 0.0, 0.0], [0.0, 3.0, 0.0]]
+    y = gm.dipole.simulate(
+        [-10, -9, 5], [1, 0.9, 0], [10, 20, 10], t, 1e-11, seed=2, sensors=sensors
+    )
+    y += gm.dipole.measure([-12, -11, 5], [1, 0.9, 0], [3, -4, 6], t, sensors=sensors)
+    found = gm.dipole.localize(t, y, sensors=sensors)
+    wide = found.widened()
+    assert found.status == wide.status == "misfit"
+    assert wide.reason == found.reason
+    truth = float(np.hypot(1.0, 0.9))
+    factor = wide.sigma / found.sigma
+    assert factor > 2
+    np.testing.assert_allclose(wide.pass_std, factor * found.pass_std, rtol=1e-6)
+    narrow, broad = (answer.interval("speed").pieces[0] for answer in (found, wide))
+    assert not narrow[0] < truth < narrow[1]
+    assert broad[1] - broad[0] > 1.5 * (narrow[1] - narrow[0])
+    # A fit with nothing left over but noise is hardly widened, and never narrowed.
+    y = gm.dipole.simulate([-10, -9, 5], [1, 0.9, 0], [10, 20, 10], t, 1e-11, 2, sensors=sensors)
+    found = gm.dipole.localize(t, y, sensors=sensors)
+    assert found.status == found.widened().status
+    assert found.sigma <= found.widened().sigma < 1.3 * found.sigma

@@ -161,3 +161,23 @@ def test_recorded_car(recorded):
     broken[:, 1, 2] = broken[:, 0, 2]
     named = {(f.kind, f.channel) for f in gm.dipole.check_record(t, broken).findings}
     assert {("constant", "1y"), ("copy", "2z")} <= named
+
+
+def test_readings_of_the_total_field_have_no_axes_and_their_own_names():
+    t = np.arange(400) * 0.01
+    y = gm.dipole.simulate(
+        [-2, 1, 0.5], [1, 0, 0], [9, 5, 7], t, 1e-9, seed=1,
+        sensors=[[0, 0, 0], [0, 0.5, 0], [0, 1, 0], [0, 0, 1], [0, 0.5, 1], [0, 1, 1]],
+        ambient=[2e-5, 0.0, 4e-5],
+    )  # fmt: skip
+    check = gm.dipole.check_record(t, y, components=1)
+    assert check.channels == ("1F", "2F", "3F", "4F", "5F", "6F")
+    assert check.sound, "sensors in a row see alike: no axes are swapped"
+    y[:, 2] = y[5, 2]
+    (finding,) = gm.dipole.check_record(t, y, components=1).findings
+    assert (finding.kind, finding.channel) == ("constant", "3F")
+    assert gm.dipole.check_record(t, y[:, 0], components=1).channels == ("F",)
+    with pytest.raises(gm.InputError, match=r"field \(400, 6\): must be \(K,\) and \(K, 3\)"):
+        gm.dipole.check_record(t, y)
+    with pytest.raises(gm.InputError, match="components = 2: must be 3 or 1"):
+        gm.dipole.check_record(t, y, components=2)
