@@ -99,7 +99,7 @@ pub fn observability(
         rows,
         errors,
         rtol,
-        scale,
+        &scale,
         (&s, &vectors),
         &values,
     )?)

@@ -190,7 +190,7 @@ impl<T: Real> Observability<T> {
         rows: &[T],
         errors: &[T],
         rtol: T,
-        scale: Vec<T>,
+        scale: &[T],
         (s, v): (&[T], &[T]),
         values: &light_rows::Values<'_, T>,
     ) -> Result<Self, NumberError> {
@@ -200,7 +200,7 @@ impl<T: Real> Observability<T> {
         let scaled = |rows: &[T]| -> Vec<T> {
             let each = |(&x, &d): (&T, &T)| x * d;
             rows.chunks_exact(n)
-                .flat_map(|row| row.iter().zip(&scale).map(each))
+                .flat_map(|row| row.iter().zip(scale).map(each))
                 .collect()
         };
         let (a, errors) = if rank == n {
@@ -214,7 +214,7 @@ impl<T: Real> Observability<T> {
             exact: &[],
             n,
             rtol,
-            units: &scale,
+            units: scale,
         };
         let ones = vec![T::one(); n];
         let first = First {
@@ -228,7 +228,7 @@ impl<T: Real> Observability<T> {
         } else {
             light_rows::parts(&rows, &first, values)
         };
-        Self::of_parts(&rows, scale.clone(), parts)
+        Self::of_parts(&rows, scale.to_vec(), parts)
     }
 
     fn of_parts(
