@@ -31,26 +31,28 @@ pub(super) fn inverse<T: Real>(x: T) -> T {
 /// J. Inst. Maths Applics 10.
 pub(super) fn balance<T: Real>(a: &[T], n: usize, units: &[T]) -> (Vec<T>, Vec<T>) {
     let mut rows = vec![T::zero(); a.len() / n];
-    let mut columns = vec![T::zero(); n];
+    let (mut columns, mut sums) = (vec![T::zero(); n], vec![T::zero(); n]);
     // An entry far below the largest of its row, in the units given too, may be rounding.
     let rounding = T::EPSILON * T::of(16.0);
-    let given = |row: &[T]| -> Vec<T> {
-        let each = row.iter().enumerate();
-        each.map(|(j, &x)| units.get(j).map_or(x, |&d| x / d))
-            .collect()
-    };
-    let entries: Vec<(usize, usize, T)> = a
-        .chunks_exact(n)
-        .enumerate()
-        .flat_map(|(i, row)| {
-            let given = given(row);
-            let (least, least_given) = (size(row) * rounding, size(&given) * rounding);
-            let seen = row.iter().zip(given).enumerate();
-            seen.filter(move |(_, (x, y))| x.abs() > least || y.abs() > least_given)
-                .filter(|(_, (x, _))| **x != T::zero())
-                .map(move |(j, (x, _))| (i, j, x.abs().ln()))
-        })
-        .collect();
+    let mut entries: Vec<(usize, usize, T)> = Vec::with_capacity(a.len());
+    for (i, row) in a.chunks_exact(n).enumerate() {
+        let given = |j: usize, x: T| units.get(j).map_or(x, |&d| x / d).abs();
+        let least = size(row) * rounding;
+        // Mostly no entry is so small that the units given are asked.
+        let mut least_given = None;
+        for (j, &x) in row.iter().enumerate() {
+            if x.abs() <= least {
+                let least_given = *least_given.get_or_insert_with(|| {
+                    let each = row.iter().enumerate();
+                    each.fold(T::zero(), |m, (j, &x)| m.max(given(j, x))) * rounding
+                });
+                if x == T::zero() || given(j, x) <= least_given {
+                    continue;
+                }
+            }
+            entries.push((i, j, x.abs().ln()));
+        }
+    }
     let (mut by_row, mut by_column) = (vec![T::zero(); rows.len()], vec![T::zero(); n]);
     for &(i, j, _) in &entries {
         by_row[i] += T::one();
@@ -59,11 +61,24 @@ pub(super) fn balance<T: Real>(a: &[T], n: usize, units: &[T]) -> (Vec<T>, Vec<T
     for _ in 0..SWEEPS {
         rows.fill(T::zero());
         for &(i, j, log) in &entries {
-            rows[i] -= (log + columns[j]) / by_row[i];
+            rows[i] -= log + columns[j];
         }
-        columns.fill(T::zero());
+        for (row, &count) in rows.iter_mut().zip(&by_row) {
+            *row /= count.max(T::one());
+        }
+        sums.fill(T::zero());
         for &(i, j, log) in &entries {
-            columns[j] -= (log + rows[i]) / by_column[j];
+            sums[j] -= log + rows[i];
+        }
+        let mut moved = T::zero();
+        for ((column, &sum), &count) in columns.iter_mut().zip(&sums).zip(&by_column) {
+            let mean = sum / count.max(T::one());
+            moved = moved.max((mean - *column).abs());
+            *column = mean;
+        }
+        // Powers of two are coarser than this.
+        if moved < T::of(0.1) {
+            break;
         }
     }
     let power = |log: T| {

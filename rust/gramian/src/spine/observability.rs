@@ -56,6 +56,8 @@ pub(super) struct Parts<T> {
     pub weakest: usize,
     /// Share in the null space above which no state is at rest, whichever it is.
     pub touch: T,
+    /// Whether rows differ so much in size that some may be hidden by others.
+    pub uneven: bool,
     pub rank: usize,
 }
 
@@ -905,6 +907,7 @@ impl<T: Real> First<'_, T> {
             log: scale.iter().fold(log, |sum, &d| sum - d.ln()),
             weakest: rank.saturating_sub(1),
             touch: spectrum::touch_tolerance(s, rank, rtol),
+            uneven: false,
             rank,
         }
     }
@@ -930,13 +933,13 @@ pub(super) fn pivoted<T: Real>(
     let mut order: Vec<usize> = (0..n).collect();
     let size = |row: &[T]| row.iter().fold(T::zero(), |m, x| m.max(x.abs()));
     let mut largest: Vec<T> = r.chunks_exact(n).map(size).collect();
-    let lengths = column_norms(a, n);
+    let mut lengths = column_norms(a, n);
     let rounding = T::EPSILON * T::of(16.0);
     for k in 0..rank {
         // Rounding of a row is that of its largest entry so far, of a column of its length.
         for (row, &most) in r.chunks_exact_mut(n).zip(&largest).skip(k) {
-            for (x, &j) in row.iter_mut().zip(&order).skip(k) {
-                if x.abs() <= rounding * most.min(lengths[j]) {
+            for (x, &length) in row[k..].iter_mut().zip(&lengths[k..]) {
+                if x.abs() <= rounding * most.min(length) {
                     *x = T::zero();
                 }
             }
@@ -953,6 +956,7 @@ pub(super) fn pivoted<T: Real>(
         }
         if best != k {
             order.swap(k, best);
+            lengths.swap(k, best);
             for row in r.chunks_exact_mut(n) {
                 row.swap(k, best);
             }
@@ -1013,6 +1017,7 @@ pub(super) fn pivoted<T: Real>(
         root,
         null,
         touch: rtol.max(T::EPSILON.sqrt() * T::of(1e-2)).min(T::of(1e-2)),
+        uneven: true,
         values: s.to_vec(),
         log: (0..rank).fold(T::zero(), |sum, i| sum + r[i * n + i].abs().ln()),
         weakest,
@@ -1056,6 +1061,7 @@ fn with_exact<T: Real>(rows: &Rows<'_, T>) -> Parts<T> {
             log: T::INFINITY,
             weakest: 0,
             touch: T::EPSILON,
+            uneven: false,
             rank: n,
         };
     }
@@ -1114,6 +1120,7 @@ fn with_exact<T: Real>(rows: &Rows<'_, T>) -> Parts<T> {
         log: T::INFINITY,
         weakest: below.weakest,
         touch: below.touch.max(clean),
+        uneven: below.uneven,
     }
 }
 

@@ -14,7 +14,7 @@
 use alloc::vec;
 use alloc::vec::Vec;
 
-use super::balance::{balance, inverse, is_uneven, scaled, size};
+use super::balance::{balance, inverse, size};
 use super::observability::{
     GRADED, Parts, Rows, column_norms, determined, dot, grade, norm, orthonormal, pivoted,
 };
@@ -157,11 +157,8 @@ impl<T: Real> Even<T> {
     /// weights they do not show the same rank.
     fn new(rows: &Rows<'_, T>, parts: &Parts<T>) -> Option<Self> {
         let n = rows.n;
-        if rows.exact.is_empty() && grade(rows.a, n) <= T::of(GRADED) {
-            let (_, columns) = balance(rows.a, n, rows.units);
-            if !is_uneven(&scaled(rows.a, &columns), n, &columns) {
-                return None;
-            }
+        if rows.exact.is_empty() && !parts.uneven && grade(rows.a, n) <= T::of(GRADED) {
+            return None;
         }
         // All rows; or without those that were taken for rounding.
         Self::of(rows, parts, false).or_else(|| Self::of(rows, parts, true))
