@@ -2,6 +2,7 @@
 
 use super::{Error, Pass, field};
 use crate::numbers::algebra::dot;
+use crate::numbers::lane::Lane;
 use crate::scalar::{NumberError, all_finite, check_finite, check_length};
 
 /// Sensors of one kind: of three components or of the total field, of the field itself or of
@@ -81,7 +82,7 @@ impl<'a> Sensors<'a> {
     /// What a reading has without a dipole: the ambient field's size at a sensor of one head, or 0.
     pub fn quiet(&self) -> f64 {
         match &self.ambient {
-            Some(ambient) if self.baselines.is_empty() => dot(ambient, ambient).sqrt(),
+            Some(ambient) if self.baselines.is_empty() => length(ambient),
             _ => 0.0,
         }
     }
@@ -90,7 +91,7 @@ impl<'a> Sensors<'a> {
     pub fn along(&self) -> Option<[f64; 3]> {
         self.ambient.map(|ambient| {
             // Of no field there is no direction: nothing is seen then.
-            let size = dot(&ambient, &ambient).sqrt().max(f64::MIN_POSITIVE);
+            let size = length(&ambient).max(f64::MIN_POSITIVE);
             ambient.map(|a| a / size)
         })
     }
@@ -134,11 +135,15 @@ impl<'a> Sensors<'a> {
     }
 }
 
+fn length(vector: &[f64; 3]) -> f64 {
+    Lane::sqrt(dot(vector, vector))
+}
+
 /// |ambient + h| - |ambient| and the direction of the sum, without the digits that the
 /// difference would lose.
 pub(super) fn excess(ambient: &[f64; 3], h: &[f64; 3]) -> Result<(f64, [f64; 3]), NumberError> {
     let (size, along) = super::total(ambient, h)?;
-    let sum = size + dot(ambient, ambient).sqrt();
+    let sum = size + length(ambient);
     let product: f64 = (0..3).map(|i| (2.0 * ambient[i] + h[i]) * h[i]).sum();
     Ok((if sum > 0.0 { product / sum } else { 0.0 }, along))
 }

@@ -56,6 +56,7 @@ impl<T: Real> Found<T> {
 
     /// Whether all couplings that counted exceed what rounding leaves in a balanced A of which
     /// `center` was taken: its entries are rounded as large as they came.
+    #[cfg(feature = "alloc")]
     pub(crate) fn above_rounding_of(&self, center: T, n: usize) -> bool {
         let rounding = T::of(16.0 * n as f64) * T::EPSILON * center.abs();
         // Where nothing is left A was that multiple of the identity.
