@@ -4,8 +4,8 @@ The file has the columns pass, speed_kmh, t_s and s1_x_uT ... s2_z_uT: one or mo
 passes, each with its recorded speed, at two sensors 0.5 m apart along y. (A made
 file of one sensor pair, without the first two columns, is dipole_pass.csv.)
 
-First what needs no model: whatever passes along both sensors, the second sees what the
-first saw, later by their distance over the speed. Then each sensor alone, the speed
+First what needs no model: whatever passes both sensors, the second sees what the first
+saw, later by their distance over the speed. Then each sensor alone, the speed
 known: how far and how strong, with standard deviations, and the mirror image that one
 sensor cannot exclude. Then both sensors together, the speed unknown: what they say the
 speed was, by one dipole and by as many as explain the field.
@@ -77,7 +77,7 @@ def together(
 
 
 def delays(times: np.ndarray, field: np.ndarray, use: np.ndarray) -> dict[str, float]:
-    """Return by how much the second sensor sees later what the first saw, s, for each axis.
+    """Return how much later the second sensor sees what the first saw, s, for each axis.
 
     Where the correlation is largest, by a parabola through three lags.
     """
@@ -138,7 +138,7 @@ def tell(found: gm.dipole.Localization, recorded: float | None) -> None:
         print(
             f"    {3.6 * found.speed[0]:.1f} km/h (+- {3.6 * found.speed[1]:.1f}), "
             f"{100 * (found.speed[0] / recorded - 1):+.0f} % off the record; {low:.1f} to "
-            f"{high:.1f} km/h if what is left over counts as noise (95 %)"
+            f"{high:.1f} km/h if the residuals count as noise (95 %)"
         )
     if found.mirror is not None:
         print(f"    its mirror image costs {found.mirror.cost:.6g}, itself {found.cost:.6g}")

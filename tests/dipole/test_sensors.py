@@ -208,3 +208,57 @@ def test_bad_input_of_the_others_is_told():
         gm.dipole.measure([0.0, 0.0, 3.0], V, M, [0.0], baselines=BASELINE)
     with pytest.raises(gm.InputError, match=r"field has shape \(4,\): must be \(..., K, 3\)"):
         gm.dipole.localize_many(np.arange(4.0), np.zeros(4), baselines=BASELINE)
+
+
+def test_an_ambient_field_in_other_units_is_warned_of():
+    y = gm.dipole.simulate(R0, V, M, T, 1e-12, 3, sensors=ARRAY, ambient=EARTH)
+    with pytest.warns(UserWarning, match=r"ambient reaches .* T: it must be in tesla"):
+        gm.dipole.localize(T, y, sensors=ARRAY, ambient=1e9 * np.array(EARTH), sigma=1e-12)
+
+
+def turned_half_way():
+    half = len(T) // 2
+    after = np.maximum(T - T[half], 0.0)[:, None] * [0.0, -1.6 * V[1], 0.0]
+    path = R0 + T[:, None] * V + after
+    return np.array([gm.dipole.measure(r, 0 * V, M, [0.0], **TOTAL)[0] for r in path])
+
+
+def with_a_second_dipole():
+    second = gm.dipole.measure(R0 - [4.0, 0.0, 0.0], V, [5.0, -10.0, 8.0], T, **TOTAL)
+    return EXACT + second - np.linalg.norm(EARTH)
+
+
+def stuck():
+    y = EXACT.copy()
+    y[:, 1] = y[0, 1]
+    return y
+
+
+def copied():
+    y = EXACT.copy()
+    y[:, 2] = y[:, 0]
+    return y
+
+
+TOTAL = {"sensors": ARRAY, "ambient": EARTH}
+EXACT = gm.dipole.measure(R0, V, M, T, **TOTAL)
+#: 10 degrees about y.
+TURNED = [EARTH[0] + 0.17 * EARTH[2], EARTH[1], EARTH[2] - 0.17 * EARTH[0]]
+
+
+@pytest.mark.parametrize(
+    ("record", "options"),
+    [
+        (turned_half_way(), {}),
+        (with_a_second_dipole(), {}),
+        (stuck(), {"background": "fit"}),
+        (copied(), {"background": "fit"}),
+        (EXACT, {"ambient": TURNED, "background": "fit"}),
+        (EXACT + 1e-9, {}),
+    ],
+    ids=["turn", "second dipole", "dead", "copy", "ambient turned", "background"],
+)
+def test_what_the_total_field_model_does_not_describe_is_a_misfit(record, options):
+    y = record + 1e-11 * np.random.default_rng(4).normal(size=record.shape)
+    found = gm.dipole.localize(T, y, sigma=1e-11, **(TOTAL | options))
+    assert found.status == "misfit", found.reason

@@ -109,8 +109,8 @@ def localize(
         Where the sensors are, metres; one at the origin by default.
     ambient : array_like, shape (3,), optional
         The field without the dipole, tesla, at sensors of the total field: they read
-        ``|ambient + field|``. Its size may be a little off where a `background` is fitted;
-        its direction counts.
+        ``|ambient + field|``. Its direction must be right; its size may be slightly wrong
+        where a `background` is fitted.
     baselines : array_like, shape (3,) or (S, 3), optional
         From each sensor to its second head, metres, of gradiometers: `field` is the
         difference, that of the second head less that of the first, tesla (the gradient
@@ -186,10 +186,11 @@ def localize(
     that of the M-estimate; where the model itself is the larger error it is too small.
     Correlated noise is of first order, its parameters by restricted maximum likelihood.
 
-    The total field is searched by its component along `ambient`, and the best ends are fitted
-    as the sensors read. Where the dipole's field is far weaker than the ambient one a single
-    sensor tells five numbers of the nine: a time, a duration, three sizes. The mirror image at a
-    single gradiometer is that about its middle, with the opposite moment.
+    For the total field, the search takes the component along `ambient` for the reading; the
+    best of what it finds is fitted with ``|ambient + field|``. Where the dipole's field is far
+    weaker than the ambient one, a single sensor determines five numbers for nine unknowns: a
+    time, a duration and three sizes. The mirror image at a single gradiometer is the pass
+    reflected in its middle, with the opposite velocity and moment.
 
     Examples
     --------
@@ -686,6 +687,8 @@ class _Setup:
             raise InputError(f"sensors has shape {self.sensors.shape}: must be (S, 3)")
         finite(self.sensors, "sensors")
         self.ambient = as_ambient(ambient)
+        if self.ambient is not None:
+            _require_tesla(float(np.abs(self.ambient).max()), "ambient")
         self.baselines = None if baselines is None else as_baselines(baselines, self.sensors.shape)
         self.heads = Heads.of(self.sensors, self.baselines, self.ambient)
         self.background, self.loss, self.sigma, self.starts = background, loss, sigma, starts
@@ -776,16 +779,7 @@ class _Setup:
         there = ~np.isnan(y)
         self.used = int(there.any(axis=0).sum())
         largest = float(abs(y[there]).max()) if there.any() else 0.0
-        if largest > LARGEST:
-            raise InputError(
-                f"the field reaches {brief(largest, 4)} T: must be in tesla, below {LARGEST} T"
-            )
-        if largest > 1:
-            warnings.warn(
-                f"the field reaches {brief(largest, 4)} T: it must be in tesla (1 uT = 1e-6 T)",
-                UserWarning,
-                stacklevel=3,
-            )
+        _require_tesla(largest, "the field")
         spread = np.where(there, y, -np.inf).max(axis=0, initial=-np.inf) > np.where(
             there, y, np.inf
         ).min(axis=0, initial=np.inf)
@@ -805,6 +799,20 @@ class _Setup:
 
     def run(self, times: ArrayLike, field: Array, options: _Options) -> _core._DipoleLocalized:
         return _core.dipole_localize(times, field, self.heads, self.exact, self.priors, options)
+
+
+def _require_tesla(largest: float, what: str) -> None:
+    """Refuse a size that no field has, and warn of one that looks like other units."""
+    if largest > LARGEST:
+        raise InputError(
+            f"{what} reaches {brief(largest, 4)} T: must be in tesla, below {LARGEST} T"
+        )
+    if largest > 1:
+        warnings.warn(
+            f"{what} reaches {brief(largest, 4)} T: it must be in tesla (1 uT = 1e-6 T)",
+            UserWarning,
+            stacklevel=4,  # Who called the public function.
+        )
 
 
 def _as_times(times: ArrayLike) -> Array:

@@ -224,9 +224,9 @@ def rows(
     -----
     Dai, Zhou & Shan 2020, eq. (19). One sensor of three components always has
     the null vector (r0, v, 3 m); one of the total field also has that of a turn
-    about the ambient field, and where the field of the dipole is far weaker than the
-    ambient one two more that its rows hardly show: it has five numbers to tell, a time, a
-    duration and three sizes. A gradiometer has none in general: its baseline is a length.
+    about the ambient field. Where the field of the dipole is far weaker than the ambient
+    one, two more directions are hardly seen: such a sensor determines five numbers, a time,
+    a duration and three sizes. A gradiometer has none in general: its baseline is a length.
 
     Examples
     --------

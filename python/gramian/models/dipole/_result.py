@@ -160,7 +160,7 @@ class Localization(Estimate):
 
     @cached_property
     def _spread(self) -> float:
-        """By how much deviations grow where residuals follow each other.
+        """By how much deviations grow where the residuals are larger than noise, and correlated.
 
         As the mean of a series has the variance of its samples times their autocorrelation
         time, the sum of all autocorrelations, up to the first that is not positive.
@@ -180,20 +180,20 @@ class Localization(Estimate):
         return float(np.sqrt(max(time * squares / freedom, 1.0)))
 
     def widened(self) -> Localization:
-        """Return the answer with deviations and intervals that allow for what it leaves over.
+        """Return the same answer with deviations and intervals that allow for its residuals.
 
         Returns
         -------
         Localization
-            The same pass; its `sigma` is that of as many independent numbers as the residuals
-            amount to, so that `std`, `interval` and `region` are wider, and never narrower.
+            The same pass with a larger `sigma`, so that `std`, `interval` and `region` are
+            wider. It is never smaller than before.
 
         Notes
         -----
-        The residuals of a body that is no dipole follow each other, and count as if they
-        were noise: their variance times their autocorrelation time stands for sigma^2. It
-        is no bound on the error of a model that does not fit, whose `status` stays what it
-        is; better is a description that fits (`sources=`, `motion=`).
+        The residuals of a body that is no dipole are correlated. Here they count as noise:
+        their variance times their autocorrelation time takes the place of sigma^2. This does
+        not bound the error of a model that does not fit, and `status` stays "misfit". A
+        description that fits is better (`sources=`, `motion=`).
 
         Examples
         --------

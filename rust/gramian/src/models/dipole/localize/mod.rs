@@ -296,13 +296,9 @@ fn exactly(fitter: &Fitter<'_>, point: &Point, knowledge: &Knowledge, options: &
     };
     let found = minimize(&measured, &x, &[], step);
     let state = measured.expand(&found.x).0;
-    let ([a, b, c, d, e, f], [x, y, z]) = (
-        core::array::from_fn(|i| state[i]),
-        core::array::from_fn(|i| state[6 + i]),
-    );
     Point {
-        place: [a, b, c, d, e, f],
-        moment: [x, y, z],
+        place: core::array::from_fn(|i| state[i]),
+        moment: core::array::from_fn(|i| state[6 + i]),
         cost: if found.chi2.is_finite() {
             found.chi2
         } else {

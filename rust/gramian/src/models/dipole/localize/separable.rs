@@ -189,9 +189,7 @@ impl<'a> Fitter<'a> {
         for &t in times {
             for sensor in 0..sensors.places.len() {
                 for (index, head) in sensors.heads(sensor).enumerate() {
-                    let r = seen_from(place, t, &head.place);
-                    let inverse = 1.0 / (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]).sqrt();
-                    let n = r.map(|x| x * inverse);
+                    let (n, inverse) = unit(&seen_from(place, t, &head.place));
                     let cube = head.sign * MU0_OVER_4PI * inverse * inverse * inverse;
                     let tensor = |i, j| moment_tensor(&n, i, j);
                     read(along.as_ref(), tensor, |i, j, value| {
@@ -432,9 +430,7 @@ impl<'a> Fitter<'a> {
         for &t in times {
             for sensor in 0..sensors.places.len() {
                 for (index, head) in sensors.heads(sensor).enumerate() {
-                    let r = seen_from(place, t, &head.place);
-                    let inverse = 1.0 / (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]).sqrt();
-                    let n = r.map(|x| x * inverse);
+                    let (n, inverse) = unit(&seen_from(place, t, &head.place));
                     let part = dot(&n, m);
                     let squared = inverse * inverse;
                     let quartic = head.sign * 3.0 * MU0_OVER_4PI * squared * squared;
@@ -508,6 +504,13 @@ fn filled_with(noise: &Whitening, index: usize) -> f64 {
     } else {
         1.0
     }
+}
+
+/// The unit vector along r, and 1 / |r|; infinite, and no numbers, where r is 0.
+#[inline(always)]
+fn unit(r: &[f64; 3]) -> ([f64; 3], f64) {
+    let inverse = 1.0 / (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]).sqrt();
+    (r.map(|x| x * inverse), inverse)
 }
 
 /// Where the dipole is at a time, seen from a head.
