@@ -42,7 +42,7 @@ where
 {
     type Error = String;
 
-    forward_model!(this => this.0; states, measurements, priors, exact, channels, change, retract, rounding, symmetries);
+    forward_model!(this => this.0; states, measurements, priors, exact, channels, change, extent, retract, rounding, symmetries);
 
     fn linearize(&self, x: &[f64], r: &mut [f64], rows: Option<&mut [f64]>) -> Result<(), String> {
         self.0.linearize(x, r, rows).map_err(|e| e.to_string())
@@ -228,7 +228,7 @@ impl Watched {
 impl Model for Watched {
     type Error = String;
 
-    forward_model!(this => this.model; states, measurements, priors, exact, channels, change, retract, rounding, symmetries);
+    forward_model!(this => this.model; states, measurements, priors, exact, channels, change, extent, retract, rounding, symmetries);
 
     fn linearize(&self, x: &[f64], r: &mut [f64], rows: Option<&mut [f64]>) -> Result<(), String> {
         if self.interrupted() {
@@ -283,6 +283,13 @@ impl Function for Held1 {
         match self {
             Self::Native(function) => function.range(),
             Self::Given { range, .. } => *range,
+        }
+    }
+
+    fn state(&self) -> Option<usize> {
+        match self {
+            Self::Native(function) => function.state(),
+            Self::Given { .. } => None,
         }
     }
 }

@@ -35,6 +35,9 @@ UNITS = {
     "course": "rad",
 }
 
+#: Readings may be so many standard deviations beyond what is possible without noise.
+_NOISE = 5.0
+
 #: Unknown or fixed: the name of a state, or a value.
 Quantity = str | float | None
 
@@ -315,10 +318,10 @@ class Sensor(Value):
                 f"{self.name} has {z.shape[lead]} samples: must have {self.count}, "
                 "one for each of its times"
             )
-        self._plausible(z)
+        self._plausible(z, dimension)
         return z.reshape(*z.shape[:lead], -1)
 
-    def _plausible(self, z: Array) -> None:
+    def _plausible(self, z: Array, dimension: int) -> None:
         def named(bad: NDArray[np.bool_], what: str) -> None:
             if bad.any():
                 place = tuple(np.argwhere(bad)[0])
@@ -326,13 +329,16 @@ class Sensor(Value):
                 raise InputError(f"{self.name}[{text}] = {z[place]} {self.unit}: {what}")
 
         named(np.isinf(z), "must be finite, or NaN for a missing sample")
+        if self.kind != "range" and self.unit != "rad":
+            return
+        # Noise takes readings beyond their ends.
+        slack = _NOISE * self.deviations(dimension)
         if self.kind == "range":
-            named(z < 0, "must not be negative")
-        if self.unit != "rad":
+            named(z < -slack, "must not be negative")
             return
         named(np.abs(z) > 2 * np.pi, "beyond +-2 pi: angles are in radians; are these degrees?")
         if self.kind == "cone_angle":
-            named((z < 0) | (z > np.pi), "must be between 0 and pi, from the heading")
+            named((z < -slack) | (z > np.pi + slack), "must be between 0 and pi, from the heading")
         given = np.unique(z[~np.isnan(z)])
         # Whole numbers, and several of them, are no radians.
         if given.size > 3 and (given == np.round(given)).all():

@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gramian._arrays import wrap_angles
 from gramian.models.tracks._many import STATUSES, estimate_many, priors_of
 from gramian.models.tracks._scene import Scene, as_scene, problem, simulate
 from gramian.monte_carlo.experiment import Estimates, Experiment, squared_over
@@ -110,6 +111,9 @@ class Tracks(Experiment):
         z = self.simulate(seed, first, trials)
         found = estimate_many(self.scene, z, prior=self.prior)
         errors = found.state - self.state
+        # A course may be written with a whole turn more.
+        angles = [unit == "rad" for unit in self.units]
+        errors[:, angles] = wrap_angles(errors[:, angles])
         unobservable = found.code == STATUSES.index("unobservable")
         status = np.where(unobservable, 1, 0)
         status[found.code == STATUSES.index("not_converged")] = 2

@@ -53,7 +53,7 @@ impl<M: Model> WithPrior<M> {
 impl<M: Model> Model for WithPrior<M> {
     type Error = M::Error;
 
-    crate::forward_model!(this => this.model; states, exact, channels, change, retract, rounding, symmetries);
+    crate::forward_model!(this => this.model; states, exact, channels, change, extent, retract, rounding, symmetries);
 
     fn measurements(&self) -> usize {
         self.model.measurements() + self.known.len()
@@ -171,6 +171,10 @@ impl<M: Model> Model for Held<M> {
         }
     }
 
+    fn extent(&self, x: &[f64], k: usize) -> (f64, f64) {
+        self.model.extent(&self.whole(x), self.free[k])
+    }
+
     fn retract(&self, x: &mut [f64]) {
         let mut whole = self.whole(x);
         self.model.retract(&mut whole);
@@ -212,7 +216,7 @@ macro_rules! pointer {
             crate::forward_model!(
                 this => (**this);
                 states, measurements, priors, exact, channels, linearize, difference, change,
-                retract, rounding, symmetries
+                extent, retract, rounding, symmetries
             );
         }
     };

@@ -110,6 +110,14 @@ pub trait Model: Sync {
         }
     }
 
+    /// The open interval in which state `k` is written beside `x`: of an angle half a turn
+    /// either way, of a speed from zero. [`change`](Model::change) leads to states that are
+    /// written so, and what is outside all the same is no other solution.
+    fn extent(&self, x: &[f64], k: usize) -> (f64, f64) {
+        let _ = (x, k);
+        (f64::NEG_INFINITY, f64::INFINITY)
+    }
+
     /// Moves a state to the nearest one that is possible, where the states lie on a surface:
     /// a quaternion to length one. The rows there are those along the surface, with one or
     /// more that tie the state to it.
@@ -126,8 +134,8 @@ pub trait Model: Sync {
         false
     }
 
-    /// Calls `found` with each other state that gives exactly the same data as `x`: a
-    /// mirror image, for one.
+    /// Calls `found` with each other state that gives the same data as `x`, or nearly so: a
+    /// mirror image, for one. Each is followed to where chi2 is least.
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
         let _ = (x, found);
     }
@@ -200,6 +208,12 @@ macro_rules! forward_model {
             $inner.change(a, b, out);
         }
     };
+    (@ extent $this:ident $inner:expr) => {
+        fn extent(&self, x: &[f64], k: usize) -> (f64, f64) {
+            let $this = self;
+            $inner.extent(x, k)
+        }
+    };
     (@ retract $this:ident $inner:expr) => {
         fn retract(&self, x: &mut [f64]) {
             let $this = self;
@@ -229,6 +243,11 @@ pub trait Function {
     fn range(&self) -> (f64, f64) {
         (f64::NEG_INFINITY, f64::INFINITY)
     }
+
+    /// Which state it is, where it is one alone.
+    fn state(&self) -> Option<usize> {
+        None
+    }
 }
 
 /// c^T x: one state, or a combination of several.
@@ -241,6 +260,12 @@ impl Function for Combination {
     fn value(&self, x: &[f64], gradient: &mut [f64]) -> f64 {
         gradient.copy_from_slice(&self.0);
         self.0.iter().zip(x).map(|(c, x)| c * x).sum()
+    }
+
+    fn state(&self) -> Option<usize> {
+        let mut terms = (0..).zip(&self.0).filter(|(_, c)| **c != 0.0);
+        let first = terms.next().filter(|(_, c)| **c == 1.0)?;
+        terms.next().is_none().then_some(first.0)
     }
 }
 

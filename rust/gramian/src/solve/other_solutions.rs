@@ -134,7 +134,11 @@ pub fn other_solutions<M: Model + ?Sized>(model: &M, x: &Solution, search: &Sear
         .into_iter()
         .zip(&local)
         .filter(|(c, local)| !one_place(model, (&best.x, &at_best), (&c.solution.x, local)))
-        .map(|(c, _)| {
+        .filter_map(|(mut c, _)| {
+            c.solution.x = beside(model, &best.x, &c.solution.x)?;
+            Some(c)
+        })
+        .map(|c| {
             let sound = model.difference(&best.x, &c.solution.x, &mut out).is_ok();
             let distance = if sound { norm(&out) } else { f64::INFINITY };
             Other {
@@ -297,6 +301,28 @@ impl<'a, M: Model + ?Sized> Places<'a, M> {
         }
         true
     }
+}
+
+/// A state as it is written beside another one; `None` where it is written otherwise alone.
+pub(super) fn beside<M: Model + ?Sized>(model: &M, at: &[f64], x: &[f64]) -> Option<Vec<f64>> {
+    let extents: Vec<(f64, f64)> = (0..x.len()).map(|k| model.extent(at, k)).collect();
+    if extents
+        .iter()
+        .all(|e| e.0.is_infinite() && e.1.is_infinite())
+    {
+        return Some(x.to_vec());
+    }
+    let mut there = vec![0.0; x.len()];
+    model.change(at, x, &mut there);
+    for ((there, at), (x, (low, high))) in there.iter_mut().zip(at).zip(x.iter().zip(&extents)) {
+        *there += at;
+        if low.is_infinite() && high.is_infinite() {
+            // To the last digit.
+            *there = *x;
+        }
+    }
+    let within = |(x, (low, high)): (&f64, &(f64, f64))| low <= x && x <= high;
+    there.iter().zip(&extents).all(within).then_some(there)
 }
 
 /// Q(distance / 2): the chance that noise prefers the wrong one of two states whose

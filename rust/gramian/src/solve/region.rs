@@ -15,6 +15,7 @@ use alloc::vec;
 use alloc::vec::Vec;
 
 use super::gauss_newton::{Hold, Options, Solution, dot, minimize};
+use super::other_solutions::beside;
 use super::{Function, Model};
 use crate::observability::Observability;
 
@@ -228,7 +229,15 @@ pub fn interval<M: Model + ?Sized>(
     rise: f64,
     options: Options,
 ) -> Interval {
+    let function: &dyn Function = &Within::of(function, model, &best.x);
     let functions = [function];
+    let others: Vec<Solution> = others
+        .iter()
+        .filter_map(|other| {
+            let x = beside(model, &best.x, &other.x)?;
+            Some(Solution { x, ..other.clone() })
+        })
+        .collect();
     let mut profile = Profile {
         model,
         functions: &functions,
@@ -246,7 +255,7 @@ pub fn interval<M: Model + ?Sized>(
     let mut pieces = Vec::new();
     let local = deviation(model, &best.x, function) * rise.sqrt();
     let limit = best.chi2 + rise;
-    for seed in core::iter::once(best).chain(others) {
+    for seed in core::iter::once(best).chain(&others) {
         if seed.chi2 < limit {
             let (seed, step) = nearer(&mut profile, seed, limit);
             let mut low = side(&mut profile, &seed, -1.0, step, limit);
@@ -274,6 +283,32 @@ fn piece(low: End, high: End) -> Piece {
         low: low.value,
         high: high.value,
         certain: [low.certain, high.certain],
+    }
+}
+
+/// A function, a state of a model at values that it is written with.
+struct Within<'a> {
+    function: &'a dyn Function,
+    range: (f64, f64),
+}
+
+impl<'a> Within<'a> {
+    fn of<M: Model + ?Sized>(function: &'a dyn Function, model: &M, x: &[f64]) -> Self {
+        let (low, high) = function.range();
+        let extent = function.state().map(|k| model.extent(x, k));
+        let (least, most) = extent.unwrap_or((low, high));
+        let range = (low.max(least), high.min(most));
+        Self { function, range }
+    }
+}
+
+impl Function for Within<'_> {
+    fn value(&self, x: &[f64], gradient: &mut [f64]) -> f64 {
+        self.function.value(x, gradient)
+    }
+
+    fn range(&self) -> (f64, f64) {
+        self.range
     }
 }
 

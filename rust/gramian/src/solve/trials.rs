@@ -25,7 +25,7 @@ pub struct Noisy<'a, M: ?Sized> {
 impl<M: Model + ?Sized> Model for Noisy<'_, M> {
     type Error = M::Error;
 
-    crate::forward_model!(this => this.model; states, measurements, priors, exact, channels, difference, change, retract, rounding, symmetries);
+    crate::forward_model!(this => this.model; states, measurements, priors, exact, channels, difference, change, extent, retract, rounding, symmetries);
 
     fn linearize(
         &self,

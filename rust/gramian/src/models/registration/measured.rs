@@ -13,6 +13,7 @@
 
 use alloc::vec;
 use alloc::vec::Vec;
+use core::f64::consts::PI;
 
 use super::look::{unchecked_linearise, unchecked_place, write_line};
 use super::{Error, Layout};
@@ -397,6 +398,14 @@ impl Model for Measured {
         }
         for i in self.angles() {
             out[i] = wrapped(out[i]);
+        }
+    }
+
+    fn extent(&self, x: &[f64], k: usize) -> (f64, f64) {
+        if self.angles().any(|angle| angle == k) {
+            (x[k] - PI, x[k] + PI)
+        } else {
+            (f64::NEG_INFINITY, f64::INFINITY)
         }
     }
 

@@ -12,6 +12,7 @@ use alloc::string::String;
 use alloc::vec;
 use alloc::vec::Vec;
 
+use super::images::anchor;
 use super::trials::Trials;
 use super::{InSensor, Measured, Scene};
 use crate::batch::{Items, Threads};
@@ -555,8 +556,9 @@ fn group(
         };
         let best = found.first();
         let lag = best.map_or(1.0, |best| correlated(test, &measured, &mean, &sigma, best));
+        let near = |k: usize| anchor(task.mean, task.sigma, k);
         write(
-            &measured, &sigma, options, &free, found, observable, lag, out,
+            &measured, &near, &sigma, options, &free, found, observable, lag, out,
         );
     }
     Ok(())
@@ -717,6 +719,7 @@ fn has_rank_at(
 #[allow(clippy::too_many_arguments)]
 fn write(
     measured: &Measured<'_>,
+    near: &dyn Fn(usize) -> f64,
     sigma: &[f64],
     options: Options,
     free: &[usize],
@@ -754,7 +757,7 @@ fn write(
     let spread = spread(best, measured, sigma, options);
     let whole = |x: &[f64]| {
         let mut x = measured.full(x);
-        scene.normalize(&mut x);
+        scene.normalize(&mut x, near);
         x
     };
     let here = whole(&best.x);

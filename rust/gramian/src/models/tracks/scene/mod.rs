@@ -2,6 +2,7 @@
 
 pub mod departures;
 pub mod estimate;
+mod images;
 mod kernels;
 mod noise;
 mod rounding;
@@ -778,6 +779,18 @@ impl<'a> Measured<'a> {
             .collect()
     }
 
+    fn free(&self) -> impl Iterator<Item = usize> {
+        (0..self.known.len()).filter(|&k| self.known[k].is_none())
+    }
+
+    /// Those of all states that are free.
+    fn pick(&self, all: impl Iterator<Item = f64>, out: &mut [f64]) {
+        let free = all.zip(&self.known).filter(|(_, known)| known.is_none());
+        for (out, (value, _)) in out.iter_mut().zip(free) {
+            *out = value;
+        }
+    }
+
     fn compact(&self, values: &[f64], out: &mut [f64], width: impl Fn(usize) -> bool, n: usize) {
         let mut out = out.iter_mut();
         for (i, row) in values.chunks_exact(n).enumerate() {
@@ -878,40 +891,34 @@ impl Model for Measured<'_> {
         true
     }
 
+    fn change(&self, a: &[f64], b: &[f64], out: &mut [f64]) {
+        let (from, mut to) = (self.full(a), self.full(b));
+        self.rename(&mut to, &from);
+        self.pick(to.iter().zip(&from).map(|(to, from)| to - from), out);
+    }
+
+    fn extent(&self, x: &[f64], k: usize) -> (f64, f64) {
+        let which = self.free().nth(k).unwrap_or(k);
+        self.written(&self.full(x), which)
+    }
+
+    fn retract(&self, x: &mut [f64]) {
+        let mut full = self.full(x);
+        if self.go_ahead(&mut full) {
+            self.pick(full.iter().copied(), x);
+        }
+    }
+
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
-        let full = self.full(x);
-        if let Some(mirrored) = self.scene.mirrored(&full) {
-            let free: Vec<f64> = mirrored
-                .iter()
-                .zip(&self.known)
-                .filter(|(_, known)| known.is_none())
-                .map(|(x, _)| *x)
-                .collect();
+        let mut free = x.to_vec();
+        for image in self.scene.images(&self.full(x)) {
+            self.pick(image.iter().copied(), &mut free);
             found(&free);
         }
     }
 }
 
 impl Scene {
-    /// One name for one motion: speeds not below zero, courses in (-pi, pi].
-    pub(crate) fn normalize(&self, x: &mut [f64]) {
-        let d = self.dimension;
-        let courses = match &self.motion {
-            Moving::SteadyLegs(times) => d + 1..d + 2 + times.turns().count(),
-            Moving::CoordinatedTurn => d + 1..d + 2,
-            _ => return,
-        };
-        if x[d] < 0.0 {
-            x[d] = -x[d];
-            for course in &mut x[courses.clone()] {
-                *course += core::f64::consts::PI;
-            }
-        }
-        for course in &mut x[courses] {
-            *course = wrapped(*course);
-        }
-    }
-
     /// The largest deviation of the target's place while the sensors look, over the least
     /// of their usual distances: by the covariance of all states, at five times of each
     /// sensor. Infinite where the covariance is, 0 where no sensor has a place.
@@ -975,86 +982,6 @@ impl Scene {
             return 0.0;
         }
         (widest.max(0.0).sqrt() / nearest).min(f64::MAX)
-    }
-
-    /// The mirror image of a state across the line of all carriers, where all sensors
-    /// read the same there: ranges, frequencies and cone angles from one straight path.
-    pub fn mirrored(&self, x: &[f64]) -> Option<Vec<f64>> {
-        if self.dimension != 2 {
-            return None;
-        }
-        // Any two different places span the line; headings must lie along it.
-        let mut places = Vec::new();
-        let mut axes = Vec::new();
-        for group in &self.groups {
-            let channel = &group.channel;
-            if matches!(
-                channel.kind,
-                Kind::Bearing | Kind::Elevation | Kind::Position | Kind::Course
-            ) {
-                return None;
-            }
-            for carried in [&channel.carrier, &channel.second].into_iter().flatten() {
-                places.extend(carried.place.chunks_exact(2));
-                if channel.kind == Kind::ConeAngle {
-                    axes.extend(carried.axis.chunks_exact(2));
-                }
-            }
-        }
-        let origin = *places.first()?;
-        let mut far = (0.0, [0.0; 2]);
-        for place in &places {
-            let offset = [place[0] - origin[0], place[1] - origin[1]];
-            let length = offset[0].hypot(offset[1]);
-            if length > far.0 {
-                far = (length, offset.map(|x| x / length));
-            }
-        }
-        if far.0 == 0.0 {
-            // One place: any line through it mirrors, but for an axis.
-            let axis = axes.first()?;
-            far.1 = [axis[0], axis[1]];
-        }
-        let [ue, un] = far.1;
-        let large = origin[0].abs().max(origin[1].abs()).max(far.0);
-        let off = |place: &[f64]| ((place[0] - origin[0]) * un - (place[1] - origin[1]) * ue).abs();
-        if places.iter().any(|place| off(place) > 1e-9 * large)
-            || axes.iter().any(|a| (a[0] * un - a[1] * ue).abs() > 1e-9)
-        {
-            return None;
-        }
-        let mirror = |v: [f64; 2]| {
-            let along = v[0] * ue + v[1] * un;
-            [2.0 * along * ue - v[0], 2.0 * along * un - v[1]]
-        };
-        let mut out = x.to_vec();
-        let place = mirror([x[0] - origin[0], x[1] - origin[1]]);
-        (out[0], out[1]) = (place[0] + origin[0], place[1] + origin[1]);
-        let line = ue.atan2(un);
-        match &self.motion {
-            Moving::Polynomial { order } => {
-                for k in 1..=*order {
-                    let v = mirror([x[2 * k], x[2 * k + 1]]);
-                    out[2 * k..2 * k + 2].copy_from_slice(&v);
-                }
-            }
-            Moving::Legs(times) => {
-                for k in 1..times.turns().count() + 2 {
-                    let v = mirror([x[2 * k], x[2 * k + 1]]);
-                    out[2 * k..2 * k + 2].copy_from_slice(&v);
-                }
-            }
-            Moving::SteadyLegs(times) => {
-                for k in 0..=times.turns().count() {
-                    out[3 + k] = wrapped(2.0 * line - x[3 + k]);
-                }
-            }
-            Moving::CoordinatedTurn => {
-                out[3] = wrapped(2.0 * line - x[3]);
-                out[4] = -x[4];
-            }
-        }
-        Some(out)
     }
 }
 

@@ -9,6 +9,7 @@
 use alloc::vec;
 use alloc::vec::Vec;
 
+use super::images::anchor;
 use super::kernels::MOST;
 use super::{
     CoordinatedTurn, Group, Kind, Legs, Moving, Parameter, Polynomial, Scene, SteadyLegs, TurnTimes,
@@ -95,6 +96,7 @@ impl Scene {
             out.push(x);
         }
         for x in &mut out {
+            self.normalize(x, |k| anchor(mean, sigma, k));
             for (x, known) in x.iter_mut().zip(known) {
                 if !known.is_nan() {
                     *x = *known;
