@@ -90,8 +90,18 @@ pub fn observability(
     let s: Vec<f64> = (0..n).map(|k| svd.S()[k]).collect();
     let v = svd.V();
     let vectors: Vec<f64> = (0..n * n).map(|k| v[(k % n, k / n)]).collect();
+    let values = |rows: &[f64]| {
+        let (r, _) = factor(rows, n).ok()?;
+        let r = MatRef::from_row_major_slice(&r, n, n);
+        r.singular_values().ok()
+    };
     Ok(Observability::of_spectrum(
-        rows, errors, rtol, scale, &s, &vectors,
+        rows,
+        errors,
+        rtol,
+        &scale,
+        (&s, &vectors),
+        &values,
     )?)
 }
 

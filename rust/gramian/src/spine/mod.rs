@@ -1,11 +1,15 @@
 //! Everything that follows from the rows, whatever model made them: information,
 //! triangular factor, spectrum, bound and the verdict.
 
+#[cfg(feature = "alloc")]
+mod balance;
 #[cfg(feature = "std")]
 pub mod batch_gram;
 pub mod bound;
 pub mod constrained;
 pub mod information;
+#[cfg(feature = "alloc")]
+mod light_rows;
 #[cfg(feature = "alloc")]
 pub mod observability;
 #[cfg(feature = "std")]

@@ -11,6 +11,8 @@ use crate::scalar::{NumberError, Real, all_finite, check_finite, check_length};
 use crate::spectrum;
 use crate::square_root::{eliminate, reflect, triangularize};
 
+use super::balance::inverse;
+use super::light_rows;
 use super::touch::{self, Touch};
 
 /// Rank, spectrum, null space and bounds of rows (K, n).
@@ -20,8 +22,8 @@ use super::touch::{self, Touch};
 /// and the effect of further knowledge follow from these two.
 ///
 /// Rows may differ in weight by more than the digits of the number type: a constraint
-/// beside measurements. Directions that the heavy rows leave open are asked of the rows
-/// that are left, entry by entry above rounding, so that a row never costs rank.
+/// beside measurements. What light rows show that rounding of the heavy ones hides is
+/// decided by the rows at one size, so that a row never costs rank.
 ///
 /// # Source
 /// As [`Spectrum`](crate::spectrum::Spectrum), the bound as
@@ -45,7 +47,8 @@ pub(super) struct Parts<T> {
     pub root: Vec<T>,
     /// Basis of what is not determined.
     pub null: Vec<T>,
-    /// Singular values, each level of weight by itself; infinite for exact knowledge.
+    /// Singular values, of the rows at one size where light ones count; infinite for exact
+    /// knowledge.
     pub values: Vec<T>,
     /// Logarithm of the root of the determinant of the information.
     pub log: T,
@@ -53,6 +56,30 @@ pub(super) struct Parts<T> {
     pub weakest: usize,
     /// Share in the null space above which no state is at rest, whichever it is.
     pub touch: T,
+    /// Whether rows differ so much in size that some may be hidden by others.
+    pub uneven: bool,
+    pub rank: usize,
+}
+
+/// Rows with columns of unit length, their errors, or none, what is known exactly, and what
+/// the columns were multiplied by, or nothing.
+#[derive(Clone, Copy)]
+pub(super) struct Rows<'a, T> {
+    pub a: &'a [T],
+    pub errors: &'a [T],
+    pub exact: &'a [T],
+    pub n: usize,
+    pub rtol: T,
+    pub units: &'a [T],
+}
+
+/// Singular values and right vectors of rows as they are weighted, with columns multiplied
+/// by `scale`, and how many of them count.
+#[derive(Clone, Copy)]
+pub(super) struct First<'a, T> {
+    pub scale: &'a [T],
+    pub s: &'a [T],
+    pub v: &'a [T],
     pub rank: usize,
 }
 
@@ -128,12 +155,7 @@ impl<T: Real> Observability<T> {
         }
         let mut scale = column_norms(rows, n);
         for norm in &mut scale {
-            let inverse = T::one() / *norm;
-            *norm = if inverse.is_finite() {
-                inverse
-            } else {
-                T::one()
-            };
+            *norm = inverse(*norm);
         }
         let scaled = |rows: &[T]| -> Vec<T> {
             let mut a = rows.to_vec();
@@ -146,61 +168,73 @@ impl<T: Real> Observability<T> {
         };
         let (a, errors) = (scaled(rows), scaled(errors));
         let exact = scaled(exact);
-        let parts = if exact.is_empty() {
-            determined(&a, &errors, n, rtol, &scale)
-        } else {
-            with_exact(&a, &errors, &exact, n, rtol)
-        };
-        let rows = touch::Rows {
+        let rows = Rows {
             a: &a,
             errors: &errors,
             exact: &exact,
             n,
             rtol,
+            units: &scale,
         };
-        Self::of_parts(&rows, scale, parts)
+        let parts = if exact.is_empty() {
+            determined(&rows)
+        } else {
+            with_exact(&rows)
+        };
+        Self::of_parts(&rows, scale.clone(), parts)
     }
 
     /// From the spectrum of `rows` with columns multiplied by `scale`, found elsewhere:
-    /// singular values `s`, descending, and right vectors `v`, one after the other.
+    /// singular values `s`, descending, and right vectors `v`, one after the other. `values`
+    /// gives singular values of other rows.
     #[cfg(feature = "large")]
     pub(crate) fn of_spectrum(
         rows: &[T],
         errors: &[T],
         rtol: T,
-        scale: Vec<T>,
-        s: &[T],
-        v: &[T],
+        scale: &[T],
+        (s, v): (&[T], &[T]),
+        values: &light_rows::Values<'_, T>,
     ) -> Result<Self, NumberError> {
         let n = scale.len();
         check_errors(errors, rows)?;
         let rank = spectrum::rank(s, rtol);
-        let (mut a, mut off) = (Vec::new(), Vec::new());
-        let parts = if rank == n {
-            plain(n, rtol, s, v, rank)
-        } else {
-            let scaled = |rows: &[T]| -> Vec<T> {
-                let each = |(&x, &d): (&T, &T)| x * d;
-                rows.chunks_exact(n)
-                    .flat_map(|row| row.iter().zip(&scale).map(each))
-                    .collect()
-            };
-            (a, off) = (scaled(rows), scaled(errors));
-            let ones = vec![T::one(); n];
-            levels(&a, &off, n, rtol, &ones, s, v, rank, &scale)
+        let scaled = |rows: &[T]| -> Vec<T> {
+            let each = |(&x, &d): (&T, &T)| x * d;
+            rows.chunks_exact(n)
+                .flat_map(|row| row.iter().zip(scale).map(each))
+                .collect()
         };
-        let rows = touch::Rows {
+        let (a, errors) = if rank == n {
+            (Vec::new(), Vec::new())
+        } else {
+            (scaled(rows), scaled(errors))
+        };
+        let rows = Rows {
             a: &a,
-            errors: &off,
+            errors: &errors,
             exact: &[],
             n,
             rtol,
+            units: scale,
         };
-        Self::of_parts(&rows, scale, parts)
+        let ones = vec![T::one(); n];
+        let first = First {
+            scale: &ones,
+            s,
+            v,
+            rank,
+        };
+        let parts = if rank == n {
+            first.parts(n, rtol)
+        } else {
+            light_rows::parts(&rows, &first, values)
+        };
+        Self::of_parts(&rows, scale.to_vec(), parts)
     }
 
     fn of_parts(
-        rows: &touch::Rows<'_, T>,
+        rows: &Rows<'_, T>,
         scale: Vec<T>,
         mut parts: Parts<T>,
     ) -> Result<Self, NumberError> {
@@ -243,8 +277,8 @@ impl<T: Real> Observability<T> {
     }
 
     /// Singular values of the rows with unit columns, descending; infinite for what is
-    /// known exactly. Where rows of very different weight are taken one level after the
-    /// other, each value is that of its level.
+    /// known exactly. Where light rows show more than they do beside the heavy ones, those
+    /// of the rows at one size.
     pub fn singular_values(&self) -> &[T] {
         &self.singular_values
     }
@@ -778,7 +812,7 @@ pub(super) fn orthonormal<T: Real>(vectors: &mut [T], n: usize) {
 }
 
 /// Rows by decreasing largest entry: reflections keep the digits of each then.
-fn sort_rows<T: Real>(a: &[T], n: usize) -> Vec<T> {
+pub(super) fn sort_rows<T: Real>(a: &[T], n: usize) -> Vec<T> {
     let size = |i: usize| {
         a[i * n..(i + 1) * n]
             .iter()
@@ -807,14 +841,9 @@ fn check_errors<T: Real>(errors: &[T], rows: &[T]) -> Result<(), NumberError> {
     Ok(())
 }
 
-/// What rows of length `n` determine; `units` is what their columns were multiplied by.
-pub(super) fn determined<T: Real>(
-    a: &[T],
-    errors: &[T],
-    n: usize,
-    rtol: T,
-    units: &[T],
-) -> Parts<T> {
+/// What rows determine; nothing is known exactly.
+pub(super) fn determined<T: Real>(rows: &Rows<'_, T>) -> Parts<T> {
+    let &Rows { a, n, rtol, .. } = rows;
     let count = a.len() / n;
     let (mut scale, mut s) = (vec![T::one(); n], vec![T::zero(); n]);
     let (mut v, mut work) = (vec![T::zero(); n * n], vec![T::zero(); n * n]);
@@ -824,23 +853,19 @@ pub(super) fn determined<T: Real>(
     factor.truncate(n * n);
     spectrum::unit_columns(&factor, n, &mut scale);
     spectrum::decompose(&factor, n, &scale, &mut s, &mut v, &mut work);
-    // With a tolerance of next to nothing rounding counts too, but no more than the rows.
-    let rank = spectrum::rank(&s, rtol).min(count);
-    let mut parts = if rank == n {
-        if grade(a, n) > T::of(GRADED) {
-            pivoted(a, n, rtol, n, &s).unwrap_or_else(|| plain(n, rtol, &s, &v, n))
-        } else {
-            let mut parts = plain(n, rtol, &s, &v, rank);
-            for axis in parts.root.chunks_exact_mut(n) {
-                for (w, &d) in axis.iter_mut().zip(&scale) {
-                    *w *= d;
-                }
-            }
-            parts.log = scale.iter().fold(parts.log, |sum, &d| sum - d.ln());
-            parts
-        }
+    let first = First {
+        scale: &scale,
+        s: &s,
+        v: &v,
+        // With a tolerance of next to nothing rounding counts too, but no more than the rows.
+        rank: spectrum::rank(&s, rtol).min(count),
+    };
+    let mut parts = if first.rank < n {
+        light_rows::parts(rows, &first, &|b| Some(light_rows::values(b, n)))
+    } else if grade(a, n) > T::of(GRADED) {
+        pivoted(a, n, rtol, n, &s).unwrap_or_else(|| first.parts(n, rtol))
     } else {
-        levels(a, errors, n, rtol, &scale, &s, &v, rank, units)
+        first.parts(n, rtol)
     };
     parts.rank = n - parts.null.len() / n;
     parts
@@ -866,19 +891,25 @@ pub(crate) fn grade<T: Real>(a: &[T], n: usize) -> T {
     }
 }
 
-/// From a spectrum alone, in the coordinates of its vectors.
-fn plain<T: Real>(n: usize, rtol: T, s: &[T], v: &[T], rank: usize) -> Parts<T> {
-    let root = (0..rank)
-        .flat_map(|k| v[k * n..(k + 1) * n].iter().map(move |&x| x / s[k]))
-        .collect();
-    Parts {
-        root,
-        null: v[rank * n..].to_vec(),
-        values: s.to_vec(),
-        log: s[..rank].iter().fold(T::zero(), |sum, x| sum + x.ln()),
-        weakest: rank.saturating_sub(1),
-        touch: spectrum::touch_tolerance(s, rank, rtol),
-        rank,
+impl<T: Real> First<'_, T> {
+    /// What the spectrum alone says.
+    pub(super) fn parts(&self, n: usize, rtol: T) -> Parts<T> {
+        let &Self { scale, s, v, rank } = self;
+        let of = |k: usize, size: T| {
+            let each = v[k * n..(k + 1) * n].iter().zip(scale);
+            each.map(move |(&x, &d)| x / size * d)
+        };
+        let log = s[..rank].iter().fold(T::zero(), |sum, x| sum + x.ln());
+        Parts {
+            root: (0..rank).flat_map(|k| of(k, s[k])).collect(),
+            null: (rank..n).flat_map(|k| of(k, T::one())).collect(),
+            values: s.to_vec(),
+            log: scale.iter().fold(log, |sum, &d| sum - d.ln()),
+            weakest: rank.saturating_sub(1),
+            touch: spectrum::touch_tolerance(s, rank, rtol),
+            uneven: false,
+            rank,
+        }
     }
 }
 
@@ -902,12 +933,13 @@ pub(super) fn pivoted<T: Real>(
     let mut order: Vec<usize> = (0..n).collect();
     let size = |row: &[T]| row.iter().fold(T::zero(), |m, x| m.max(x.abs()));
     let mut largest: Vec<T> = r.chunks_exact(n).map(size).collect();
+    let mut lengths = column_norms(a, n);
     let rounding = T::EPSILON * T::of(16.0);
     for k in 0..rank {
-        // Rounding of a row is that of its largest entry so far, of a column of its length 1.
+        // Rounding of a row is that of its largest entry so far, of a column of its length.
         for (row, &most) in r.chunks_exact_mut(n).zip(&largest).skip(k) {
-            for x in &mut row[k..] {
-                if x.abs() <= rounding * most.min(T::one()) {
+            for (x, &length) in row[k..].iter_mut().zip(&lengths[k..]) {
+                if x.abs() <= rounding * most.min(length) {
                     *x = T::zero();
                 }
             }
@@ -924,6 +956,7 @@ pub(super) fn pivoted<T: Real>(
         }
         if best != k {
             order.swap(k, best);
+            lengths.swap(k, best);
             for row in r.chunks_exact_mut(n) {
                 row.swap(k, best);
             }
@@ -984,6 +1017,7 @@ pub(super) fn pivoted<T: Real>(
         root,
         null,
         touch: rtol.max(T::EPSILON.sqrt() * T::of(1e-2)).min(T::of(1e-2)),
+        uneven: true,
         values: s.to_vec(),
         log: (0..rank).fold(T::zero(), |sum, i| sum + r[i * n + i].abs().ln()),
         weakest,
@@ -991,209 +1025,17 @@ pub(super) fn pivoted<T: Real>(
     })
 }
 
-/// The size of a part of a vector that was taken for rounding and may be none, else zero: a row
-/// that shows a direction shows it with these parts and without.
-fn doubtful<T: Real>(x: T, touch: T) -> T {
-    let size = x.abs();
-    if size <= touch && size > T::EPSILON * T::of(64.0) {
-        size
-    } else {
-        T::zero()
-    }
-}
-
-/// The directions that the spectrum of `a` leaves open, asked again of rows so light
-/// that rounding of the heavy ones hid them.
-#[allow(clippy::too_many_arguments)]
-fn levels<T: Real>(
-    a: &[T],
-    errors: &[T],
-    n: usize,
-    rtol: T,
-    scale: &[T],
-    s: &[T],
-    v: &[T],
-    rank: usize,
-    units: &[T],
-) -> Parts<T> {
-    let touch = spectrum::touch_tolerance(s, rank, rtol).max(T::EPSILON * T::of(4.0));
-    // In the coordinates of a: directions that count, and the others without rounding.
-    let unit = |k: usize| -> Vec<T> { v[k * n..(k + 1) * n].to_vec() };
-    let seen: Vec<Vec<T>> = (0..rank).map(unit).collect();
-    let open: Vec<Vec<T>> = (rank..n)
-        .map(|k| {
-            let clean = |x: T| if x.abs() <= touch { T::zero() } else { x };
-            unit(k).into_iter().map(clean).collect()
-        })
-        .collect();
-    let p = n - rank;
-    let dropped: Vec<Vec<T>> = (rank..n)
-        .map(|k| unit(k).into_iter().map(|x| doubtful(x, touch)).collect())
-        .collect();
-    let mut rest = vec![T::zero(); a.len() / n * p];
-    let mut found = false;
-    // Far above what inaccurate rows leave: a light row is seen by most of its size.
-    let sure = (rtol * T::of(32.0)).max(T::EPSILON.sqrt() * T::of(64.0));
-    // The least accurate of what light rows say.
-    let mut light_doubt = T::zero();
-    for (k, (row, out)) in a.chunks_exact(n).zip(rest.chunks_exact_mut(p)).enumerate() {
-        // In the units given, entries far below the largest of their row are rounding: a
-        // row that has no others here says nothing.
-        let given = |i: usize| units.get(i).map_or(row[i], |&d| row[i] / d).abs();
-        let most = (0..n).map(given).fold(T::zero(), T::max);
-        let here = (0..n)
-            .filter(|&i| open.iter().any(|vector| vector[i] != T::zero()))
-            .map(given)
-            .fold(T::zero(), T::max);
-        if here <= most * T::EPSILON.sqrt() {
-            continue;
-        }
-        for ((vector, left_out), x) in open.iter().zip(&dropped).zip(out) {
-            let (mut sum, mut size, mut part) = (T::zero(), T::zero(), T::zero());
-            let mut without = T::zero();
-            for (((&r, &c), &d), &l) in row.iter().zip(vector).zip(scale).zip(left_out) {
-                sum += r * d * c;
-                size += (r * d * c).abs();
-                without += (r * d).abs() * l;
-                if c != T::zero() {
-                    part += (r * d).abs();
-                }
-            }
-            let doubt = errors.get(k * n..(k + 1) * n).map_or(T::zero(), |errors| {
-                let each = errors.iter().zip(vector).zip(scale);
-                each.fold(T::zero(), |doubt, ((&e, &c), &d)| doubt + e * d * c.abs())
-            });
-            if sum.abs() > sure * size + touch * part + without + doubt * T::of(3.0) {
-                *x = sum;
-                found = true;
-                light_doubt = light_doubt.max(doubt / sum.abs());
-            }
-        }
-    }
-    let to_a =
-        |vector: &[T]| -> Vec<T> { vector.iter().zip(scale).map(|(&x, &d)| x * d).collect() };
-    if !found || rank == 0 {
-        if rank > 0
-            && grade(a, n) > T::of(GRADED)
-            && let Some(parts) = pivoted(a, n, rtol, rank, s)
-        {
-            return parts;
-        }
-        let mut parts = plain(n, rtol, s, v, rank);
-        for vector in parts
-            .root
-            .chunks_exact_mut(n)
-            .chain(parts.null.chunks_exact_mut(n))
-        {
-            for (w, &d) in vector.iter_mut().zip(scale) {
-                *w *= d;
-            }
-        }
-        return parts;
-    }
-    // Coordinates: those that count first, then those left to the light rows.
-    let mut b = Vec::with_capacity(a.len());
-    for (row, out) in a.chunks_exact(n).zip(rest.chunks_exact(p)) {
-        for vector in &seen {
-            let sum = row
-                .iter()
-                .zip(vector)
-                .zip(scale)
-                .fold(T::zero(), |sum, ((&r, &c), &d)| sum + r * d * c);
-            b.push(sum);
-        }
-        b.extend_from_slice(out);
-    }
-    let mut b = sort_rows(&b, n);
-    let mut work = vec![T::zero(); n];
-    for k in 0..rank {
-        reflect(&mut b, n, k, k, &mut work);
-    }
-    let light: Vec<T> = b[rank * n..]
-        .chunks_exact(n)
-        .flat_map(|row| row[rank..].iter().copied())
-        .collect();
-    let below = determined(&light, &[], p, rtol.max(light_doubt), &[]);
-    let parts = join(&b, n, rank, &seen, &open, &below, &s[..rank], touch, &to_a);
-    // The same rank by a factor of the rows themselves, with more digits.
-    pivoted(a, n, rtol, parts.rank, &parts.values).unwrap_or(parts)
-}
-
-/// Parts of the whole from those of what is left once the first `rank` coordinates are
-/// eliminated by the rows `b`.
-#[allow(clippy::too_many_arguments)]
-fn join<T: Real>(
-    b: &[T],
-    n: usize,
-    rank: usize,
-    seen: &[Vec<T>],
-    open: &[Vec<T>],
-    below: &Parts<T>,
-    s: &[T],
-    touch: T,
-    to_a: &dyn Fn(&[T]) -> Vec<T>,
-) -> Parts<T> {
-    let p = n - rank;
-    // R11 y1 = right side, from the last.
-    let solve = |mut right: Vec<T>| -> Vec<T> {
-        for i in (0..rank).rev() {
-            for j in i + 1..rank {
-                right[i] = right[i] - b[i * n + j] * right[j];
-            }
-            let pivot = b[i * n + i];
-            right[i] = if pivot == T::zero() {
-                T::zero()
-            } else {
-                right[i] / pivot
-            };
-        }
-        right
-    };
-    let whole = |y1: &[T], y2: &[T]| -> Vec<T> {
-        let mut x = vec![T::zero(); n];
-        for (vector, &y) in seen.iter().zip(y1).chain(open.iter().zip(y2)) {
-            for (x, &c) in x.iter_mut().zip(vector) {
-                *x += y * c;
-            }
-        }
-        to_a(&x)
-    };
-    let lift = |y2: &[T]| -> Vec<T> {
-        let right = (0..rank)
-            .map(|i| -dot(&b[i * n + rank..(i + 1) * n], y2))
-            .collect();
-        whole(&solve(right), y2)
-    };
-    let mut root = Vec::with_capacity(n * n);
-    let nothing = vec![T::zero(); p];
-    for k in 0..rank {
-        let mut right = vec![T::zero(); rank];
-        right[k] = T::one();
-        root.extend(whole(&solve(right), &nothing));
-    }
-    root.extend(below.root.chunks_exact(p).flat_map(&lift));
-    let null: Vec<T> = below.null.chunks_exact(p).flat_map(&lift).collect();
-    let mut values = s.to_vec();
-    values.extend_from_slice(&below.values);
-    let log = (0..rank).fold(below.log, |sum, i| sum + b[i * n + i].abs().ln());
-    Parts {
-        weakest: if below.root.is_empty() {
-            rank.saturating_sub(1)
-        } else {
-            rank + below.weakest
-        },
-        root,
-        rank: n - null.len() / n,
-        null,
-        values,
-        log,
-        touch: touch.max(below.touch),
-    }
-}
-
 /// What rows determine where the combinations `exact` are known exactly: the null-space
 /// method (Golub & Van Loan, section 6.2).
-fn with_exact<T: Real>(a: &[T], errors: &[T], exact: &[T], n: usize, rtol: T) -> Parts<T> {
+fn with_exact<T: Real>(rows: &Rows<'_, T>) -> Parts<T> {
+    let &Rows {
+        a,
+        errors,
+        exact,
+        n,
+        rtol,
+        ..
+    } = rows;
     let mut unit = exact.to_vec();
     for row in unit.chunks_exact_mut(n) {
         let length = norm(row);
@@ -1219,6 +1061,7 @@ fn with_exact<T: Real>(a: &[T], errors: &[T], exact: &[T], n: usize, rtol: T) ->
             log: T::INFINITY,
             weakest: 0,
             touch: T::EPSILON,
+            uneven: false,
             rank: n,
         };
     }
@@ -1230,29 +1073,33 @@ fn with_exact<T: Real>(a: &[T], errors: &[T], exact: &[T], n: usize, rtol: T) ->
         })
         .collect();
     let mut rest = Vec::with_capacity(a.len() / n * p);
-    for row in a.chunks_exact(n) {
+    let mut doubt = Vec::with_capacity(a.len() / n * p);
+    for (k, row) in a.chunks_exact(n).enumerate() {
+        let errors = errors.get(k * n..(k + 1) * n).unwrap_or_default();
         for vector in &open {
             let sum = dot(row, vector);
-            let size = row
-                .iter()
-                .zip(vector)
-                .fold(T::zero(), |size, (&r, &c)| size + (r * c).abs());
-            let rounding = T::EPSILON * T::of(8.0) * size;
+            let share = |row: &[T]| {
+                let each = row.iter().zip(vector);
+                each.fold(T::zero(), |sum, (&r, &c)| sum + (r * c).abs())
+            };
+            let rounding = T::EPSILON * T::of(8.0) * share(row);
             rest.push(if sum.abs() <= rounding {
                 T::zero()
             } else {
                 sum
             });
+            // A row of which little is left has the rounding of what it was.
+            doubt.push(share(errors) + T::EPSILON * share(row));
         }
     }
-    let mut doubt = Vec::with_capacity(errors.len() / n * p);
-    for row in errors.chunks_exact(n) {
-        for vector in &open {
-            let each = row.iter().zip(vector);
-            doubt.push(each.fold(T::zero(), |sum, (&e, &c)| sum + e * c.abs()));
-        }
-    }
-    let below = determined(&rest, &doubt, p, rtol, &[]);
+    let below = determined(&Rows {
+        a: &rest,
+        errors: &doubt,
+        exact: &[],
+        n: p,
+        rtol,
+        units: &[],
+    });
     let lift = |y: &[T]| -> Vec<T> {
         let mut x = vec![T::zero(); n];
         for (vector, &y) in open.iter().zip(y) {
@@ -1273,6 +1120,7 @@ fn with_exact<T: Real>(a: &[T], errors: &[T], exact: &[T], n: usize, rtol: T) ->
         log: T::INFINITY,
         weakest: below.weakest,
         touch: below.touch.max(clean),
+        uneven: below.uneven,
     }
 }
 

@@ -14,20 +14,12 @@
 use alloc::vec;
 use alloc::vec::Vec;
 
+use super::balance::{balance, inverse, size};
 use super::observability::{
-    GRADED, Parts, column_norms, determined, dot, grade, norm, orthonormal, pivoted,
+    GRADED, Parts, Rows, column_norms, determined, dot, grade, norm, orthonormal, pivoted,
 };
 use crate::scalar::{Real, all_finite};
 use crate::spectrum;
-
-/// Rows with columns of unit length, their errors, or none, and what is known exactly.
-pub(super) struct Rows<'a, T> {
-    pub a: &'a [T],
-    pub errors: &'a [T],
-    pub exact: &'a [T],
-    pub n: usize,
-    pub rtol: T,
-}
 
 /// What is known of the part of each state in the null space.
 #[derive(Clone, Debug)]
@@ -165,7 +157,7 @@ impl<T: Real> Even<T> {
     /// weights they do not show the same rank.
     fn new(rows: &Rows<'_, T>, parts: &Parts<T>) -> Option<Self> {
         let n = rows.n;
-        if rows.exact.is_empty() && grade(rows.a, n) <= T::of(GRADED) {
+        if rows.exact.is_empty() && !parts.uneven && grade(rows.a, n) <= T::of(GRADED) {
             return None;
         }
         // All rows; or without those that were taken for rounding.
@@ -193,7 +185,7 @@ impl<T: Real> Even<T> {
                 }
             }
         }
-        let (by_row, mut scale) = balance(&a, n);
+        let (by_row, mut scale) = balance(&a, n, rows.rtol, rows.units);
         for entries in [&mut a, &mut errors] {
             for (row, &r) in entries.chunks_exact_mut(n).zip(&by_row) {
                 for (x, &d) in row.iter_mut().zip(&scale) {
@@ -228,78 +220,15 @@ impl<T: Real> Even<T> {
         })
     }
 
-    fn rows(&self, rows: &Rows<'_, T>) -> Rows<'_, T> {
+    fn rows<'a>(&'a self, rows: &Rows<'a, T>) -> Rows<'a, T> {
         Rows {
             a: &self.a,
             errors: &self.errors,
             exact: &[],
-            n: rows.n,
-            rtol: rows.rtol,
+            ..*rows
         }
     }
 }
-
-fn size<T: Real>(row: &[T]) -> T {
-    row.iter().fold(T::zero(), |m, x| m.max(x.abs()))
-}
-
-/// 1 / x; 1 where that is not finite.
-fn inverse<T: Real>(x: T) -> T {
-    let inverse = T::one() / x;
-    if inverse.is_finite() {
-        inverse
-    } else {
-        T::one()
-    }
-}
-
-/// Powers of two for rows and columns that bring the entries near 1, in the mean of their
-/// logarithms: an exact zero stays one, and what cancels does.
-///
-/// # Source
-/// Curtis & Reid 1972, "On the automatic scaling of matrices for Gaussian elimination",
-/// J. Inst. Maths Applics 10.
-fn balance<T: Real>(a: &[T], n: usize) -> (Vec<T>, Vec<T>) {
-    let mut rows = vec![T::zero(); a.len() / n];
-    let mut columns = vec![T::zero(); n];
-    // Entries far below the largest of their row may be rounding.
-    let entries: Vec<(usize, usize, T)> = a
-        .chunks_exact(n)
-        .enumerate()
-        .flat_map(|(i, row)| {
-            let least = size(row) * T::EPSILON * T::of(16.0);
-            let seen = row.iter().enumerate().filter(move |(_, x)| x.abs() > least);
-            seen.map(move |(j, x)| (i, j, x.abs().ln()))
-        })
-        .collect();
-    let (mut by_row, mut by_column) = (vec![T::zero(); rows.len()], vec![T::zero(); n]);
-    for &(i, j, _) in &entries {
-        by_row[i] += T::one();
-        by_column[j] += T::one();
-    }
-    for _ in 0..SWEEPS {
-        rows.fill(T::zero());
-        for &(i, j, log) in &entries {
-            rows[i] -= (log + columns[j]) / by_row[i];
-        }
-        columns.fill(T::zero());
-        for &(i, j, log) in &entries {
-            columns[j] -= (log + rows[i]) / by_column[j];
-        }
-    }
-    let power = |log: T| {
-        let bits = (log / T::of(core::f64::consts::LN_2)).round().double();
-        #[allow(clippy::cast_possible_truncation)] // At most as many as a number has.
-        T::of(2.0).powi(bits as i32)
-    };
-    (
-        rows.into_iter().map(power).collect(),
-        columns.into_iter().map(power).collect(),
-    )
-}
-
-/// Enough to be within a factor of a few of the best.
-const SWEEPS: usize = 20;
 
 /// Which states rows determine whose entries are exactly zero in all states that move:
 /// no part of a null vector in these, however small, fits such rows.
@@ -327,7 +256,14 @@ fn apart<T: Real>(rows: &Rows<'_, T>, moves: &[bool]) -> Vec<bool> {
         if m == 0 || a.is_empty() {
             return vec![false; n];
         }
-        let mut parts = determined(&a, &errors, m, rows.rtol, &[]);
+        let mut parts = determined(&Rows {
+            a: &a,
+            errors: &errors,
+            exact: &[],
+            n: m,
+            rtol: rows.rtol,
+            units: &[],
+        });
         orthonormal(&mut parts.null, m);
         let open = column_norms(&parts.null, m);
         let rounding = T::EPSILON * T::of(8.0 * m as f64);
