@@ -189,3 +189,75 @@ def test_dai_2020():
     assert ours["cost"] < 1e-30
     for picture in report.pictures[:2]:
         picture.draw()
+
+
+def test_sensors_of_the_total_field_from_a_file(tmp_path):
+    path = EXAMPLES / "dipole_total_field.toml"
+    report = load(path).analyze()
+    assert "3 total-field sensors" in report.subtitle
+    sensors, earth = [[0, 0, 0], [4, 0, 1], [0, 5, 2]], [2e-5, 1e-6, 4.5e-5]
+    sigma = 1e-12 * np.array([[1.0], [1.0], [3.0]])
+    times = np.arange(0.0, 20.1, 0.5)
+    given = [-10, -9, 5], [1, 0.8, 0.1], [10, 20, -10], times, sigma
+    bound = gm.crlb_std(gm.dipole.problem(*given, sensors=sensors, ambient=earth))
+    np.testing.assert_allclose(report.data["observability"]["crlb_std"], bound, rtol=1e-9)
+    report = load(path).simulate(200, 1)
+    assert report.headline == "REACHES THE BOUND", report.verdict
+    assert "sigma 0.001 to 0.003 nT" in report.subtitle
+    told = write(tmp_path, path.read_text() + "\n[prior]\nvz = { mean = 0.1, sigma = 0.02 }\n")
+    assert load(told).simulate(40, 1).headline == "AT THE BOUND"
+
+
+def test_a_record_of_total_field_gradiometers_from_a_file(tmp_path):
+    times = np.arange(0.0, 20.1, 0.25)
+    sensors = [[0.0, 0.0, 0.0], [4.0, 0.0, 1.0], [0.0, 5.0, 2.0]]
+    noise = np.array([[1e-12], [1e-12], [np.inf]])
+    field = gm.dipole.simulate(
+        [-10, -9, 5], [1, 0.8, 0.1], [10, 20, -10], times, noise, 1, sensors=sensors,
+        ambient=[2e-5, 1e-6, 4.5e-5], baselines=[0.0, 0.0, 3.0],
+    )  # fmt: skip
+    field[:, 2] = 0.0
+    table = np.column_stack([times, 1e9 * field])
+    np.savetxt(tmp_path / "record.csv", table, delimiter=",", header="t,a,b,c", comments="")
+    text = """
+model = "dipole"
+sensors = [[0.0, 0.0, 0.0], [4.0, 0.0, 1.0], [0.0, 5.0, 2.0]]
+ambient_uT = [20.0, 1.0, 45.0]
+baselines = [[0.0, 0.0, 3.0]]
+record = { file = "record.csv", unit = "nT", columns = { time = "t", field = ["a", "b", "c"] } }
+known = { vz = 0.1 }
+fit = { background = "none", loss = "gaussian", window = "pass", sigma_nT = [0.001, 0.001, inf] }
+"""
+    scenario = load(write(tmp_path, text))
+    report = scenario.localize()
+    assert "3 total-field gradiometers" in report.subtitle
+    assert "sigma 0.001 nT" in str(report.facts)
+    found = report.data["localization"]
+    np.testing.assert_allclose(found["r0"], [-10, -9, 5], atol=5 * max(found["pass_std"][:3]))
+    assert found["status"] in ("determined", "ambiguous"), found["reason"]
+    assert scenario.analyze().headline != "UNOBSERVABLE"
+    for picture in report.pictures:
+        picture.draw()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("ambient_uT = [20.0, 1.0, 45.0]", "ambient_uT = [0.0, 0.0, 0.0]"), "ambient_uT is 0"),
+        (("sigma_nT = [0.001, 0.001, 0.003]", "sigma_nT = [0.001, 0.001]"), "3 of sensors, or 3"),
+        (("sigma_nT = [0.001", "sigma_nT = [-0.001"), "must be > 0"),
+        (("[pass]", "baselines = [[0, 0, 1], [0, 0, 1]]\n[pass]"), "baselines has 2 entries"),
+        (("[pass]", "baselines = [[0, 0, 0]]\n[pass]"), "a baseline is 0"),
+        (
+            ("[pass]", 'record = { file = "a.csv", unit = "nT", columns = { time = "t", field = '
+             '[["a", "b", "c"], ["a", "b", "c"], ["a", "b", "c"]] } }\n[ignored]'),
+            "must name one column for each sensor",
+        ),
+    ],
+)  # fmt: skip
+def test_mistakes_of_sensors_are_named(tmp_path, change, message):
+    text = (EXAMPLES / "dipole_total_field.toml").read_text()
+    assert change[0] in text
+    text = text.replace(*change).split("[ignored]")[0]
+    with pytest.raises(gm.ScenarioError, match=message):
+        load(write(tmp_path, text)).analyze()

@@ -325,8 +325,10 @@ def _dipole_scenario(scenario: DipoleScenario) -> Opened:
         raise _refused(f"a prior of {next(iter(scenario.prior))} in this tab")
     if len(scenario.known) > 1:
         raise _refused(f"{len(scenario.known)} facts that are known at once")
+    if scenario.ambient_uT is not None or scenario.baselines is not None:
+        raise _refused("sensors of the total field, or gradiometers")
     given, known = scenario.assumed, next(iter(scenario.known), None)
-    noise = 1e-9 * given.sigma_nT
+    noise = np.ravel(scenario._noise)
     return _dipole(given.r0, given.v, given.m, given.times, noise, scenario.sensors, known)
 
 

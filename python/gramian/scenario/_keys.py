@@ -71,13 +71,15 @@ Limits.velocity | m/s | by default a quarter of the mean range over the duration
 """,
     "dipole": """
 DipoleScenario.sensors | m | the place of each sensor: x, y, z | [[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]]
+DipoleScenario.ambient_uT | uT | the field without the dipole; with it sensors are of the total field, and have one number in place of three | [20.0, -1.0, -45.0]
+DipoleScenario.baselines | m | of gradiometers, from each sensor to its second head; one for all or one for each | [[0.0, 0.0, 1.0]]
 DipoleScenario.record | | a recorded field |
 DipoleScenario.pass | | an assumed pass in place of a record |
 DipoleScenario.known | m, m/s, A m^2 | what is known exactly | { z = 0.5, vz = 0.0 }
 DipoleScenario.prior | m, m/s, A m^2 | what is known to a standard deviation | { speed = { mean = 5.6, sigma = 0.3 } }
 DipoleScenario.fit | | how the record is fitted |
 Columns.time | | the column of times; dates and clock times are read too | "t_s"
-Columns.field | | three columns for each sensor | [["s1_x_uT", "s1_y_uT", "s1_z_uT"]]
+Columns.field | | three columns for each sensor; of the total field one | [["s1_x_uT", "s1_y_uT", "s1_z_uT"]]
 Select.column | | the column that chooses rows | "pass"
 Select.value | | what it has in the rows that are used | "car_20"
 Record.file | | a table of the field, CSV or Parquet | "dipole_pass.csv"
@@ -92,7 +94,7 @@ Prior.sigma | m, m/s, A m^2 | standard deviation | 0.3
 Fit.background | | what is done about a constant field beside the dipole's | "fit"
 Fit.loss | | whether outliers are held back | "gaussian"
 Fit.window | | the times that are used: the pass that is found in the record, or a start and an end | { start = 2.0, end = 8.0 }
-Fit.sigma_nT | nT | noise of the field; by default it is measured in the record | 50.0
+Fit.sigma_nT | nT | noise of the field: of all, of each sensor, or of the components of each, inf for what is not used; by default it is measured in the record | 50.0
 Fit.starts | | how many starts the search has | 24
 Fit.sources | | the numbers of dipoles on the body that are tried | [1, 2]
 Fit.motion | | the motions that are tried | ["straight", "turning"]
@@ -100,13 +102,13 @@ Fit.attitude_deg | deg | standard deviation of the attitude of each sensor, whic
 Fit.scale | | of the scale of each sensor, relative to 1 | 0.01
 Fit.earth_field_uT | uT | the ambient field, of a body that it magnetises too | [20.0, -1.0, -45.0]
 Fit.correlation | | of the noise of neighbouring samples, from 0 to below 1, or "fit" | 0.9
-Fit.use | | which channels are used, three for each sensor | [true, true, false]
+Fit.use | | which channels are used, three for each sensor, or one of the total field | [true, true, false]
 Pass.r0 | m | position at time 0: x, y, z | [-10.0, -10.0, 5.0]
 Pass.v | m/s | velocity | [1.0, 1.0, 0.0]
 Pass.m | A m^2 | magnetic moment | [10.0, 20.0, 10.0]
 Pass.duration | s | how long | 20.0
 Pass.step | s | from one sample to the next | 0.5
-Pass.sigma_nT | nT | noise of each component | 0.001
+Pass.sigma_nT | nT | noise: of all, of each sensor, or of the components of each, inf for what is not measured | [[0.1, 0.1, 0.3]]
 """,
     "inertial": """
 InertialScenario.site | | where it begins |

@@ -2,7 +2,7 @@
 
 use gramian::chi_square::Goodness;
 use gramian::dipole::localize::{Background, Knowledge, Options, localize};
-use gramian::dipole::{Pass, Sensing, Sensors, measure, push_rows};
+use gramian::dipole::{Pass, Sensors};
 use gramian::observability::Observability;
 
 use crate::{Answer, Limits, Question};
@@ -37,7 +37,9 @@ pub fn analyze(mut question: Question<'_>) -> Result<Answer, String> {
         return Err(String::from("no sample sees the dipole"));
     }
     let mut rows: Vec<[f64; 9]> = Vec::new();
-    push_rows(times, &pass, sensors, &Sensing::Vector, &[sigma], &mut rows)
+    let heads = Sensors::vector(sensors);
+    heads
+        .push_rows(times, &pass, &[sigma], &mut rows)
         .map_err(|error| error.to_string())?;
     let found = Observability::constrained(rows.as_flattened(), known, 9, None)
         .map_err(|error| error.to_string())?;
@@ -79,7 +81,8 @@ pub fn analyze(mut question: Question<'_>) -> Result<Answer, String> {
     answer.list(&scale);
     for pass in [pass, mirrored, scaled] {
         let mut fields = vec![0.0; 3 * times.len() * sensors.len()];
-        measure(times, &pass, sensors, &Sensing::Vector, &mut fields)
+        heads
+            .measure(times, &pass, &mut fields)
             .map_err(|error| error.to_string())?;
         answer.list(&fields);
     }

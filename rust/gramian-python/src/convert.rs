@@ -62,7 +62,14 @@ impl<'py> Input<'py> {
 
     /// One number, or a line of them: a standard deviation for all or for each.
     pub fn levels(value: &Bound<'py, PyAny>, name: &'static str) -> PyResult<Self> {
-        let mut input = Self::new(value, name, 0)?;
+        let input = Self::levels_unchecked(value, name)?;
+        input.check_finite()?;
+        Ok(input)
+    }
+
+    /// The same where NaN and infinity have a meaning.
+    pub fn levels_unchecked(value: &Bound<'py, PyAny>, name: &'static str) -> PyResult<Self> {
+        let mut input = Self::unchecked(value, name, 0)?;
         if input.shape.is_empty() {
             input.shape.push(1);
         }

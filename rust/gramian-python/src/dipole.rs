@@ -6,7 +6,7 @@ use gramian::dipole::description::{Description, Motion};
 use gramian::dipole::localize::{Background, Knowledge, Loss, Options};
 use gramian::dipole::measured::Measured;
 use gramian::dipole::tracker::{Bound as TrackBound, Sample, Tracker, Wander};
-use gramian::dipole::{Pass, Sensing, Sensors};
+use gramian::dipole::{Pass, Sensors};
 use gramian::posterior::Posterior;
 use gramian::solve::Model;
 use gramian::solve::noise::Whitening;
@@ -83,8 +83,12 @@ struct PassInputs<'py> {
     moment: Input<'py>,
     sigma: Option<Input<'py>>,
     sensors: Input<'py>,
+    kind: Kind,
     batch: Batch,
 }
+
+/// What sensors measure: `Sensors::baselines`, one for each or none, and `Sensors::ambient`.
+type Kind = (Vec<[f64; 3]>, Option<[f64; 3]>);
 
 impl<'py> PassInputs<'py> {
     fn new(
@@ -92,6 +96,7 @@ impl<'py> PassInputs<'py> {
         [position, velocity, moment]: [&Bound<'py, PyAny>; 3],
         sigma: Option<&Bound<'py, PyAny>>,
         sensors: &Bound<'py, PyAny>,
+        kind: Option<Kind>,
     ) -> PyResult<Self> {
         let mut times = Input::new(times, "times", 1)?;
         times.expect_entries()?;
@@ -100,14 +105,27 @@ impl<'py> PassInputs<'py> {
         let mut position = vector(position, "r0")?;
         let mut velocity = vector(velocity, "v")?;
         let mut moment = vector(moment, "m")?;
-        let mut sigma = sigma.map(|s| Input::levels(s, "sigma [T]")).transpose()?;
-        if let Some(sigma) = &sigma {
-            sigma.expect_one_or(samples, "one standard deviation, or one for each time")?;
-            sigma.expect_positive("T")?;
-        }
         let mut sensors = Input::new(sensors, "sensors", 2)?;
         sensors.expect(&[None, Some(3)], "a position x, y, z for each sensor")?;
         sensors.expect_entries()?;
+        let single = kind.is_none();
+        let kind = kind.unwrap_or_default();
+        let count = sensors.core_shape()[0];
+        expect_baselines(&kind.0, count)?;
+        // Infinite for what was not measured.
+        let read = if single {
+            Input::levels
+        } else {
+            Input::levels_unchecked
+        };
+        let mut sigma = sigma.map(|s| read(s, "sigma [T]")).transpose()?;
+        if let Some(sigma) = &sigma {
+            let numbers = samples * count * if kind.1.is_some() { 1 } else { 3 };
+            if single || sigma.core_shape() != [numbers] {
+                sigma.expect_one_or(samples, "one standard deviation, or one for each time")?;
+            }
+            sigma.refuse(|s| !(s > 0.0), "T", "must be > 0")?;
+        }
         let mut inputs = vec![
             &mut times,
             &mut position,
@@ -124,6 +142,7 @@ impl<'py> PassInputs<'py> {
             moment,
             sigma,
             sensors,
+            kind,
             batch,
         })
     }
@@ -134,6 +153,10 @@ impl<'py> PassInputs<'py> {
 
     fn sensors(&self) -> usize {
         self.sensors.core_shape()[0]
+    }
+
+    fn components(&self) -> usize {
+        if self.kind.1.is_some() { 1 } else { 3 }
     }
 
     fn passes(&self) -> PyResult<Passes<'_>> {
@@ -147,6 +170,8 @@ impl<'py> PassInputs<'py> {
                 None => Items::shared(&[]),
             },
             sensors: self.sensors.items()?,
+            baselines: &self.kind.0,
+            ambient: self.kind.1,
         })
     }
 
@@ -167,12 +192,9 @@ impl<'py> PassInputs<'py> {
     }
 }
 
-fn sensing(ambient: Option<[f64; 3]>) -> Sensing<f64> {
-    ambient.map_or(Sensing::Vector, Sensing::TotalField)
-}
-
-/// What the sensors measure (..., K, S, channels), without noise.
+/// What the sensors measure (..., K, S, components), without noise.
 #[pyfunction]
+#[allow(clippy::too_many_arguments)]
 fn dipole_measure<'py>(
     py: Python<'py>,
     times: &Bound<'py, PyAny>,
@@ -180,18 +202,21 @@ fn dipole_measure<'py>(
     velocity: &Bound<'py, PyAny>,
     moment: &Bound<'py, PyAny>,
     sensors: &Bound<'py, PyAny>,
-    ambient: Option<[f64; 3]>,
+    kind: Kind,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-    let inputs = PassInputs::new(times, [position, velocity, moment], None, sensors)?;
-    let sensing = sensing(ambient);
-    let core = [inputs.samples(), inputs.sensors(), sensing.channels()];
+    let inputs = PassInputs::new(
+        times,
+        [position, velocity, moment],
+        None,
+        sensors,
+        Some(kind),
+    )?;
+    let core = [inputs.samples(), inputs.sensors(), inputs.components()];
     let cost = (20 * inputs.samples() * inputs.sensors()) as f64;
-    inputs.run(py, &core, cost, |passes, threads, out| {
-        batch::dipole_measure(passes, &sensing, threads, out)
-    })
+    inputs.run(py, &core, cost, batch::dipole_measure)
 }
 
-/// Whitened rows (..., K * S * channels, 9).
+/// Whitened rows (..., K * S * components, 9).
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
 fn dipole_rows<'py>(
@@ -202,15 +227,18 @@ fn dipole_rows<'py>(
     moment: &Bound<'py, PyAny>,
     sigma: &Bound<'py, PyAny>,
     sensors: &Bound<'py, PyAny>,
-    ambient: Option<[f64; 3]>,
+    kind: Kind,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-    let inputs = PassInputs::new(times, [position, velocity, moment], Some(sigma), sensors)?;
-    let sensing = sensing(ambient);
+    let inputs = PassInputs::new(
+        times,
+        [position, velocity, moment],
+        Some(sigma),
+        sensors,
+        Some(kind),
+    )?;
     let samples = inputs.samples() * inputs.sensors();
-    let core = [samples * sensing.channels(), 9];
-    inputs.run(py, &core, (40 * samples) as f64, |passes, threads, out| {
-        batch::dipole_rows(passes, &sensing, threads, out)
-    })
+    let core = [samples * inputs.components(), 9];
+    inputs.run(py, &core, (40 * samples) as f64, batch::dipole_rows)
 }
 
 /// Fisher information (..., 9, 9) of three-component sensors.
@@ -224,7 +252,13 @@ fn dipole_fisher<'py>(
     sigma: &Bound<'py, PyAny>,
     sensors: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-    let inputs = PassInputs::new(times, [position, velocity, moment], Some(sigma), sensors)?;
+    let inputs = PassInputs::new(
+        times,
+        [position, velocity, moment],
+        Some(sigma),
+        sensors,
+        None,
+    )?;
     let cost = (inputs.sensors() * (200 + inputs.samples())) as f64;
     inputs.run(py, &[9, 9], cost, |passes, threads, out| {
         batch::dipole_fisher(passes, threads, Path::Best, out)
@@ -352,11 +386,7 @@ struct PySensors {
 
 impl PySensors {
     fn sensors(&self) -> PyResult<Sensors<'_>> {
-        let (places, baselines) = (self.places.len(), self.baselines.len());
-        if baselines != 0 && baselines != places {
-            let text = format!("baselines has {baselines} entries: must be {places}, one a sensor");
-            return Err(InputError::new_err(text));
-        }
+        expect_baselines(&self.baselines, self.places.len())?;
         Ok(Sensors {
             places: &self.places,
             baselines: &self.baselines,
@@ -365,11 +395,21 @@ impl PySensors {
     }
 }
 
+fn expect_baselines(baselines: &[[f64; 3]], sensors: usize) -> PyResult<()> {
+    let count = baselines.len();
+    if count == 0 || count == sensors {
+        return Ok(());
+    }
+    let text = format!("baselines has {count} entries: must be {sensors}, one a sensor");
+    Err(InputError::new_err(text))
+}
+
 #[derive(FromPyObject)]
 struct PyOptions {
     background: String,
     loss: String,
     sigma: Option<f64>,
+    levels: Vec<f64>,
     origin: Option<f64>,
     starts: usize,
     rounds: u32,
@@ -377,7 +417,7 @@ struct PyOptions {
 }
 
 impl PyOptions {
-    fn options(&self) -> PyResult<Options> {
+    fn options(&self) -> PyResult<Options<'_>> {
         Ok(Options {
             background: match self.background.as_str() {
                 "none" => Background::None,
@@ -390,6 +430,7 @@ impl PyOptions {
                 other => return Err(unknown("loss", other)),
             },
             sigma: self.sigma,
+            levels: &self.levels,
             origin: self.origin,
             starts: self.starts,
             rounds: self.rounds,
@@ -619,6 +660,17 @@ impl PyRecord {
             .map_err(|error| InputError::new_err(error.to_string()))?;
         let shape = [found.len(), x.len() + 6];
         PyArray1::from_vec(py, found.concat()).reshape(shape)
+    }
+
+    /// Where other solutions may be found for one sensor of the total field, (starts, n).
+    fn turned<'py>(
+        &self,
+        py: Python<'py>,
+        x: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let x = self.states(x)?;
+        let found = self.record.turned(&x);
+        PyArray1::from_vec(py, found.concat()).reshape([found.len(), x.len()])
     }
 
     /// Weights of the numbers under Huber's loss, what they are to be multiplied by, sigma.

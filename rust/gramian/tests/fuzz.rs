@@ -21,7 +21,7 @@ use std::time::Duration;
 use gramian::bearings::{self, Form, Monitor};
 use gramian::bound;
 use gramian::chi_square;
-use gramian::dipole::{self, Accumulator, Pass, Sensing, Sensors};
+use gramian::dipole::{self, Accumulator, Pass, Sensors};
 use gramian::inertial::{
     self, Group, Leg, Motion, Output, Recorded, Sample, Segments, Start, Sway,
 };
@@ -802,29 +802,29 @@ fn bodies<T: Number>(draw: &mut Draw<T>) {
     assert_eq!(Description::source(1)[3].0, "mx of dipole 2");
 }
 
-/// What sensors of every kind read of a pass, in double precision alone.
+/// What sensors of every kind read of a pass, and the rows of it.
 fn sensors<T: Number>(draw: &mut Draw<T>) {
-    let wide = |x: [T; 3]| x.map(Real::double);
-    let (state, times): ([T; 9], [T; 2]) = (draw.array(), draw.array());
-    let (state, times) = (state.map(Real::double), times.map(Real::double));
-    let places = [wide(draw.array())];
-    // What is drawn counts, whether it is used or not.
-    let count = draw.index(2);
-    let apart: Vec<[f64; 3]> = (0..count).map(|_| wide(draw.array())).collect();
-    let ambient = (draw.below(2) == 0).then(|| wide(draw.array()));
+    let (pass, times): (_, [T; 4]) = (Pass::of(&draw.array()), draw.array());
+    let places = draw.arrays::<3, 2>();
+    let apart: Vec<[T; 3]> = (0..2 * draw.index(2)).map(|_| draw.array()).collect();
+    let ambient = (draw.below(2) == 0).then(|| draw.array());
     let kind = Sensors {
         places: &places,
         baselines: &apart,
         ambient,
     };
-    let mut out = vec![0.0; 2 * kind.channels()];
-    let result = kind.measure(&times, &Pass::of(&state), &mut out);
+    let mut out = vec![T::zero(); 4 * kind.channels()];
+    let result = kind.measure(&times, &pass, &mut out);
     if draw.taken(result).is_some() {
-        assert!(out.iter().all(|x| x.is_finite()));
-        assert!(kind.quiet() >= 0.0);
+        draw.finite(&out);
+        assert!(kind.quiet() >= T::zero());
     }
+    let sigma = draw.positives::<4>();
+    let mut root = SquareRootInformation::new();
+    draw.taken(kind.push_rows(&times, &pass, &sigma, &mut root));
+    draw.finite(root.factor().as_flattened());
     let heads = kind.heads(0).count();
-    assert_eq!(heads, 1 + kind.baselines.len());
+    assert_eq!(heads, 1 + kind.baselines.len() / 2);
     assert_eq!(kind.channels(), kind.components() * places.len());
     assert_eq!(kind.along().is_some(), ambient.is_some());
     assert_eq!(kind.plain(), heads == 1 && ambient.is_none());
@@ -846,23 +846,6 @@ fn passes<T: Number>(draw: &mut Draw<T>) {
         draw.finite(&scaled.state());
     }
     draw.sound = sound;
-    let sensing = if draw.below(2) == 0 {
-        Sensing::Vector
-    } else {
-        Sensing::TotalField(draw.array())
-    };
-    let (times, sensors) = (draw.array::<4>(), draw.arrays::<3, 2>());
-    let mut out = vec![T::zero(); 8 * sensing.channels()];
-    let result = dipole::measure(&times, &pass, &sensors, &sensing, &mut out);
-    if draw.taken(result).is_some() {
-        draw.finite(&out);
-    }
-    let sigma = draw.positives::<4>();
-    let mut root = SquareRootInformation::new();
-    draw.taken(dipole::push_rows(
-        &times, &pass, &sensors, &sensing, &sigma, &mut root,
-    ));
-    draw.finite(root.factor().as_flattened());
 }
 
 fn accumulator<T: Number>(draw: &mut Draw<T>) {

@@ -7,7 +7,7 @@ use core::cell::Cell;
 use gramian::bearings::{self, Form, Monitor};
 use gramian::bound;
 use gramian::chi_square;
-use gramian::dipole::{self, Accumulator, Pass, Sensing};
+use gramian::dipole::{self, Accumulator, Pass, Sensors};
 use gramian::information::Information;
 use gramian::linear;
 use gramian::maneuver::plan::{self, Criterion, Legs, Target};
@@ -206,24 +206,16 @@ fn dipole<T: Real>(x: T, sum: &Sum<T>) {
     sum.all(pass.seen_from(&vector, x));
     sum.all(pass.scaled(x).map(|pass| pass.mirrored().state()));
     let mut out = [x; 2];
-    let (times, sensing) = ([x, x], Sensing::TotalField(vector));
-    sum.done(dipole::measure(
-        &times,
-        &pass,
-        &[vector],
-        &sensing,
-        &mut out,
-    ));
+    let times = [x, x];
+    let sensors = Sensors {
+        places: &[vector],
+        baselines: &[vector],
+        ambient: Some(vector),
+    };
+    sum.done(sensors.measure(&times, &pass, &mut out));
     sum.add(&out);
     let mut root = SquareRootInformation::new();
-    sum.done(dipole::push_rows(
-        &times,
-        &pass,
-        &[vector],
-        &sensing,
-        &[x],
-        &mut root,
-    ));
+    sum.done(sensors.push_rows(&times, &pass, &[x], &mut root));
     sum.add(&root.factor()[0]);
 }
 

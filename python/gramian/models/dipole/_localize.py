@@ -23,7 +23,15 @@ from gramian.estimation import Solution as Other
 from gramian.estimation._knowledge import levels
 from gramian.exceptions import InputError, UnobservableError
 from gramian.models.dipole._estimate import KNOWABLE, Description, DipoleModel, Heads
-from gramian.models.dipole._model import NAMES, UNITS, Pass, as_ambient, as_baselines, problem
+from gramian.models.dipole._model import (
+    NAMES,
+    UNITS,
+    Pass,
+    as_ambient,
+    as_baselines,
+    as_deviations,
+    problem,
+)
 from gramian.models.dipole._result import (
     ClosestPoint,
     Localization,
@@ -59,6 +67,7 @@ class _Options:
     background: str
     loss: str
     sigma: float | None
+    levels: list[float]
     origin: float | None
     starts: int
     rounds: int
@@ -81,7 +90,7 @@ def localize(
     scale: float | None = None,
     earth_field: ArrayLike | None = None,
     loss: Loss = "gaussian",
-    sigma: float | None = None,
+    sigma: ArrayLike | None = None,
     window: Literal["pass"] | tuple[float, float] | None = None,
     missing: Literal["raise", "drop"] = "raise",
     use: ArrayLike | None = None,
@@ -135,9 +144,10 @@ def localize(
         "induced volume". The two are told apart where the body turns (``motion="turning"``).
     loss : {"gaussian", "huber"}
         Squares, or Huber's loss with spikes rejected.
-    sigma : float, optional
-        Standard deviation of the noise of a number, tesla (for gradiometers that of the
-        difference); estimated from the residuals by default.
+    sigma : array_like, shape (), (K,), (S, 3) or (K, S, 3), optional
+        Standard deviation of the noise, tesla (for gradiometers that of the difference): of
+        all, of each time, channel or number, `inf` for what is not to be used; with `ambient`
+        (S, 1) or (K, S, 1). Estimated from the residuals, one for all, by default.
     window : "pass" or (start, end), optional
         Use only these times; "pass" finds the pass first and keeps four times
         the time from its closest point to 45 degrees on both sides.
@@ -145,7 +155,8 @@ def localize(
         What to do about numbers that are NaN.
     use : array_like of bool, shape (3 S,), (S, 3) or that of `field`, optional
         Which channels, or which numbers, to use: ``check_record(times, field).usable`` for
-        one. All by default. With `ambient` (S,), (S, 1) or that of `field`.
+        one. All by default. With `ambient` (S,), (S, 1) or that of `field`. What has an
+        infinite `sigma` is not used either.
     correlation : float or "fit"
         Of the noise of neighbouring samples of a channel, at the usual time between them:
         from 0, white noise, to below 1; or fitted with the pass.
@@ -184,7 +195,8 @@ def localize(
     functions of (t - tc) / tau, whose coefficients give frame and moment in closed
     form. The covariance is the Cramer-Rao bound under the constraints, under Huber's loss
     that of the M-estimate; where the model itself is the larger error it is too small.
-    Correlated noise is of first order, its parameters by restricted maximum likelihood.
+    Correlated noise is of first order, its parameters by restricted maximum likelihood. Where
+    channels have a `sigma` each, `explained` weighs the numbers by it.
 
     For the total field, the search takes the component along `ambient` for the reading; the
     best of what it finds is fitted with ``|ambient + field|``. Where the dipole's field is far
@@ -232,6 +244,7 @@ def localize(
         start, end = window
         keep = (t >= start) & (t <= end)
         t, y = t[keep], y[keep]
+        setup.keep(keep)
     elif window is not None and not (isinstance(window, str) and window == "pass"):
         raise InputError(f'window = {options.given(window)}: must be "pass", (start, end) or None')
     setup.enough(y, "in the window" if window is not None else "")
@@ -240,8 +253,11 @@ def localize(
         keep = _of_the_pass(raw["state"], t - origin, setup.sensors)
         if (~np.isnan(y[keep])).sum() >= 4 * setup.unknowns:
             t, y = t[keep], y[keep]
+            setup.keep(keep)
             raw = setup.run(t, y, inner)
-    if wanted != [Description()]:
+    # One sensor of the total field has more images than the mirror's.
+    lone = ambient is not None and baselines is None and len(setup.sensors) == 1
+    if lone or wanted != [Description()]:
         return _described(wanted, raw, t, y, offsets, inner, dropped, setup, limits, fitted)
     if fitted:
         inner, raw = _with_correlation(raw, t, y, inner, setup)
@@ -346,7 +362,7 @@ def _settle(
             raise InputError("the body meets a sensor at every start")
         state, before = found[0]["x"], (sigma, inner.correlation)
         starts, iterations = state[None], iterations + found[0]["iterations"]
-        unit = replace(model, weights=counts.astype(float))
+        unit = replace(model, weights=(counts * setup.precision).astype(float))
         if correlated:
             even = replace(unit, correlation=0.0)
             rho, _ = even.record(filled).noise(state, model.spacing, setup.sigma)
@@ -428,7 +444,8 @@ def _described(
     tried.sort(key=lambda one: one.bic)
     best = tried[0]
     model, handle = best.model, best.model.handle(filled)
-    searched = handle.others(best.state, np.empty((0, best.state.size)), None, 0, 0)
+    turned = model.record(filled).turned(best.state)
+    searched = handle.others(best.state, turned, None, 0, 0)
     # The best of all that were reached, which may be another than the fit began with.
     state = np.asarray(searched["x"])
     found = model.expand(state)[0]
@@ -511,7 +528,7 @@ def localize_many(
     baselines: ArrayLike | None = None,
     background: Background | None = None,
     loss: Loss = "gaussian",
-    sigma: float | None = None,
+    sigma: ArrayLike | None = None,
     starts: int = 12,
 ) -> Localizations:
     """Locate dipoles in many records at once.
@@ -544,19 +561,25 @@ def localize_many(
     (4, 9)
     """
     setup = _Setup(known, prior, sensors, background, loss, sigma, starts, ambient, baselines)
-    y = as_float_array(field, "field")
+    y = as_float_array(field, "field").copy()
     if y.ndim < 1 + (sensors is not None) + (ambient is None):
         raise InputError(f"field has shape {y.shape}: must be (..., {setup.wanted[1:]}")
     if ambient is not None:
         y = y[..., None]
     if sensors is None:
         y = y[..., None, :]
+    when = _as_times(times)
+    there = setup.measured((*when.shape[-1:], len(setup.sensors), setup.heads.components))
+    if y.shape[-3:] == there.shape:
+        y[..., ~there] = 0.0
     finite(y, "field")
     if background == "median":
-        offsets = np.median(y, axis=-3, keepdims=True) - setup.heads.quiet
-        y = y - offsets
-    when = _as_times(times)
-    setup.enough(np.empty((*when.shape[-1:], *y.shape[-2:])))
+        seen = np.where(there, y, np.nan) if y.shape[-3:] == there.shape else y
+        used = there.any(axis=0)
+        offsets = np.zeros((*y.shape[:-3], 1, *y.shape[-2:]))
+        offsets[..., used] = np.nanmedian(seen[..., used], axis=-2, keepdims=True)
+        y = y - (offsets - setup.heads.quiet)
+    setup.enough(np.where(there, 0.0, np.nan))
     out = setup.run(when, y, setup.options("none" if background is None else "fit", None))
     return Localizations(
         states=out["state"],
@@ -573,7 +596,7 @@ def localize_trials(
     v: ArrayLike,
     m: ArrayLike,
     times: ArrayLike,
-    sigma: float,
+    sigma: ArrayLike,
     seed: int,
     trials: int,
     *,
@@ -620,16 +643,17 @@ def localize_trials(
     trials = whole(trials, "trials", 1)
     setup = _Setup(known, prior, sensors, None, "gaussian", sigma, starts, ambient, baselines)
     times = _as_times(times)
-    setup.enough(np.empty((times.size, len(setup.sensors), setup.heads.components)))
+    there = setup.measured((times.size, len(setup.sensors), setup.heads.components))
+    setup.enough(np.where(there, 0.0, np.nan))
     state = np.concatenate([_three(r0, "r0"), _three(v, "v"), _three(m, "m")])
     out = _core.dipole_localize_trials(
         times,
         state.tolist(),
-        number(sigma, "sigma [T]"),
+        number(sigma, "sigma [T]") if setup.sigma is None else setup.sigma,
         setup.heads,
         setup.exact,
         setup.priors,
-        setup.options("none", None),
+        setup.leveled(setup.options("none", None)),
         seed,
         first,
         trials,
@@ -648,7 +672,7 @@ class _Setup:
         sensors: ArrayLike | None,
         background: str | None,
         loss: str,
-        sigma: float | None,
+        sigma: ArrayLike | None,
         starts: int,
         ambient: ArrayLike | None,
         baselines: ArrayLike | None,
@@ -674,10 +698,15 @@ class _Setup:
             choices = ("median", "fit", "drift") if drift else ("median", "fit")
             options.choice(background, "background", choices)
         options.choice(loss, "loss", ("gaussian", "huber"))
-        if sigma is not None:
-            sigma = number(sigma, "sigma [T]")
-            if not sigma > 0:
-                raise InputError(f"sigma = {sigma} T: must be > 0 and finite")
+        self.sigma: float | None = None
+        self._given: Array | None = None
+        if sigma is not None and np.ndim(sigma):
+            self._given = as_float_array(sigma, "sigma [T]")
+            self.sigma = float(self._given.min(initial=np.inf))
+        elif sigma is not None:
+            self.sigma = number(sigma, "sigma [T]")
+            if not self.sigma > 0:
+                raise InputError(f"sigma = {self.sigma} T: must be > 0 and finite")
         starts = whole(starts, "starts", 1, 1000)
         self.one_sensor = sensors is None
         self.sensors = (
@@ -691,8 +720,10 @@ class _Setup:
             _require_tesla(float(np.abs(self.ambient).max()), "ambient")
         self.baselines = None if baselines is None else as_baselines(baselines, self.sensors.shape)
         self.heads = Heads.of(self.sensors, self.baselines, self.ambient)
-        self.background, self.loss, self.sigma, self.starts = background, loss, sigma, starts
+        self.background, self.loss, self.starts = background, loss, starts
         self.max_iterations = 200
+        #: `sigma` over the deviation of each number (K, S, components), once this is known.
+        self.precision: Array | float = 1.0
         self.used = self.heads.components * len(self.sensors)
         self.exact = [self.known.get(name, np.nan) for name in KNOWABLE]
         self.priors = [list(self.prior.get(name, (np.nan, np.nan))) for name in KNOWABLE]
@@ -714,6 +745,7 @@ class _Setup:
             background,
             self.loss,
             self.sigma,
+            [],
             origin,
             self.starts,
             self.max_iterations,
@@ -733,7 +765,7 @@ class _Setup:
         return DipoleModel(
             t - origin,
             self.sensors,
-            weights,
+            weights * self.precision,
             raw["state"],
             self.known,
             self.prior,
@@ -766,6 +798,8 @@ class _Setup:
             )
         options.choice(missing, "missing", ("raise", "drop"))
         wrong = ~np.isfinite(y)
+        there = self.measured(y.shape)
+        y[~there], wrong[~there] = np.nan, False
         if use is not None:
             unused = ~_used(use, y.shape)
             y[unused], wrong[unused] = np.nan, False
@@ -788,6 +822,25 @@ class _Setup:
         self.enough(y)
         return t, y, int(wrong.sum())
 
+    def measured(self, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+        """Return which numbers of a record (K, S, components) were measured, by their sigma."""
+        if self._given is None or self.sigma is None:
+            return np.ones(shape, dtype=bool)
+        self.precision = self.sigma / as_deviations(self._given, shape)
+        there: NDArray[np.bool_] = self.precision > 0
+        self.used = int(there.any(axis=0).sum())
+        return there
+
+    def keep(self, samples: NDArray[np.bool_]) -> None:
+        """Go on with some of the samples."""
+        if isinstance(self.precision, np.ndarray):
+            self.precision = self.precision[samples]
+
+    def deviations(self, sigma: float, shape: tuple[int, ...]) -> Array:
+        """Return the deviation of each number, for that of the most precise."""
+        with np.errstate(divide="ignore"):
+            return np.broadcast_to(sigma / np.asarray(self.precision), shape)
+
     def enough(self, field: Array, where: str = "") -> None:
         """Refuse fields (K, S, 3) of which fewer numbers are there than are looked for."""
         numbers = int((~np.isnan(field)).sum()) + len(self.prior)
@@ -798,7 +851,14 @@ class _Setup:
             )
 
     def run(self, times: ArrayLike, field: Array, options: _Options) -> _core._DipoleLocalized:
-        return _core.dipole_localize(times, field, self.heads, self.exact, self.priors, options)
+        leveled = self.leveled(options)
+        return _core.dipole_localize(times, field, self.heads, self.exact, self.priors, leveled)
+
+    def leveled(self, options: _Options) -> _Options:
+        """Return options with what is known of the precision of each number."""
+        if not isinstance(self.precision, np.ndarray):
+            return options
+        return replace(options, levels=self.deviations(1.0, self.precision.shape).ravel().tolist())
 
 
 def _require_tesla(largest: float, what: str) -> None:
@@ -915,10 +975,12 @@ def _localization(
     origin = float(t[0]) if inner.origin is None else inner.origin
     absent = np.isnan(y)
     y = np.where(absent, 0.0, y)
-    covariance = _covariance(model, model.handle(y), state, t, fit.sigma, setup)
+    sigmas = setup.deviations(fit.sigma, y.shape)
+    covariance = _covariance(model, model.handle(y), state, t, sigmas, setup)
     signal = y - setup.heads.quiet - fit.fitted
-    good = weights > 0
     residuals = fit.residuals
+    # Of what does not count neither.
+    share = np.where(weights > 0, fit.sigma / sigmas, 0.0)
     return Localization(
         model=model,
         measurements=y.ravel(),
@@ -949,9 +1011,10 @@ def _localization(
         background=offsets + fit.fitted,
         weights=weights,
         sigma=fit.sigma,
+        sigmas=sigmas,
         sigma_given=setup.sigma is not None,
-        explained=float(1 - (residuals[good] ** 2).sum() / (signal[good] ** 2).sum()),
-        spikes=int((~good & ~absent).any(axis=-1).sum()),
+        explained=float(1 - ((share * residuals) ** 2).sum() / ((share * signal) ** 2).sum()),
+        spikes=int((~(weights > 0) & ~absent).any(axis=-1).sum()),
         dropped=dropped,
         closest=_closest(found, covariance, origin, setup.sensors[0])
         if model.description.motion == "straight" and model.description.sources == 1
@@ -968,7 +1031,7 @@ def _covariance(
     handle: _core.Model,
     state: Array,
     t: Array,
-    sigma: float,
+    sigma: Array,
     setup: _Setup,
 ) -> Array:
     """Return the bound (9, 9) at an answer, on what knowledge leaves free."""
@@ -998,7 +1061,7 @@ def _covariance(
     return spread
 
 
-def _refusal(here: Pass, t: Array, sigma: float, setup: _Setup, directions: Sequence[str]) -> str:
+def _refusal(here: Pass, t: Array, sigma: Array, setup: _Setup, directions: Sequence[str]) -> str:
     given = ", ".join(f"{name} = {value:g}" for name, value in setup.known.items())
     given += ", ".join(f"prior of {name}" for name in setup.prior)
     scene = problem(

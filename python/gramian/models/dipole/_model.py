@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -196,8 +195,10 @@ def rows(
         Moment, A m^2.
     times : array_like, shape (..., K)
         Increasing, seconds.
-    sigma : array_like, shape () or (..., K)
-        Standard deviation of each component, tesla, > 0.
+    sigma : array_like, shape () or (..., K), or (S, 3) or (..., K, S, 3)
+        Standard deviation of the noise, tesla, > 0 (for gradiometers that of the difference):
+        of all, of each time, or of each channel or number, `inf` where nothing was measured.
+        With `ambient` (S, 1) or (..., K, S, 1).
     sensors : array_like, shape (S, 3), optional
         Where the sensors are, metres; one at the origin by default.
     ambient : array_like, shape (3,), optional
@@ -211,7 +212,7 @@ def rows(
     -------
     ndarray, shape (..., K * S * 3, 9) or (..., K * S, 9)
         Derivatives by (r0, v, m) over sigma: for each time, in it for each
-        sensor, in it for each component.
+        sensor, in it for each component. Those of what was not measured are 0.
 
     Raises
     ------
@@ -234,14 +235,12 @@ def rows(
     >>> a.shape, bool(abs(a @ [-10, -10, 5, 1, 1, 0, 30, 60, 30]).max() < 1e-12 * abs(a).max())
     ((63, 9), True)
     """
-    level, along = _at_least_1d(sigma), as_ambient(ambient)
+    places, kind = _sensors(sensors), _kind(sensors, baselines, ambient)
+    samples = as_float_array(times, "times").shape[-1:]
+    count = as_float_array(places, "sensors").shape[-2:-1]
+    shape = (*samples, *count, 3 if ambient is None else 1)
     return require_finite(
-        _of_heads(
-            sensors,
-            baselines,
-            lambda places: _core.dipole_rows(times, r0, v, m, level, places, along),
-        ),
-        "a row",
+        _core.dipole_rows(times, r0, v, m, _levels(sigma, shape), places, kind), "a row"
     )
 
 
@@ -273,12 +272,8 @@ def measure(
     >>> measure([-10, -10, 5], [1, 1, 0], [10, 20, 10], np.arange(21.0)).shape
     (21, 3)
     """
-    along = as_ambient(ambient)
-    out = _of_heads(
-        sensors,
-        baselines,
-        lambda places: _core.dipole_measure(times, r0, v, m, places, along),
-    )
+    kind = _kind(sensors, baselines, ambient)
+    out = _core.dipole_measure(times, r0, v, m, _sensors(sensors), kind)
     out = require_finite(out, "the field")
     if sensors is None:
         out = out[..., 0, :]
@@ -290,7 +285,7 @@ def simulate(
     v: ArrayLike,
     m: ArrayLike,
     times: ArrayLike,
-    sigma: float,
+    sigma: ArrayLike,
     seed: int,
     *,
     sensors: ArrayLike | None = None,
@@ -304,8 +299,8 @@ def simulate(
     ----------
     r0, v, m, times, sensors, ambient, baselines
         As for `rows`, of one pass.
-    sigma : float
-        Standard deviation of each component, tesla.
+    sigma : array_like
+        As for `rows`, or 0 for all. What was not measured is NaN.
     seed : int
         >= 0. Trial i depends on (seed, i) alone.
     trials : int, optional
@@ -325,14 +320,11 @@ def simulate(
     seed = whole(seed, "seed", 0, SEED_MOST)
     if trials is not None:
         trials = whole(trials, "trials", 1)
-    sigma = number(sigma, "sigma [T]")
-    if sigma < 0:
-        raise InputError(f"sigma = {sigma} T: must be >= 0 and finite")
     exact = measure(r0, v, m, times, sensors=sensors, ambient=ambient, baselines=baselines)
     if exact.ndim != 1 + (ambient is None) + (sensors is not None):
         raise InputError("simulate takes one pass, without leading axes")
     noise = _core.normals(seed, 0, trials or 1, exact.size).reshape(-1, *exact.shape)
-    noisy: Array = exact + sigma * noise
+    noisy: Array = exact + as_noise(sigma, exact, 3 if ambient is None else 1) * noise
     return noisy if trials is not None else noisy[0]
 
 
@@ -349,8 +341,10 @@ def fisher(
 
     Parameters
     ----------
-    r0, v, m, times, sigma, sensors
+    r0, v, m, times, sensors
         As for `rows`; leading axes broadcast.
+    sigma : array_like, shape () or (..., K)
+        Standard deviation of each component, tesla, > 0.
 
     Returns
     -------
@@ -366,7 +360,7 @@ def fisher(
     Dai, Zhou & Shan 2020, eq. (18). At constant velocity all 42 different sums
     in it are combinations of seven, the sums of t^k / r^12 for k = 0 to 6, which
     is what is summed. Half the digits are lost in the matrix: take ranks and
-    bounds from `rows` or `problem`. For sensors of the total field use
+    bounds from `rows` or `problem`. For other sensors, or deviations of each channel, use
     ``gm.gram(rows(...))``.
 
     Examples
@@ -497,7 +491,7 @@ def problem(
     if scale is None:
         scale = _scales(r0, v, m, times, sensors)
     made = Problem(values, NAMES, units=UNITS, scale=scale, combinations=combinations)
-    if ambient is not None or baselines is not None:
+    if ambient is not None or baselines is not None or np.ndim(sigma) > 1:
         return made
     return made._of("dipole", r0, v, m, times, sigma, sensors)
 
@@ -522,17 +516,50 @@ def _sensors(sensors: ArrayLike | None) -> ArrayLike:
     return _ORIGIN if sensors is None else sensors
 
 
-def _of_heads(
-    sensors: ArrayLike | None, baselines: ArrayLike | None, of: Callable[[ArrayLike], Array]
-) -> Array:
-    """Return what is of sensors, or for gradiometers that of the second heads less the first."""
-    places = _sensors(sensors)
+def _kind(
+    sensors: ArrayLike | None, baselines: ArrayLike | None, ambient: ArrayLike | None
+) -> tuple[list[list[float]], tuple[float, float, float] | None]:
+    """Return what sensors measure, as the extension takes it."""
     if baselines is None:
-        return of(places)
-    first = finite(places, "sensors")
-    apart = as_baselines(baselines, first.shape[-2:])
-    difference: Array = of(first + apart) - of(first)
-    return difference
+        return [], as_ambient(ambient)
+    shape = finite(_sensors(sensors), "sensors").shape[-2:]
+    return as_baselines(baselines, shape).tolist(), as_ambient(ambient)
+
+
+def _levels(sigma: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """Return deviations as the extension takes them: (..., 1), (..., K), or of each number."""
+    given = as_float_array(sigma, "sigma [T]")
+    if given.ndim == 0:
+        return finite(given, "sigma [T]")[None]
+    if given.shape == shape[1:]:
+        return as_deviations(given, shape).ravel()
+    if given.ndim > 2 and given.shape[-3:] == shape:
+        return _positive(given).reshape(*given.shape[:-3], -1)
+    return given
+
+
+def _positive(sigma: Array) -> Array:
+    if (bad := ~(sigma > 0)).any():
+        at = np.unravel_index(int(np.argmax(bad)), bad.shape)
+        place = f"[{', '.join(map(str, at))}]" if at else ""
+        raise InputError(f"sigma{place} = {sigma[at]:g} T: must be > 0")
+    return sigma
+
+
+def as_deviations(sigma: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """Return the deviation of each number of a record of a shape (K, S, components), tesla."""
+    given = _positive(as_float_array(sigma, "sigma [T]"))
+    if given.shape == shape[:1]:
+        given = given[:, None, None]
+    elif given.shape not in ((), shape[1:], shape):
+        samples, sensors, components = shape
+        raise InputError(
+            f"sigma has shape {given.shape}: must be (), ({samples},) of times, "
+            f"({sensors}, {components}) of channels, or ({samples}, {sensors}, {components})"
+        )
+    if not (given < np.inf).any():
+        raise InputError("sigma is infinite throughout: nothing was measured")
+    return np.array(np.broadcast_to(given, shape))
 
 
 def as_baselines(baselines: ArrayLike, shape: tuple[int, ...]) -> Array:
@@ -552,6 +579,17 @@ def as_baselines(baselines: ArrayLike, shape: tuple[int, ...]) -> Array:
 def _at_least_1d(sigma: ArrayLike) -> Array:
     array = as_float_array(sigma, "sigma [T]")
     return array[None] if array.ndim == 0 else array
+
+
+def as_noise(sigma: ArrayLike, exact: Array, components: int) -> Array:
+    """Return the deviation of each number of a record, NaN for one that is not measured."""
+    if np.ndim(sigma) == 0:
+        level = number(sigma, "sigma [T]")
+        if level < 0:
+            raise InputError(f"sigma = {level} T: must be >= 0 and finite")
+        return np.asarray(level)
+    each = as_deviations(sigma, (len(exact), exact[0].size // components, components))
+    return np.where(each < np.inf, each, np.nan).reshape(exact.shape)
 
 
 def as_ambient(ambient: ArrayLike | None) -> tuple[float, float, float] | None:

@@ -71,7 +71,9 @@ class Localization(Estimate):
     weights : ndarray, shape as `residuals`
         Between 0 (a spike, or a number that is not used) and 1.
     sigma : float
-        The standard deviation given or estimated, tesla.
+        The standard deviation given or estimated, tesla; of those that differ the smallest.
+    sigmas : ndarray, shape as `residuals`
+        Of each number; `inf` for what was not measured.
     sigma_given : bool
         Whether it was given. Otherwise chi2 is what it was estimated from, and its p NaN.
     explained : float
@@ -106,6 +108,7 @@ class Localization(Estimate):
     background: Array
     weights: Array
     sigma: float
+    sigmas: Array
     sigma_given: bool
     explained: float
     spikes: int
@@ -125,6 +128,7 @@ class Localization(Estimate):
         "residuals",
         "predicted",
         "weights",
+        "sigmas",
         "sensors",
         "candidates",
     }
@@ -166,7 +170,8 @@ class Localization(Estimate):
         time, the sum of all autocorrelations, up to the first that is not positive.
         """
         there = (self.weights > 0) & np.isfinite(self.residuals)
-        left = np.where(there, self.residuals, 0.0).reshape(len(self.times), -1) / self.sigma
+        left = np.where(there, self.residuals, 0.0)
+        left = (left / self.sigmas).reshape(len(self.times), -1)
         squares = float((left**2).sum())
         freedom = max(int(there.sum()) - len(self.state), 1)
         if squares == 0.0:
@@ -212,6 +217,7 @@ class Localization(Estimate):
             self,
             model=model,
             sigma=self.sigma * factor,
+            sigmas=self.sigmas * factor,
             cost=self.cost / factor**2,
             mirror=self.mirror and replace(self.mirror, cost=self.mirror.cost / factor**2),
             others=tuple(_nearer(other, factor) for other in self.others),
@@ -256,7 +262,8 @@ class Localization(Estimate):
         """
         if self._exact or self.fit.warning:
             return ""
-        lead = self.residuals[1:] - self.correlation * self.residuals[:-1]
+        left = self.residuals * (self.sigma / self.sigmas)
+        lead = left[1:] - self.correlation * left[:-1]
         there = np.isfinite(lead)
         known = there.any(axis=(1, 2))
         if known.sum() < 20:
@@ -326,6 +333,13 @@ class Localization(Estimate):
         return "nothing fits there"
 
     @property
+    def _noise(self) -> str:
+        """The deviations in words, tesla."""
+        most = float(self.sigmas[self.sigmas < np.inf].max(initial=self.sigma))
+        more = f" to {brief(most)}" if most > self.sigma * (1 + 1e-9) else ""
+        return brief(self.sigma) + more
+
+    @property
     def _image(self) -> str:
         """What the mirror image is, in words."""
         if self.model.baselines is None:
@@ -361,7 +375,7 @@ class Localization(Estimate):
             how = f"+- {brief(std, 2)}" if std > 0 else "known"
             lines.append(f"  {name}  {value:10.4g} {unit:6s} {how}")
         lines.append(
-            f"explains {100 * self.explained:.1f} % of the field; sigma {brief(self.sigma)} T, "
+            f"explains {100 * self.explained:.1f} % of the field; sigma {self._noise} T, "
             f"{len(self.times)} samples, {self.spikes} spikes, {self.dropped} dropped"
             + (f", correlation {brief(self.correlation, 2)}" if self.correlation else "")
         )

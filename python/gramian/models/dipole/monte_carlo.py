@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,7 +26,8 @@ Array = NDArray[np.float64]
 class Dipole(Experiment):
     """The field of a passing dipole, as `gramian.dipole`.
 
-    A trial's measurements are the field (K, 3), or (K, S, 3) with `sensors`, tesla.
+    A trial's measurements are the field (K, 3), or (K, S, 3) with `sensors`, tesla; of the
+    total field (K,) or (K, S).
 
     Parameters
     ----------
@@ -34,12 +35,14 @@ class Dipole(Experiment):
         True position at the first time (m), velocity (m/s), moment (A m^2).
     times : array_like, shape (K,)
         Increasing, seconds.
-    sigma : float
-        Standard deviation of each component, tesla, > 0.
+    sigma : array_like
+        Standard deviation of the noise, tesla, > 0: of all, or as for `gramian.dipole.rows`.
     known : sequence of str
         What the estimator is given: states ("z0", "vz"), "speed", "moment".
     sensors : array_like, shape (S, 3), optional
         Metres; one at the origin by default.
+    ambient, baselines : array_like, optional
+        Of sensors of the total field and of gradiometers, as for `gramian.dipole.rows`.
 
     Notes
     -----
@@ -63,9 +66,11 @@ class Dipole(Experiment):
     v: Array
     m: Array
     times: Array
-    sigma: float
+    sigma: float | Array
     known: tuple[str, ...] = ()
     sensors: Array | None = None
+    ambient: tuple[float, float, float] | None = None
+    baselines: Array | None = None
     estimators: ClassVar[tuple[str, ...]] = ("ml",)
 
     def __init__(
@@ -74,16 +79,25 @@ class Dipole(Experiment):
         v: ArrayLike,
         m: ArrayLike,
         times: ArrayLike,
-        sigma: float,
+        sigma: ArrayLike,
         known: Sequence[str] = (),
         sensors: ArrayLike | None = None,
+        ambient: ArrayLike | None = None,
+        baselines: ArrayLike | None = None,
     ) -> None:
         for name, value in {"r0": r0, "v": v, "m": m, "times": times}.items():
             object.__setattr__(self, name, as_float_array(value, name).copy())
-        object.__setattr__(self, "sigma", number(sigma, "sigma [T]"))
+        given = as_float_array(sigma, "sigma [T]").copy() if np.ndim(sigma) else None
+        level = number(sigma, "sigma [T]") if given is None else given
+        object.__setattr__(self, "sigma", level)
         object.__setattr__(self, "known", options.names(known, "known"))
         places = None if sensors is None else as_float_array(sensors, "sensors").copy()
         object.__setattr__(self, "sensors", places)
+        object.__setattr__(self, "ambient", _model.as_ambient(ambient))
+        heads = None
+        if baselines is not None:
+            heads = _model.as_baselines(baselines, (1, 3) if places is None else places.shape)
+        object.__setattr__(self, "baselines", heads)
         knowable = (*_model.NAMES, "speed", "moment")
         for name in self.known:
             if name not in knowable:
@@ -92,6 +106,11 @@ class Dipole(Experiment):
                 )
         # Checks everything else.
         self.problem()
+
+    @property
+    def _kind(self) -> dict[str, Any]:
+        """The sensors, as arguments."""
+        return {"sensors": self.sensors, "ambient": self.ambient, "baselines": self.baselines}
 
     @property
     def _state(self) -> Array:
@@ -124,9 +143,7 @@ class Dipole(Experiment):
 
     def problem(self) -> Problem:
         """Return the problem at the true state, with what is known."""
-        problem = _model.problem(
-            self.r0, self.v, self.m, self.times, self.sigma, sensors=self.sensors
-        )
+        problem = _model.problem(self.r0, self.v, self.m, self.times, self.sigma, **self._kind)
         states = [name for name in self.known if name in _model.NAMES]
         problem = problem.fix(*states) if states else problem
         # As good as exact, beside any accuracy of the rest.
@@ -138,10 +155,11 @@ class Dipole(Experiment):
         return problem.prior(exact) if exact else problem
 
     def simulate(self, seed: int, first: int, trials: int) -> Array:
-        """Return fields (trials, K, 3) or (trials, K, S, 3)."""
-        exact = _model.measure(self.r0, self.v, self.m, self.times, sensors=self.sensors)
+        """Return fields (trials, K, 3) or (trials, K, S, 3), without the 3 of the total field."""
+        exact = _model.measure(self.r0, self.v, self.m, self.times, **self._kind)
         noise = _core.normals(seed, first, trials, exact.size).reshape(-1, *exact.shape)
-        fields: Array = exact + self.sigma * noise
+        level = _model.as_noise(self.sigma, exact, 3 if self.ambient is None else 1)
+        fields: Array = exact + level * noise
         return fields
 
     def estimate(self, name: str, seed: int, first: int, trials: int) -> Estimates:
@@ -157,8 +175,8 @@ class Dipole(Experiment):
             seed,
             trials,
             known={name: float(told[name]) for name in self.known},
-            sensors=self.sensors,
             first=first,
+            **self._kind,
         )
         errors = (found - self._state)[:, self._free]
         sized = "speed" in self.known or "moment" in self.known

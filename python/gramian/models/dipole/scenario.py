@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,14 +33,18 @@ Quantity = Literal[
 
 Course = Literal["straight", "along", "accelerated", "turning"]
 
+#: Of all numbers, of each sensor, or of each component of each.
+Deviation = Annotated[float, Field(gt=0, allow_inf_nan=True)]
+Deviations = Deviation | list[Deviation] | list[list[Deviation]]
+
 _UNITS = {"T": 1.0, "mT": 1e-3, "uT": 1e-6, "nT": 1e-9, "mG": 1e-7, "G": 1e-4}
 
 
 class Columns(Section):
-    """The names of the columns: time in seconds, three of the field for each sensor."""
+    """The names of the columns: time in seconds, three of the field for each sensor, or one."""
 
     time: str
-    field: list[tuple[str, str, str]] = Field(min_length=1)
+    field: list[tuple[str, str, str] | str] = Field(min_length=1)
 
 
 class Select(Section):
@@ -86,7 +90,7 @@ class Fit(Section):
     background: Literal["none", "median", "fit", "drift"] = "median"
     loss: Literal["gaussian", "huber"] = "huber"
     window: Literal["pass"] | Window | None = "pass"
-    sigma_nT: float | None = Field(default=None, gt=0)
+    sigma_nT: Deviations | None = None
     starts: int = Field(default=12, ge=1)
     sources: list[int] = Field(default=[1], min_length=1)
     motion: list[Course] = Field(default=["straight"], min_length=1)
@@ -105,7 +109,7 @@ class Pass(Section):
     m: Vector
     duration: float = Field(gt=0)
     step: float = Field(gt=0)
-    sigma_nT: float = Field(gt=0)
+    sigma_nT: Deviations
 
     @model_validator(mode="after")
     def _samples(self) -> Pass:
@@ -125,6 +129,8 @@ class DipoleScenario(Scenario):
 
     model: Literal["dipole"]
     sensors: list[Vector] = Field(default_factory=lambda: [(0.0, 0.0, 0.0)], min_length=1)
+    ambient_uT: Vector | None = None
+    baselines: list[Vector] | None = None
     record: Record | None = None
     assumed: Pass | None = Field(default=None, alias="pass")
     known: dict[Quantity, float] = Field(default_factory=dict)
@@ -140,7 +146,66 @@ class DipoleScenario(Scenario):
                 f"record.columns.field names {count(len(self.record.columns.field), 'sensor')}, "
                 f"sensors has {len(self.sensors)} position(s): must be as many"
             )
+        wanted, kind = (str, "one column") if self.ambient_uT else (tuple, "three columns")
+        if self.record and not all(isinstance(f, wanted) for f in self.record.columns.field):
+            raise ValueError(
+                f"record.columns.field must name {kind} for each sensor: "
+                + ("with" if self.ambient_uT else "without")
+                + " ambient_uT sensors are of "
+                + ("the total field" if self.ambient_uT else "three components")
+            )
+        if self.ambient_uT is not None and not any(self.ambient_uT):
+            raise ValueError("ambient_uT is 0: must be the field without the dipole")
+        if self.baselines is not None and len(self.baselines) not in (1, len(self.sensors)):
+            raise ValueError(
+                f"baselines has {len(self.baselines)} entries, sensors {len(self.sensors)}: must "
+                "be one for all, or as many"
+            )
+        if self.baselines is not None and not all(any(b) for b in self.baselines):
+            raise ValueError("a baseline is 0: the heads of a gradiometer must be apart")
+        for name, given in (
+            ("pass", self.assumed and self.assumed.sigma_nT),
+            ("fit", self.fit.sigma_nT),
+        ):
+            if isinstance(given, list):
+                self._deviations(given, name)
         return self
+
+    def _deviations(self, given: Deviations, where: str) -> float | Array:
+        """Return deviations in tesla: one, or (S, components)."""
+        if not isinstance(given, list):
+            return 1e-9 * given
+        shape = len(self.sensors), 3 if self.ambient_uT is None else 1
+        rows = [row if isinstance(row, list) else [row] * shape[1] for row in given]
+        if [len(row) for row in rows] != [shape[1]] * shape[0]:
+            raise ValueError(
+                f"{where}.sigma_nT must be one number, or {shape[0]} of sensors, or {shape[0]} "
+                f"rows of {shape[1]}"
+            )
+        return 1e-9 * np.array(rows)
+
+    @property
+    def _kind(self) -> dict[str, Any]:
+        """The sensors, as arguments of the functions of `gramian.dipole`."""
+        apart = self.baselines
+        if apart is not None and len(apart) == 1:
+            apart = apart * len(self.sensors)
+        return {
+            "sensors": self._positions,
+            "ambient": None if self.ambient_uT is None else 1e-6 * np.array(self.ambient_uT),
+            "baselines": None if apart is None else np.array(apart, dtype=float),
+        }
+
+    @property
+    def _sensors(self) -> str:
+        """How many sensors of which kind, in words."""
+        return _sensors_of(len(self.sensors), self.ambient_uT is None, self.baselines is None)
+
+    @property
+    def _noise(self) -> float | Array:
+        """Of the assumed pass, tesla."""
+        assert self.assumed is not None
+        return self._deviations(self.assumed.sigma_nT, "pass")
 
     @property
     def _positions(self) -> Array:
@@ -152,15 +217,14 @@ class DipoleScenario(Scenario):
 
     @cached_property
     def _samples(self) -> tuple[Array, Array]:
-        """Times and field (K, S, 3) in tesla."""
+        """Times and field (K, S, 3), or (K, S) of the total field, in tesla."""
         assert self.record is not None
         record = self.record
         path = self.beside(record.file)
         numbers = {"time": record.columns.time}
         for s, names in enumerate(record.columns.field):
-            numbers |= {
-                f"{axis} of sensor {s + 1}": name for axis, name in zip("xyz", names, strict=True)
-            }
+            own = zip("xyz", names, strict=True) if isinstance(names, tuple) else [("F", names)]
+            numbers |= {f"{axis} of sensor {s + 1}": name for axis, name in own}
         texts = {"selection": record.select.column} if record.select else {}
         missing: Literal["raise", "nan"] = "nan" if record.missing == "drop" else "raise"
         values, words = read_columns(path, numbers, texts, missing=missing)
@@ -174,7 +238,9 @@ class DipoleScenario(Scenario):
                 )
         times = values.pop("time")[chosen]
         field = np.stack([column[chosen] for column in values.values()], axis=1)
-        return times, _UNITS[record.unit] * field.reshape(len(times), -1, 3)
+        if self.ambient_uT is None:
+            field = field.reshape(len(times), -1, 3)
+        return times, _UNITS[record.unit] * field
 
     def locate(self) -> Localization:
         """Locate the dipole in the record."""
@@ -192,10 +258,10 @@ class DipoleScenario(Scenario):
                     field,
                     {str(name): value for name, value in self.known.items()},
                     prior=self._priors,
-                    sensors=self._positions,
+                    **self._kind,
                     background=None if fit.background == "none" else fit.background,
                     loss=fit.loss,
-                    sigma=None if fit.sigma_nT is None else 1e-9 * fit.sigma_nT,
+                    sigma=None if fit.sigma_nT is None else self._deviations(fit.sigma_nT, "fit"),
                     window=window,
                     missing=self.record.missing,
                     starts=fit.starts,
@@ -233,7 +299,7 @@ class DipoleScenario(Scenario):
     def _refusal(self, error: UnobservableError) -> Report:
         return Report(
             title=self._title,
-            subtitle=f"{count(len(self.sensors), 'three-component sensor')}, one dipole",
+            subtitle=f"{self._sensors}, one dipole",
             tone="bad",
             headline="UNOBSERVABLE",
             verdict=str(error),
@@ -247,15 +313,14 @@ class DipoleScenario(Scenario):
         if self.assumed is not None:
             given = self.assumed
             state = np.array([*given.r0, *given.v, *given.m])
-            times, sigma = given.times, 1e-9 * given.sigma_nT
+            times, sigma = given.times, self._noise
         else:
             found = self.locate()
             start = found.r0 + (found.times[0] - found.origin) * found.v
             state = np.concatenate([start, found.v, found.m])
-            times, sigma = found.times, found.sigma
-        problem = _model.problem(
-            state[:3], state[3:6], state[6:], times, sigma, sensors=self._positions
-        )
+            differ = np.ptp(found.sigmas) > 0
+            times, sigma = found.times, found.sigmas if differ else found.sigma
+        problem = _model.problem(state[:3], state[3:6], state[6:], times, sigma, **self._kind)
         return problem, state
 
     @property
@@ -288,10 +353,7 @@ class DipoleScenario(Scenario):
         answer, state = analyze(problem), self._problem[1]
         return Report(
             title=self._title,
-            subtitle=(
-                f"{len(problem.rows)} numbers of {count(len(self.sensors), 'sensor')}, "
-                "one passing dipole"
-            ),
+            subtitle=f"{len(problem.rows)} numbers of {self._sensors}, one passing dipole",
             tone=tone_of(answer),
             headline={"weak": "WEAKLY OBSERVABLE"}.get(answer.status, answer.status.upper()),
             verdict=answer.reason,
@@ -317,13 +379,21 @@ class DipoleScenario(Scenario):
                 given.v,
                 given.m,
                 given.times,
-                1e-9 * given.sigma_nT,
+                self._noise,
                 known=[_long(name) for name in self.known],
-                sensors=self._positions,
+                **self._kind,
             ),
             title=self._title,
-            subtitle=f"{len(given.times)} samples, sigma {given.sigma_nT:g} nT",
+            subtitle=f"{len(given.times)} samples of {self._sensors}, sigma {self._sigma_text}",
         )
+
+    @property
+    def _sigma_text(self) -> str:
+        each = 1e9 * np.ravel(self._noise)
+        seen = each[each < np.inf]
+        if seen.min() == seen.max():
+            return f"{seen[0]:g} nT"
+        return f"{seen.min():g} to {seen.max():g} nT"
 
     def _true(self, name: str, state: Array) -> float:
         if name in ("speed", "moment"):
@@ -353,21 +423,21 @@ class DipoleScenario(Scenario):
             given.v,
             given.m,
             given.times,
-            1e-9 * given.sigma_nT,
+            self._noise,
             seed,
             trials,
             known=known,
             prior=self._priors,
-            sensors=self._positions,
+            **self._kind,
         )
-        exact = _model.measure(given.r0, given.v, given.m, given.times, sensors=self._positions)
+        exact = _model.measure(given.r0, given.v, given.m, given.times, **self._kind)
         bound = _localize.localize(
             given.times,
             exact,
             known,
             prior=self._priors,
-            sensors=self._positions,
-            sigma=1e-9 * given.sigma_nT,
+            sigma=self._noise,
+            **self._kind,
         ).pass_std
         rmse = np.sqrt(((found - state) ** 2).mean(axis=0))
         ratio = np.divide(rmse, bound, out=np.ones(9), where=bound > 0)
@@ -449,7 +519,7 @@ def _located(found: Localization, title: str, model: str) -> Report:
         (
             "left over",
             f"{100 * (1 - found.explained):.1f} % of the field's square; sigma "
-            f"{brief(1e9 * found.sigma)} nT; {found.spikes} spikes and {found.dropped} missing "
+            f"{_nanotesla(found)} nT; {found.spikes} spikes and {found.dropped} missing "
             f"samples left out of {len(found.times) + found.dropped}",
         ),
     ]
@@ -494,7 +564,9 @@ def _located(found: Localization, title: str, model: str) -> Report:
         title=title,
         subtitle=(
             f"{count(len(found.times), 'sample')} of "
-            f"{count(len(found.sensors), 'three-component sensor')}"
+            + _sensors_of(
+                len(found.sensors), found.model.ambient is None, found.model.baselines is None
+            )
         ),
         tone=tone,
         headline=_HEADLINES[found.status],
@@ -536,6 +608,19 @@ def _facts(answer: Observability) -> list[tuple[str, str]]:
         if repairs:
             facts.append(("any one of these would repair it", ", ".join(repairs)))
     return facts
+
+
+def _sensors_of(number: int, vector: bool, single: bool) -> str:
+    """Say how many sensors there are, and what they measure."""
+    if single:
+        return count(number, "three-component sensor" if vector else "total-field sensor")
+    return count(number, "gradiometer" if vector else "total-field gradiometer")
+
+
+def _nanotesla(found: Localization) -> str:
+    seen = 1e9 * found.sigmas[found.sigmas < np.inf]
+    least, most = float(seen.min()), float(seen.max())
+    return brief(least) + (f" to {brief(most)}" if most > least * (1 + 1e-9) else "")
 
 
 def _long(name: str) -> str:

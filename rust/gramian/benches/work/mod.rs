@@ -11,7 +11,7 @@ use gramian::bearings::{self, Monitor};
 use gramian::bounds::batch::{self as bounds_batch, Recursion};
 use gramian::dipole::batch::{self as dipole_batch, Passes, Simulated};
 use gramian::dipole::localize::{Knowledge, Options};
-use gramian::dipole::{Pass, Sensing, Sensors};
+use gramian::dipole::{Pass, Sensors};
 use gramian::linear::batch::{self as linear_batch, Span};
 use gramian::maneuver::batch::closed_loop::{
     self, Guidance, Happens, LostBearing, PER_SAMPLE, Setting,
@@ -572,6 +572,8 @@ fn passing([position, velocity, moment, times]: &[Vec<f64>; 4]) -> Passes<'_> {
         times: Items::shared(times),
         sigma: Items::shared(&[1e-9]),
         sensors: Items::shared(&[0.0; 3]),
+        baselines: &[],
+        ambient: None,
     }
 }
 
@@ -591,8 +593,7 @@ fn dipole_rows() -> Work {
     let given = passes(50);
     let mut out = vec![0.0; 64 * 50 * 27];
     Box::new(move || {
-        let sensing = Sensing::Vector;
-        let done = dipole_batch::dipole_rows(&passing(&given), &sensing, Threads::One, &mut out);
+        let done = dipole_batch::dipole_rows(&passing(&given), Threads::One, &mut out);
         assert!(done.is_ok());
         black_box(&out);
     })
@@ -617,7 +618,7 @@ fn dipole_jacobian() -> Work {
 fn dipole_measure() -> Work {
     let given = passes(50);
     filling(64 * 50 * 3, move |out| {
-        dipole_batch::dipole_measure(&passing(&given), &Sensing::Vector, Threads::One, out).is_ok()
+        dipole_batch::dipole_measure(&passing(&given), Threads::One, out).is_ok()
     })
 }
 
@@ -668,9 +669,10 @@ fn dipole_localize() -> Work {
         times: Items::shared(&times),
         sigma: Items::shared(&[1e-9]),
         sensors: Items::shared(&[0.0; 3]),
+        baselines: &[],
+        ambient: None,
     };
-    let sensing = Sensing::Vector;
-    let done = dipole_batch::dipole_measure(&passes, &sensing, Threads::One, &mut field);
+    let done = dipole_batch::dipole_measure(&passes, Threads::One, &mut field);
     assert!(done.is_ok());
     let knowledge = height_known();
     let sensors = [[0.0; 3]];

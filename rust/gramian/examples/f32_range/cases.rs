@@ -7,7 +7,7 @@ use std::f64::consts::PI;
 
 use gramian::bearings::{Answer, Monitor, bearing, position, push_rows};
 use gramian::bound::crlb_std;
-use gramian::dipole::{self, Accumulator, Pass, Sensing};
+use gramian::dipole::{Accumulator, Pass, Sensors};
 use gramian::information::Information;
 use gramian::registration::degree::Running;
 use gramian::rows::RowSink;
@@ -350,7 +350,7 @@ impl Dipole {
         let pass = Pass::of(&self.state.map(T::of));
         let sensors = [[T::zero(); 3]];
         let sigma = [T::of(1e-9)];
-        let pushed = dipole::push_rows(&times, &pass, &sensors, &Sensing::Vector, &sigma, sink);
+        let pushed = Sensors::vector(&sensors).push_rows(&times, &pass, &sigma, sink);
         assert!(pushed.is_ok(), "{}: {pushed:?}", self.name);
     }
 

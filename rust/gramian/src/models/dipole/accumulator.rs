@@ -18,7 +18,7 @@ use crate::scalar::{NumberError, Real, all_finite, check_finite, check_positive}
 /// ```
 ///
 /// Half the digits of the rows are lost in such sums: take ranks and bounds from
-/// the rows ([`push_rows`](super::push_rows)).
+/// the rows ([`Sensors::push_rows`](super::Sensors::push_rows)).
 ///
 /// # Source
 /// Dai et al. 2020, eq. (18).
@@ -182,7 +182,7 @@ impl<T: Real> Default for Accumulator<T> {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use super::super::{Pass, Sensing, push_rows};
+    use super::super::{Pass, Sensors};
     use super::*;
     use crate::information::Information;
 
@@ -192,15 +192,9 @@ mod tests {
         let times: [f64; 41] = core::array::from_fn(|k| 0.25 * k as f64);
         let sensors = [[0.0; 3], [0.3, -0.2, 0.1]];
         let mut rows = Information::<f64, 9>::new();
-        push_rows(
-            &times,
-            &pass,
-            &sensors,
-            &Sensing::Vector,
-            &[1e-9],
-            &mut rows,
-        )
-        .unwrap();
+        Sensors::vector(&sensors)
+            .push_rows(&times, &pass, &[1e-9], &mut rows)
+            .unwrap();
         let mut sums = Accumulator::new();
         for sensor in &sensors {
             let mut one = Accumulator::new();

@@ -5,9 +5,7 @@ use pulp::Simd;
 use crate::batch::simd::{Path, lane_sums};
 use crate::batch::{Items, Stream, Threads};
 use crate::dipole::localize::{self, Knowledge, Located, Options, localize};
-use crate::dipole::{
-    Error, MU0_OVER_4PI, Pass, Sensing, Sensors, field, jacobian, measure, push_rows,
-};
+use crate::dipole::{Error, MU0_OVER_4PI, Pass, Sensors, field, jacobian};
 use crate::numbers::algebra::{advanced, dot};
 use crate::rows::RowSink;
 use crate::scalar::NumberError;
@@ -23,10 +21,14 @@ pub struct Passes<'a> {
     pub moment: Items<'a>,
     /// Times, increasing, s.
     pub times: Items<'a>,
-    /// One standard deviation for all samples or one for each, T.
+    /// One standard deviation for all numbers, one for each sample or one for each number, T.
     pub sigma: Items<'a>,
-    /// Sensors (S, 3), m.
+    /// Places of the sensors (S, 3), m.
     pub sensors: Items<'a>,
+    /// What the sensors measure: [`Sensors::baselines`] and [`Sensors::ambient`].
+    pub baselines: &'a [[f64; 3]],
+    /// See there.
+    pub ambient: Option<[f64; 3]>,
 }
 
 impl Passes<'_> {
@@ -40,6 +42,7 @@ impl Passes<'_> {
             times: self.times.skip(first),
             sigma: self.sigma.skip(first),
             sensors: self.sensors.skip(first),
+            ..self
         }
     }
 }
@@ -81,6 +84,16 @@ pub fn dipole_jacobian(
 }
 
 impl Passes<'_> {
+    /// How many numbers one sample of one sensor has.
+    fn components(&self) -> usize {
+        let sensors: Sensors<'_> = Sensors {
+            places: &[],
+            baselines: self.baselines,
+            ambient: self.ambient,
+        };
+        sensors.components()
+    }
+
     fn pass(&self, trial: usize) -> Pass<f64> {
         Pass {
             position: three(self.position.get(trial)),
@@ -88,51 +101,51 @@ impl Passes<'_> {
             moment: three(self.moment.get(trial)),
         }
     }
+
+    fn sensors(&self, trial: usize) -> Sensors<'_> {
+        Sensors {
+            places: self.sensors.get(trial).as_chunks::<3>().0,
+            baselines: self.baselines,
+            ambient: self.ambient,
+        }
+    }
 }
 
-/// What the sensors measure (trials, K, S, channels), without noise; `sigma` is
+/// What the sensors measure (trials, K, S, components), without noise; `sigma` is
 /// not used.
 ///
 /// # Errors
-/// As [`measure`], with the trial.
+/// As [`Sensors::measure`], with the trial.
 pub fn dipole_measure(
     passes: &Passes<'_>,
-    sensing: &Sensing<f64>,
     threads: Threads,
     out: &mut [f64],
 ) -> Result<(), (usize, Error)> {
     let samples = passes.times.size() * passes.sensors.size() / 3;
-    let size = samples * sensing.channels();
+    let size = samples * passes.components();
     threads.over(out, size, 10.0 * samples as f64, |trial, out| {
-        let (sensors, _) = passes.sensors.get(trial).as_chunks::<3>();
-        let times = passes.times.get(trial);
-        measure(times, &passes.pass(trial), sensors, sensing, out).map_err(|error| (trial, error))
+        let (sensors, times) = (passes.sensors(trial), passes.times.get(trial));
+        let measured = sensors.measure(times, &passes.pass(trial), out);
+        measured.map_err(|error| (trial, error))
     })
 }
 
-/// Whitened rows (trials, K * S * channels, 9) of (r0, v, m).
+/// Whitened rows (trials, K * S * components, 9) of (r0, v, m).
 ///
 /// # Errors
-/// As [`push_rows`], with the trial.
+/// As [`Sensors::push_rows`], with the trial.
 pub fn dipole_rows(
     passes: &Passes<'_>,
-    sensing: &Sensing<f64>,
     threads: Threads,
     out: &mut [f64],
 ) -> Result<(), (usize, Error)> {
     let samples = passes.times.size() * passes.sensors.size() / 3;
-    let size = 9 * samples * sensing.channels();
+    let size = 9 * samples * passes.components();
     threads.over(out, size, 30.0 * samples as f64, |trial, out| {
-        let (sensors, _) = passes.sensors.get(trial).as_chunks::<3>();
-        push_rows(
-            passes.times.get(trial),
-            &passes.pass(trial),
-            sensors,
-            sensing,
-            passes.sigma.get(trial),
-            &mut Writer(out.as_chunks_mut::<9>().0.iter_mut()),
-        )
-        .map_err(|error| (trial, error))
+        let (sensors, times) = (passes.sensors(trial), passes.times.get(trial));
+        let sink = &mut Writer(out.as_chunks_mut::<9>().0.iter_mut());
+        let pushed = sensors.push_rows(times, &passes.pass(trial), passes.sigma.get(trial), sink);
+        pushed.map_err(|error| (trial, error))
     })
 }
 
@@ -148,7 +161,8 @@ impl RowSink<f64, 9> for Writer<'_> {
     }
 }
 
-/// Fisher information (trials, 9, 9) of (r0, v, m) from three-component sensors.
+/// Fisher information (trials, 9, 9) of (r0, v, m) from three-component sensors of one head;
+/// `sigma` is one standard deviation or one for each sample.
 ///
 /// # Errors
 /// A dipole on a sensor, with the trial.
@@ -462,7 +476,7 @@ pub fn dipole_localize(
     field: Items<'_>,
     sensors: &Sensors<'_>,
     knowledge: &Knowledge,
-    options: &Options,
+    options: &Options<'_>,
     threads: Threads,
     out: &mut [f64],
 ) -> Result<(), (usize, localize::Error)> {
@@ -516,7 +530,8 @@ pub struct Simulated<'a> {
     pub pass: &'a Pass<f64>,
     /// The sensors.
     pub sensors: Sensors<'a>,
-    /// Standard deviation of the noise of each component, T.
+    /// Standard deviation of the noise of each number, T, to be multiplied by its
+    /// [`level`](Options::levels).
     pub sigma: f64,
     /// Of the random numbers.
     pub seed: u64,
@@ -534,7 +549,7 @@ pub struct Simulated<'a> {
 pub fn dipole_localize_trials(
     simulated: &Simulated<'_>,
     knowledge: &Knowledge,
-    options: &Options,
+    options: &Options<'_>,
     threads: Threads,
     out: &mut [f64],
 ) -> Result<(), (usize, TrialError)> {
@@ -549,9 +564,6 @@ pub fn dipole_localize_trials(
     let mut exact = alloc::vec![0.0; count];
     let measured = sensors.measure(times, pass, &mut exact);
     measured.map_err(|error| (0, TrialError::Pass(error)))?;
-    for h in &mut exact {
-        *h += sensors.quiet();
-    }
     let truth = pass.state();
     let scratch = || exact.clone();
     threads.over_with(
@@ -561,8 +573,10 @@ pub fn dipole_localize_trials(
         scratch,
         |field, trial, out| {
             let mut random = Stream::new(simulated.seed, simulated.first + trial as u64);
-            for (y, h) in field.iter_mut().zip(&exact) {
-                *y = h + sigma * random.normal();
+            for (i, (y, h)) in field.iter_mut().zip(&exact).enumerate() {
+                // What was not measured is infinite here, and missing there.
+                let level = options.levels.get(i).copied().unwrap_or(1.0);
+                *y = h + sigma * level * random.normal();
             }
             let located = localize(times, field, &sensors, knowledge, options)
                 .map_err(|error| (trial, TrialError::Localize(error)))?;
@@ -668,6 +682,8 @@ mod tests {
                     times: Items::shared(&times),
                     sigma: Items::shared(&sigma),
                     sensors: Items::shared(&sensors),
+                    baselines: &[],
+                    ambient: None,
                 };
                 dipole_fisher(&passes, Threads::One, path, &mut out).unwrap();
                 worst = worst.max(far(&wanted, &out));
@@ -689,6 +705,8 @@ mod tests {
                 times: Items::shared(&times),
                 sigma: Items::shared(&[1.0]),
                 sensors: Items::shared(&[0.0, 0.0, 0.0]),
+                baselines: &[],
+                ambient: None,
             };
             dipole_fisher(&passes, Threads::One, Path::Best, &mut out).map(|()| out)
         };

@@ -9,7 +9,7 @@ use alloc::string::{String, ToString};
 use alloc::vec;
 use alloc::vec::Vec;
 
-use super::description::{Description, MOST, Motion, Step};
+use super::description::{Description, MOST, Step};
 use super::localize::{Knowledge, MOMENT, SPEED, huber, robust_sigma};
 use super::sensors::{Head, Sensors, excess};
 use super::{Error, Jacobian, Pass, jacobian};
@@ -280,7 +280,7 @@ impl Measured {
         (step.place, by)
     }
 
-    fn sight(&self, state: &[f64; 9], x: &[f64], t: f64, head: &Head) -> Result<Sight, Error> {
+    fn sight(&self, state: &[f64; 9], x: &[f64], t: f64, head: &Head<f64>) -> Result<Sight, Error> {
         let at = self.layout();
         let step = self
             .description
@@ -995,54 +995,9 @@ impl Model for Measured {
     }
 
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
-        if self.places.len() != 1 {
-            return;
+        if let Some(image) = self.mirrored(x) {
+            found(&image);
         }
-        // About the middle of a gradiometer, with the opposite moment.
-        let heads: Vec<[f64; 3]> = self.sensors().heads(0).map(|h| h.place).collect();
-        let count = heads.len() as f64;
-        let center: [f64; 3] =
-            core::array::from_fn(|i| heads.iter().map(|h| h[i]).sum::<f64>() / count);
-        let sign = if heads.len() == 1 { 1.0 } else { -1.0 };
-        let excluded = (0..9).any(|i| {
-            let still = match i {
-                0..3 => center[i],
-                3..6 => 0.0,
-                _ => return sign < 0.0 && self.knowledge.exact[i].is_some_and(|m| m != 0.0),
-            };
-            self.knowledge.exact[i].is_some_and(|value| value != still)
-        });
-        let sided = self.parts.iter().any(|p| matches!(p, Part::Side { .. }));
-        if excluded || sided {
-            return;
-        }
-        let (mut state, _) = self.expand(x);
-        for i in 0..3 {
-            state[i] = 2.0 * center[i] - state[i];
-            state[3 + i] = -state[3 + i];
-            state[6 + i] *= sign;
-        }
-        let mut image = self.coordinates(&state);
-        let at = self.layout();
-        image[at.motion..].copy_from_slice(&x[at.motion..]);
-        if self.description.motion == Motion::Accelerated {
-            for a in &mut image[at.motion..at.sources] {
-                *a = -*a;
-            }
-        }
-        for index in 1..self.description.sources {
-            let own = &mut image[at.sources + 6 * (index - 1)..][..6];
-            for offset in &mut own[..3] {
-                *offset = -*offset;
-            }
-            for moment in &mut own[3..] {
-                *moment *= sign;
-            }
-        }
-        if self.description.induced.is_some() {
-            image[at.induced] *= sign;
-        }
-        found(&image);
     }
 }
 
@@ -1066,5 +1021,6 @@ fn quantity(state: &[f64; 9], index: usize) -> (f64, [f64; 9]) {
     (size, gradient)
 }
 
+mod images;
 #[cfg(test)]
 mod tests;

@@ -34,10 +34,9 @@ pub mod tracker;
 pub use accumulator::Accumulator;
 pub use sensors::Sensors;
 
-use crate::numbers::algebra::{dot, multiply};
+use crate::numbers::algebra::dot;
 use crate::numbers::lane::Lane;
-use crate::rows::RowSink;
-use crate::scalar::{NumberError, Real, all_finite, check_finite, check_length, finite};
+use crate::scalar::{NumberError, Real, all_finite, check_finite, finite};
 
 /// The magnetic constant over 4 pi, in H/m: 1e-7 to nine digits (CODATA 2018
 /// gives 1.00000000055e-7).
@@ -240,163 +239,6 @@ impl<T: Real> Pass<T> {
     }
 }
 
-/// What a sensor measures of the field.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Sensing<T> {
-    /// Three components.
-    Vector,
-    /// The magnitude of the ambient field (given, in tesla) plus the dipole's.
-    TotalField([T; 3]),
-}
-
-impl<T: Copy> Sensing<T> {
-    /// How many numbers one sample of one sensor has.
-    pub fn channels(&self) -> usize {
-        match self {
-            Self::Vector => 3,
-            Self::TotalField(_) => 1,
-        }
-    }
-}
-
-/// Writes what the sensors at `sensors` measure of a pass: sample after sample,
-/// in each sensor after sensor. Time is counted from `times[0]`.
-///
-/// # Errors
-/// [`Error::OnSensor`] with the sample; [`NumberError::Length`] where `out` does not
-/// have a place for each number; [`Error::Number`] for what is not finite, or a
-/// distance or field that overflows.
-///
-/// # Source
-/// Dai et al. 2020, eq. (2), along a straight pass.
-pub fn measure<T: Real>(
-    times: &[T],
-    pass: &Pass<T>,
-    sensors: &[[T; 3]],
-    sensing: &Sensing<T>,
-    out: &mut [T],
-) -> Result<(), Error> {
-    let channels = sensing.channels();
-    let wanted = times.len().saturating_mul(sensors.len() * channels);
-    check_length("out", out.len(), wanted)?;
-    check_pass(times, pass, sensors, sensing)?;
-    let mut places = out.chunks_exact_mut(channels);
-    for (k, &time) in times.iter().enumerate() {
-        for sensor in sensors {
-            let place = pass.offset(sensor, time - times[0]);
-            let h = field(&place, &pass.moment).map_err(|error| error.at(k))?;
-            let Some(out) = places.next() else { break };
-            match sensing {
-                Sensing::Vector => out.copy_from_slice(&h),
-                Sensing::TotalField(ambient) => out[0] = total(ambient, &h)?.0,
-            }
-        }
-    }
-    Ok(())
-}
-
-/// Refuses what is not finite.
-fn check_pass<T: Real>(
-    times: &[T],
-    pass: &Pass<T>,
-    sensors: &[[T; 3]],
-    sensing: &Sensing<T>,
-) -> Result<(), NumberError> {
-    check_finite("times", times)?;
-    check_finite("position", &pass.position)?;
-    check_finite("velocity", &pass.velocity)?;
-    check_finite("moment", &pass.moment)?;
-    check_finite("sensors", sensors.as_flattened())?;
-    match sensing {
-        Sensing::Vector => Ok(()),
-        Sensing::TotalField(ambient) => check_finite("ambient", ambient),
-    }
-}
-
-/// Pushes the whitened rows of a pass, in the order of [`measure`].
-///
-/// `sigma` is one standard deviation in tesla for all samples, or one for each.
-///
-/// # Errors
-/// [`Error::OnSensor`], [`Error::Sigma`], [`NumberError::Length`]; [`Error::Number`] for
-/// what is not finite, or rows that overflow.
-///
-/// # Source
-/// Dai et al. 2020, eqs. (18)-(19).
-///
-/// ```
-/// use gramian::dipole::{Pass, Sensing, push_rows};
-/// use gramian::{spectrum::Spectrum, square_root::SquareRootInformation};
-/// let times = [0.0_f64, 4.0, 8.0, 12.0, 16.0, 20.0];
-/// let pass = Pass::of(&[-10.0, -10.0, 5.0, 1.0, 1.0, 0.0, 10.0, 20.0, 10.0]);
-/// let mut root = SquareRootInformation::new();
-/// push_rows(&times, &pass, &[[0.0; 3]], &Sensing::Vector, &[1e-9], &mut root).unwrap();
-/// assert_eq!(Spectrum::new(&root).rank(), 8);
-/// ```
-pub fn push_rows<T: Real>(
-    times: &[T],
-    pass: &Pass<T>,
-    sensors: &[[T; 3]],
-    sensing: &Sensing<T>,
-    sigma: &[T],
-    sink: &mut impl RowSink<T, 9>,
-) -> Result<(), Error> {
-    if sigma.len() != 1 {
-        check_length("sigma", sigma.len(), times.len())?;
-    }
-    check_pass(times, pass, sensors, sensing)?;
-    for (k, &time) in times.iter().enumerate() {
-        let s = sigma[if sigma.len() == 1 { 0 } else { k }];
-        if !(s > T::zero() && s.is_finite()) {
-            return Err(Error::Sigma {
-                index: k,
-                given: s.double(),
-            });
-        }
-        let time = time - times[0];
-        for sensor in sensors {
-            let place = pass.offset(sensor, time);
-            let j = jacobian(&place, &pass.moment).map_err(|error| error.at(k))?;
-            match sensing {
-                Sensing::Vector => {
-                    for i in 0..3 {
-                        sink.push(&row(&j.position[i], &j.moment[i], time, s))?;
-                    }
-                }
-                Sensing::TotalField(ambient) => {
-                    let h = field(&place, &pass.moment).map_err(|error| error.at(k))?;
-                    let (_, u) = total(ambient, &h)?;
-                    let by_position = multiply(&j.position, &u);
-                    sink.push(&row(&by_position, &multiply(&j.moment, &u), time, s))?;
-                }
-            }
-        }
-    }
-    Ok(())
-}
-
-/// |ambient + h| and its direction. Where the sum vanishes the direction is that
-/// of nothing: no derivative exists there, and zero is its mean over all sides.
-fn total<T: Real>(ambient: &[T; 3], h: &[T; 3]) -> Result<(T, [T; 3]), NumberError> {
-    let sum = [0, 1, 2].map(|i| ambient[i] + h[i]);
-    let size = dot(&sum, &sum).sqrt();
-    if size == T::INFINITY {
-        return Err(NumberError::Overflow { result: "field" });
-    }
-    Ok(if size > T::zero() {
-        (size, sum.map(|x| x / size))
-    } else {
-        (size, [T::zero(); 3])
-    })
-}
-
-#[inline]
-fn row<T: Real>(by_position: &[T; 3], by_moment: &[T; 3], time: T, sigma: T) -> [T; 9] {
-    let [a, b, c] = by_position.map(|x| x / sigma);
-    let [d, e, f] = by_moment.map(|x| x / sigma);
-    [a, b, c, time * a, time * b, time * c, d, e, f]
-}
-
 /// Unit vector towards `position` and the inverse of its length.
 #[inline]
 fn direction<T: Real>(position: &[T; 3]) -> Result<([T; 3], T), Error> {
@@ -447,10 +289,10 @@ pub enum Error {
         /// Which sample.
         index: usize,
     },
-    /// A standard deviation that is not positive and finite.
-    #[error("sigma[{index}] = {given} T: must be > 0 and finite")]
+    /// A standard deviation that is not positive.
+    #[error("sigma[{index}] = {given} T: must be > 0")]
     Sigma {
-        /// Which sample.
+        /// Which.
         index: usize,
         /// The value given.
         given: f64,
@@ -476,10 +318,15 @@ impl Error {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use crate::numbers::algebra::multiply;
     use crate::square_root::SquareRootInformation;
     use proptest::prelude::*;
 
-    const SENSOR: [[f64; 3]; 1] = [[0.0; 3]];
+    const SENSOR: Sensors<'_> = Sensors {
+        places: &[[0.0; 3]],
+        baselines: &[],
+        ambient: None,
+    };
 
     fn vector(size: f64) -> impl Strategy<Value = [f64; 3]> {
         [-size..size, -size..size, -size..size]
@@ -525,7 +372,7 @@ mod tests {
                 dot(&p, &p) > 1e-4
             }));
             let mut rows = alloc::vec::Vec::<[f64; 9]>::new();
-            push_rows(&times, &pass, &SENSOR, &Sensing::Vector, &[1e-9], &mut rows).unwrap();
+            SENSOR.push_rows(&times, &pass, &[1e-9], &mut rows).unwrap();
             let mut null = pass.state();
             for x in &mut null[6..] {
                 *x *= 3.0;
@@ -547,7 +394,7 @@ mod tests {
         let times: [f64; 21] = core::array::from_fn(|k| k as f64);
         let fields = |pass: &Pass<f64>| {
             let mut out = [0.0; 63];
-            measure(&times, pass, &SENSOR, &Sensing::Vector, &mut out).unwrap();
+            SENSOR.measure(&times, pass, &mut out).unwrap();
             out
         };
         let here = fields(&pass);
@@ -568,8 +415,11 @@ mod tests {
         let times: [f64; 30] = core::array::from_fn(|k| 0.7 * k as f64);
         let ambient = [2e-5, 0.0, 4.5e-5];
         let mut rows = alloc::vec::Vec::<[f64; 9]>::new();
-        let sensing = Sensing::TotalField(ambient);
-        push_rows(&times, &pass, &SENSOR, &sensing, &[1e-9], &mut rows).unwrap();
+        let sensor = Sensors {
+            ambient: Some(ambient),
+            ..SENSOR
+        };
+        sensor.push_rows(&times, &pass, &[1e-9], &mut rows).unwrap();
         let mut root = SquareRootInformation::new();
         let turned = |x: &[f64; 3]| {
             let b = ambient;
@@ -602,7 +452,7 @@ mod tests {
         let pass = Pass::of(&[-2.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 2.0, 3.0]);
         let times = [0.0, 1.0, 2.0, 3.0];
         let mut out = [0.0; 12];
-        let given = measure(&times, &pass, &SENSOR, &Sensing::Vector, &mut out);
+        let given = SENSOR.measure(&times, &pass, &mut out);
         assert_eq!(given, Err(Error::OnSensor { index: 2 }));
         assert!(field(&[1e-90_f64, 0.0, 0.0], &[1.0; 3]).is_err());
         assert!(field(&[f64::NAN, 0.0, 0.0], &[1.0; 3]).is_err());

@@ -1,9 +1,10 @@
 //! Sensors, and what each of them measures of the field.
 
-use super::{Error, Pass, field};
-use crate::numbers::algebra::dot;
+use super::{Error, Pass, field, jacobian};
+use crate::numbers::algebra::{dot, multiply};
 use crate::numbers::lane::Lane;
-use crate::scalar::{NumberError, all_finite, check_finite, check_length};
+use crate::rows::RowSink;
+use crate::scalar::{NumberError, Real, all_finite, check_finite, check_length};
 
 /// Sensors of one kind: of three components or of the total field, of the field itself or of
 /// its difference between two places.
@@ -19,28 +20,28 @@ use crate::scalar::{NumberError, all_finite, check_finite, check_length};
 /// assert_eq!(gradient[0], both[3] - both[0]);
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sensors<'a> {
+pub struct Sensors<'a, T = f64> {
     /// Where they are, m.
-    pub places: &'a [[f64; 3]],
+    pub places: &'a [[T; 3]],
     /// Of gradiometers, from each to its second head, m: what is measured is that of the second
     /// less that of the first. Empty where each sensor has one head.
-    pub baselines: &'a [[f64; 3]],
+    pub baselines: &'a [[T; 3]],
     /// Of sensors of the total field, |ambient + field|: the field without the dipole, T.
-    pub ambient: Option<[f64; 3]>,
+    pub ambient: Option<[T; 3]>,
 }
 
 /// One end of a sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Head {
+pub struct Head<T> {
     /// Where it is, m.
-    pub place: [f64; 3],
+    pub place: [T; 3],
     /// By what it counts: 1, or -1 for the first head of a gradiometer.
-    pub sign: f64,
+    pub sign: T,
 }
 
-impl<'a> Sensors<'a> {
+impl<'a, T: Real> Sensors<'a, T> {
     /// Sensors of three components.
-    pub fn vector(places: &'a [[f64; 3]]) -> Self {
+    pub fn vector(places: &'a [[T; 3]]) -> Self {
         Self {
             places,
             baselines: &[],
@@ -64,55 +65,59 @@ impl<'a> Sensors<'a> {
     }
 
     /// The heads of a sensor: one, or the second and the first of a gradiometer.
-    pub fn heads(&self, sensor: usize) -> impl Iterator<Item = Head> + use<> {
+    pub fn heads(&self, sensor: usize) -> impl Iterator<Item = Head<T>> + use<T> {
         let place = self.places[sensor];
         let (first, second) = match self.baselines.get(sensor) {
-            None => (Head { place, sign: 1.0 }, None),
+            None => {
+                let sign = T::one();
+                (Head { place, sign }, None)
+            }
             Some(baseline) => (
                 Head {
                     place: core::array::from_fn(|i| place[i] + baseline[i]),
-                    sign: 1.0,
+                    sign: T::one(),
                 },
-                Some(Head { place, sign: -1.0 }),
+                Some(Head {
+                    place,
+                    sign: -T::one(),
+                }),
             ),
         };
         core::iter::once(first).chain(second)
     }
 
     /// What a reading has without a dipole: the ambient field's size at a sensor of one head, or 0.
-    pub fn quiet(&self) -> f64 {
+    pub fn quiet(&self) -> T {
         match &self.ambient {
             Some(ambient) if self.baselines.is_empty() => length(ambient),
-            _ => 0.0,
+            _ => T::zero(),
         }
     }
 
     /// Direction of the ambient field, for sensors of the total field.
-    pub fn along(&self) -> Option<[f64; 3]> {
+    pub fn along(&self) -> Option<[T; 3]> {
         self.ambient.map(|ambient| {
+            let size = length(&ambient);
             // Of no field there is no direction: nothing is seen then.
-            let size = length(&ambient).max(f64::MIN_POSITIVE);
-            ambient.map(|a| a / size)
+            ambient.map(|a| if size > T::zero() { a / size } else { a })
         })
     }
 
-    /// Writes what they measure of a pass beside [`quiet`](Self::quiet): sample after sample, in
-    /// each sensor after sensor. Time is counted from `times[0]`.
+    /// Writes what they read of a pass: sample after sample, in each sensor after sensor. Time
+    /// is counted from `times[0]`.
     ///
     /// # Errors
-    /// As [`measure`](super::measure()).
-    pub fn measure(&self, times: &[f64], pass: &Pass<f64>, out: &mut [f64]) -> Result<(), Error> {
+    /// [`Error::OnSensor`] with the sample; [`NumberError::Length`] where `out` does not
+    /// have a place for each number, or baselines are not as many as places;
+    /// [`Error::Number`] for what is not finite, or a distance or field that overflows.
+    ///
+    /// # Source
+    /// Dai et al. 2020, eq. (2), along a straight pass.
+    pub fn measure(&self, times: &[T], pass: &Pass<T>, out: &mut [T]) -> Result<(), Error> {
         let wanted = times.len().saturating_mul(self.channels());
         check_length("out", out.len(), wanted)?;
-        if !self.baselines.is_empty() {
-            check_length("baselines", self.baselines.len(), self.places.len())?;
-        }
-        check_finite("times", times)?;
-        check_finite("state", &pass.state())?;
-        check_finite("sensors", self.places.as_flattened())?;
-        check_finite("baselines", self.baselines.as_flattened())?;
-        check_finite("ambient", &self.ambient.unwrap_or_default())?;
-        out.fill(0.0);
+        self.check(times, pass)?;
+        out.fill(self.quiet());
         let mut places = out.chunks_exact_mut(self.components());
         for (k, &time) in times.iter().enumerate() {
             for sensor in 0..self.places.len() {
@@ -133,53 +138,262 @@ impl<'a> Sensors<'a> {
             Err(NumberError::Overflow { result: "field" }.into())
         }
     }
+
+    /// Pushes the whitened rows of a pass, in the order of [`measure`](Self::measure).
+    ///
+    /// `sigma` is one standard deviation in tesla for all numbers, one for each sample, or one
+    /// for each number; infinite for what was not measured, whose rows are zero.
+    ///
+    /// # Errors
+    /// [`Error::OnSensor`] with the sample, [`Error::Sigma`], [`NumberError::Length`];
+    /// [`Error::Number`] for what is not finite, or rows that overflow.
+    ///
+    /// # Source
+    /// Dai et al. 2020, eqs. (18)-(19).
+    ///
+    /// ```
+    /// use gramian::dipole::{Pass, Sensors};
+    /// use gramian::{spectrum::Spectrum, square_root::SquareRootInformation};
+    /// let times = [0.0_f64, 4.0, 8.0, 12.0, 16.0, 20.0];
+    /// let pass = Pass::of(&[-10.0, -10.0, 5.0, 1.0, 1.0, 0.0, 10.0, 20.0, 10.0]);
+    /// let mut root = SquareRootInformation::new();
+    /// Sensors::vector(&[[0.0; 3]]).push_rows(&times, &pass, &[1e-9], &mut root).unwrap();
+    /// assert_eq!(Spectrum::new(&root).rank(), 8);
+    /// ```
+    pub fn push_rows(
+        &self,
+        times: &[T],
+        pass: &Pass<T>,
+        sigma: &[T],
+        sink: &mut impl RowSink<T, 9>,
+    ) -> Result<(), Error> {
+        let numbers = times.len().saturating_mul(self.channels());
+        let by_sample = sigma.len() == times.len();
+        if sigma.len() != 1 && !by_sample {
+            check_length("sigma", sigma.len(), numbers)?;
+        }
+        self.check(times, pass)?;
+        let bad = |s: &T| !(*s > T::zero());
+        if let Some(index) = sigma.iter().position(bad) {
+            let given = sigma[index].double();
+            return Err(Error::Sigma { index, given });
+        }
+        let mut number = 0;
+        for (k, &time) in times.iter().enumerate() {
+            let time = time - times[0];
+            for sensor in 0..self.places.len() {
+                // By place and by moment, of each component.
+                let mut by = [[[T::zero(); 3]; 2]; 3];
+                for head in self.heads(sensor) {
+                    let place = pass.offset(&head.place, time);
+                    let j = jacobian(&place, &pass.moment).map_err(|error| error.at(k))?;
+                    let own = [j.position, j.moment];
+                    match &self.ambient {
+                        None => {
+                            for (i, by) in by.iter_mut().enumerate() {
+                                add(by, head.sign, &own.map(|j| j[i]));
+                            }
+                        }
+                        Some(ambient) => {
+                            let h = field(&place, &pass.moment).map_err(|error| error.at(k))?;
+                            let (_, u) = excess(ambient, &h)?;
+                            add(&mut by[0], head.sign, &own.map(|j| multiply(&j, &u)));
+                        }
+                    }
+                }
+                for by in &by[..self.components()] {
+                    let which = if by_sample { k } else { number };
+                    sink.push(&row(by, time, sigma[which.min(sigma.len() - 1)]))?;
+                    number += 1;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Refuses what is not finite, and baselines that are not as many as places.
+    fn check(&self, times: &[T], pass: &Pass<T>) -> Result<(), NumberError> {
+        if !self.baselines.is_empty() {
+            check_length("baselines", self.baselines.len(), self.places.len())?;
+        }
+        check_finite("times", times)?;
+        check_finite("position", &pass.position)?;
+        check_finite("velocity", &pass.velocity)?;
+        check_finite("moment", &pass.moment)?;
+        check_finite("sensors", self.places.as_flattened())?;
+        check_finite("baselines", self.baselines.as_flattened())?;
+        check_finite("ambient", self.ambient.as_slice().as_flattened())
+    }
 }
 
-fn length(vector: &[f64; 3]) -> f64 {
+#[inline]
+fn add<T: Real>(sum: &mut [[T; 3]; 2], sign: T, more: &[[T; 3]; 2]) {
+    for (sum, more) in sum.as_flattened_mut().iter_mut().zip(more.as_flattened()) {
+        *sum += sign * *more;
+    }
+}
+
+#[inline]
+fn row<T: Real>(by: &[[T; 3]; 2], time: T, sigma: T) -> [T; 9] {
+    let [[a, b, c], [d, e, f]] = by.map(|by| by.map(|x| x / sigma));
+    [a, b, c, time * a, time * b, time * c, d, e, f]
+}
+
+fn length<T: Real>(vector: &[T; 3]) -> T {
     Lane::sqrt(dot(vector, vector))
 }
 
 /// |ambient + h| - |ambient| and the direction of the sum, without the digits that the
-/// difference would lose.
-pub(super) fn excess(ambient: &[f64; 3], h: &[f64; 3]) -> Result<(f64, [f64; 3]), NumberError> {
-    let (size, along) = super::total(ambient, h)?;
+/// difference would lose. Where the sum vanishes the direction is that of nothing: no derivative
+/// exists there, and zero is its mean over all sides.
+pub(super) fn excess<T: Real>(ambient: &[T; 3], h: &[T; 3]) -> Result<(T, [T; 3]), NumberError> {
+    let total = [0, 1, 2].map(|i| ambient[i] + h[i]);
+    let size = length(&total);
     let sum = size + length(ambient);
-    let product: f64 = (0..3).map(|i| (2.0 * ambient[i] + h[i]) * h[i]).sum();
-    Ok((if sum > 0.0 { product / sum } else { 0.0 }, along))
+    if !(sum < T::INFINITY) {
+        return Err(NumberError::Overflow { result: "field" });
+    }
+    let over = |value: T, by: T| {
+        if by > T::zero() {
+            value / by
+        } else {
+            T::zero()
+        }
+    };
+    let twice = [0, 1, 2].map(|i| ambient[i] + total[i]);
+    Ok((over(dot(&twice, h), sum), total.map(|x| over(x, size))))
 }
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::dipole::{Sensing, measure};
+    use alloc::vec::Vec;
+
+    const TIMES: [f64; 3] = [0.0, 1.0, 2.5];
+    const PLACES: [[f64; 3]; 2] = [[0.0; 3], [0.3, -0.2, 0.5]];
+    const BASELINES: [[f64; 3]; 2] = [[0.0, 0.0, 1.0], [0.5, 0.2, 0.0]];
+    const AMBIENT: [f64; 3] = [2e-5, -1e-6, 4.5e-5];
+    const STATE: [f64; 9] = [-3.0, 2.0, 1.0, 1.0, 0.2, 0.0, 10.0, 20.0, 10.0];
+
+    fn kinds() -> impl Iterator<Item = Sensors<'static>> {
+        [0, 2].into_iter().flat_map(|count| {
+            [None, Some(AMBIENT)].map(|ambient| Sensors {
+                places: &PLACES,
+                baselines: &BASELINES[..count],
+                ambient,
+            })
+        })
+    }
+
+    fn read(sensors: &Sensors<'_>, state: &[f64; 9]) -> Vec<f64> {
+        let mut out = alloc::vec![0.0; TIMES.len() * sensors.channels()];
+        sensors.measure(&TIMES, &Pass::of(state), &mut out).unwrap();
+        out
+    }
 
     #[test]
-    fn the_total_field_is_the_ambient_one_and_what_is_beside_it() {
-        let pass = Pass::of(&[-3.0, 2.0, 1.0, 1.0, 0.2, 0.0, 10.0, 20.0, 10.0]);
-        let times = [0.0, 1.0, 2.5];
-        let places = [[0.0; 3], [0.3, -0.2, 0.5]];
-        let ambient = [2e-5, -1e-6, 4.5e-5];
-        let sensors = Sensors {
-            places: &places,
-            baselines: &[],
-            ambient: Some(ambient),
+    fn the_total_field_is_the_size_of_the_sum() {
+        let parts = read(&Sensors::vector(&PLACES), &STATE);
+        let total = Sensors {
+            ambient: Some(AMBIENT),
+            ..Sensors::vector(&PLACES)
         };
-        let (mut beside, mut whole) = ([0.0; 6], [0.0; 6]);
-        sensors.measure(&times, &pass, &mut beside).unwrap();
-        measure(
-            &times,
-            &pass,
-            &places,
-            &Sensing::TotalField(ambient),
-            &mut whole,
-        )
-        .unwrap();
-        for (a, b) in beside.iter().zip(&whole) {
-            assert!((a + sensors.quiet() - b).abs() < 1e-19);
+        for (h, size) in parts.as_chunks::<3>().0.iter().zip(read(&total, &STATE)) {
+            let sum: [f64; 3] = core::array::from_fn(|i| AMBIENT[i] + h[i]);
+            assert!((length(&sum) - size).abs() < 1e-19);
         }
         // Its slope along the ambient field is one.
-        let tiny = sensors.along().unwrap().map(|u| 1e-17 * u);
-        assert!((excess(&ambient, &tiny).unwrap().0 - 1e-17).abs() < 1e-28);
+        let tiny = total.along().unwrap().map(|u| 1e-17 * u);
+        assert!((excess(&AMBIENT, &tiny).unwrap().0 - 1e-17).abs() < 1e-28);
+    }
+
+    #[test]
+    fn a_gradiometer_of_the_total_field_keeps_the_digits_of_a_weak_dipole() {
+        // Of a moment so weak that the total field is its component along the ambient one.
+        let mut state = STATE;
+        for m in &mut state[6..] {
+            *m *= 1e-9;
+        }
+        let gradient = Sensors {
+            places: &PLACES,
+            baselines: &BASELINES,
+            ambient: Some(AMBIENT),
+        };
+        let parts = Sensors {
+            ambient: None,
+            ..gradient
+        };
+        let along = gradient.along().unwrap();
+        let parts = read(&parts, &state);
+        for (h, y) in parts.as_chunks::<3>().0.iter().zip(read(&gradient, &state)) {
+            assert!((dot(h, &along) - y).abs() < 1e-10 * length(h));
+        }
+    }
+
+    #[test]
+    fn rows_are_the_derivatives_of_the_readings_of_every_kind() {
+        for sensors in kinds() {
+            let mut rows = Vec::<[f64; 9]>::new();
+            let pass = Pass::of(&STATE);
+            sensors
+                .push_rows(&TIMES, &pass, &[1e-9], &mut rows)
+                .unwrap();
+            assert_eq!(rows.len(), TIMES.len() * sensors.channels());
+            for k in 0..9 {
+                let difference = |step: f64| -> Vec<f64> {
+                    let (mut up, mut down) = (STATE, STATE);
+                    up[k] += step;
+                    down[k] -= step;
+                    let (a, b) = (read(&sensors, &up), read(&sensors, &down));
+                    a.iter()
+                        .zip(&b)
+                        .map(|(a, b)| (a - b) / (2e-9 * step))
+                        .collect()
+                };
+                let (wide, narrow) = (difference(2e-3), difference(1e-3));
+                let size = rows.iter().fold(0.0_f64, |n, row| n.max(row[k].abs()));
+                for (row, (wide, narrow)) in rows.iter().zip(wide.iter().zip(&narrow)) {
+                    let wanted = (4.0 * narrow - wide) / 3.0;
+                    assert!(
+                        (row[k] - wanted).abs() < 1e-7 * size,
+                        "{k} {wanted} {}",
+                        row[k]
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn each_number_has_its_deviation_and_what_was_not_measured_says_nothing() {
+        let pass = Pass::of(&STATE);
+        for sensors in kinds() {
+            let numbers = TIMES.len() * sensors.channels();
+            let rows = |sigma: &[f64]| {
+                let mut rows = Vec::<[f64; 9]>::new();
+                sensors
+                    .push_rows(&TIMES, &pass, sigma, &mut rows)
+                    .map(|()| rows)
+            };
+            let plain = rows(&[1.0]).unwrap();
+            let mut each: Vec<f64> = (1..=numbers).map(|i| i as f64).collect();
+            each[1] = f64::INFINITY;
+            for (i, row) in rows(&each).unwrap().iter().enumerate() {
+                for (x, plain) in row.iter().zip(plain[i]) {
+                    let wanted = plain / each[i];
+                    assert!((x - wanted).abs() <= 4.0 * f64::EPSILON * wanted.abs());
+                }
+            }
+            let by_sample = rows(&[1.0, 2.0, 4.0]).unwrap();
+            for (i, row) in by_sample.iter().enumerate() {
+                let sigma = [1.0, 2.0, 4.0][i / sensors.channels()];
+                assert_eq!(*row, plain[i].map(|x| x / sigma));
+            }
+            each[1] = f64::NAN;
+            assert!(matches!(rows(&each), Err(Error::Sigma { index: 1, .. })));
+            assert!(matches!(rows(&[0.0]), Err(Error::Sigma { index: 0, .. })));
+            assert!(rows(&[1.0; 2]).is_err());
+        }
     }
 }

@@ -21,13 +21,15 @@ pub struct Data {
     channels: usize,
     /// Of one sensor.
     components: usize,
+    /// Of each number `sigma` over its own deviation; empty where all have the same.
+    precision: Vec<f64>,
     correlation: f64,
     /// The usual time between samples.
     spacing: f64,
 }
 
 impl Data {
-    pub fn new(times: &[f64], field: &[f64], sensors: &Sensors<'_>, options: &Options) -> Self {
+    pub fn new(times: &[f64], field: &[f64], sensors: &Sensors<'_>, options: &Options<'_>) -> Self {
         let quiet = sensors.quiet();
         let origin = options.origin.unwrap_or(times[0]);
         let mut steps: Vec<f64> = times.windows(2).map(|t| t[1] - t[0]).collect();
@@ -37,12 +39,13 @@ impl Data {
             counts: vec![1.0; field.len()],
             channels: sensors.channels(),
             components: sensors.components(),
+            precision: options.levels.iter().map(|level| 1.0 / level).collect(),
             correlation: options.correlation,
             spacing: median(&mut steps),
         };
-        for (value, count) in data.field.iter_mut().zip(&mut data.counts) {
-            if value.is_nan() {
-                (*value, *count) = (0.0, 0.0);
+        for i in 0..data.field.len() {
+            if data.field[i].is_nan() || data.precision(i) == 0.0 {
+                (data.field[i], data.counts[i]) = (0.0, 0.0);
             }
         }
         if options.loss == Loss::Huber {
@@ -56,18 +59,27 @@ impl Data {
         data
     }
 
-    /// What whitens the numbers, for their weights.
+    #[inline]
+    fn precision(&self, number: usize) -> f64 {
+        self.precision.get(number).copied().unwrap_or(1.0)
+    }
+
+    /// What whitens the numbers, for the weights that they would have were all as precise.
     pub fn noise(&self, weights: impl Iterator<Item = f64>) -> Whitening {
+        let mut weights: Vec<f64> = weights.collect();
+        for (weight, precision) in weights.iter_mut().zip(&self.precision) {
+            *weight *= precision;
+        }
         Whitening::first_order(
             &self.times,
             self.channels,
-            weights.collect(),
+            weights,
             self.correlation,
             self.spacing,
         )
     }
 
-    /// Residuals of which each channel's are uncorrelated, T.
+    /// Residuals of which each channel's are uncorrelated and all as precise, T.
     fn innovations(&self, residuals: &[f64]) -> Vec<f64> {
         let mut left = residuals.to_vec();
         self.noise(self.counts.iter().map(|c| f64::from(*c > 0.0)))
@@ -76,7 +88,7 @@ impl Data {
     }
 
     /// How many numbers there are, and how many are fitted to them.
-    fn sizes(&self, knowledge: &Knowledge, options: &Options) -> (f64, f64) {
+    fn sizes(&self, knowledge: &Knowledge, options: &Options<'_>) -> (f64, f64) {
         let count = self.counts.iter().filter(|c| **c > 0.0).count();
         let used = |c: &usize| {
             let own = self.counts.iter().skip(*c).step_by(self.channels);
@@ -90,7 +102,7 @@ impl Data {
         (count as f64, (knowledge.unknowns() + fitted) as f64)
     }
 
-    pub fn record<'a>(&'a self, sensors: Sensors<'a>, options: &Options) -> Record<'a> {
+    pub fn record<'a>(&'a self, sensors: Sensors<'a>, options: &Options<'_>) -> Record<'a> {
         Record {
             times: &self.times,
             sensors,
@@ -99,8 +111,13 @@ impl Data {
         }
     }
 
+    /// How much a number counts beside one of the deviation `sigma`.
+    fn weight(&self, number: usize) -> f64 {
+        self.counts[number] * self.precision(number).powi(2)
+    }
+
     /// Means of groups of samples, so that there are some hundred: enough to
-    /// search on.
+    /// search on. Their counts are weights.
     pub fn thinned(&self) -> Self {
         let group = self.times.len().div_ceil(super::starts::MOST);
         let channels = self.channels;
@@ -110,6 +127,7 @@ impl Data {
             counts: Vec::new(),
             channels,
             components: self.components,
+            precision: Vec::new(),
             correlation: 0.0,
             spacing: self.spacing,
         };
@@ -122,8 +140,8 @@ impl Data {
                 let (mut count, mut sum) = (0.0, 0.0);
                 for k in range.clone() {
                     let i = k * channels + channel;
-                    count += self.counts[i];
-                    sum += self.counts[i] * self.field[i];
+                    count += self.weight(i);
+                    sum += self.weight(i) * self.field[i];
                 }
                 thin.counts.push(count);
                 thin.field.push(if count > 0.0 { sum / count } else { 0.0 });
@@ -133,7 +151,7 @@ impl Data {
     }
 
     /// For each sensor the shapes that its own field suggests.
-    pub fn shapes(&self, options: &Options) -> Vec<(usize, Shape)> {
+    pub fn shapes(&self, options: &Options<'_>) -> Vec<(usize, Shape)> {
         let mut out = Vec::new();
         for s in 0..self.channels / self.components {
             let at = |k: usize, axis: usize| k * self.channels + self.components * s + axis;
@@ -141,7 +159,7 @@ impl Data {
                 &self.times,
                 self.components,
                 |k, axis| self.field[at(k, axis)],
-                |k, axis| self.counts[at(k, axis)],
+                |k, axis| self.counts[at(k, axis)] * self.precision(at(k, axis)),
                 options.background == Background::Fit,
             );
             out.extend(trace.shapes(8).into_iter().map(|shape| (s, shape)));
@@ -175,7 +193,7 @@ impl Data {
         residuals: &[f64],
         offsets: &[f64],
         knowledge: &Knowledge,
-        options: &Options,
+        options: &Options<'_>,
     ) -> f64 {
         let (count, fitted) = self.sizes(knowledge, options);
         let freedom = (count - fitted).max(1.0);
@@ -199,7 +217,7 @@ impl Data {
         residuals: &[f64],
         sigma: f64,
         knowledge: &Knowledge,
-        options: &Options,
+        options: &Options<'_>,
         weights: &mut [f64],
     ) -> f64 {
         let (_, fitted) = self.sizes(knowledge, options);

@@ -8,16 +8,16 @@
 //!
 //! ```
 //! use gramian::dipole::localize::{Knowledge, Options, localize};
-//! use gramian::dipole::{Pass, Sensing, Sensors, measure};
+//! use gramian::dipole::{Pass, Sensors};
 //! let pass = Pass::of(&[-10.0, -10.0, 5.0, 1.0, 1.0, 0.0, 10.0, 20.0, 10.0]);
 //! let times: Vec<f64> = (0..21).map(f64::from).collect();
 //! let mut field = vec![0.0; 63];
-//! measure(&times, &pass, &[[0.0; 3]], &Sensing::Vector, &mut field).unwrap();
+//! let sensors = Sensors::vector(&[[0.0; 3]]);
+//! sensors.measure(&times, &pass, &mut field).unwrap();
 //! // One sensor cannot tell the size; a known height does.
 //! let mut known = Knowledge::default();
 //! known.exact[2] = Some(5.0);
 //! let options = Options { sigma: Some(1e-9), ..Options::default() };
-//! let sensors = Sensors::vector(&[[0.0; 3]]);
 //! let found = localize(&times, &field, &sensors, &known, &options).unwrap();
 //! assert!((found.best.state[0] + 10.0).abs() < 1e-6);
 //! ```
@@ -67,13 +67,16 @@ pub enum Loss {
 
 /// Choices of [`localize`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Options {
+pub struct Options<'a> {
     /// What is done about a constant field.
     pub background: Background,
     /// How residuals count.
     pub loss: Loss,
     /// Standard deviation of each number of the field, T; estimated if `None`.
     pub sigma: Option<f64>,
+    /// For numbers of different deviations that of each (K, S, components) over `sigma`,
+    /// infinite for one that was not measured; empty where all have the same.
+    pub levels: &'a [f64],
     /// The instant of the state; the first time if `None`.
     pub origin: Option<f64>,
     /// How many of the most promising starts are followed.
@@ -84,12 +87,13 @@ pub struct Options {
     pub correlation: f64,
 }
 
-impl Default for Options {
+impl Default for Options<'_> {
     fn default() -> Self {
         Self {
             background: Background::None,
             loss: Loss::Gaussian,
             sigma: None,
+            levels: &[],
             origin: None,
             starts: 12,
             rounds: 200,
@@ -143,13 +147,16 @@ pub fn localize(
     field: &[f64],
     sensors: &Sensors<'_>,
     knowledge: &Knowledge,
-    options: &Options,
+    options: &Options<'_>,
 ) -> Result<Located, Error> {
     knowledge.check().map_err(Error::Contradiction)?;
     check_length("times", times.len(), times.len().max(1))?;
     check_length("field", field.len(), times.len() * sensors.channels())?;
     if !sensors.baselines.is_empty() {
         check_length("baselines", sensors.baselines.len(), sensors.places.len())?;
+    }
+    if !options.levels.is_empty() {
+        check_length("levels", options.levels.len(), field.len())?;
     }
     let data = Data::new(times, field, sensors, options);
     let thin = data.thinned();
@@ -241,7 +248,7 @@ fn ends(
     shapes: &[(usize, Shape)],
     sensors: &Sensors<'_>,
     knowledge: &Knowledge,
-    options: &Options,
+    options: &Options<'_>,
 ) -> Result<Vec<Point>, Error> {
     let noise = || thin.noise(thin.counts.iter().map(|w| w.sqrt() / sigma));
     let mut fitter = Fitter::new(thin.record(*sensors, options), knowledge);
@@ -270,7 +277,12 @@ fn ends(
 }
 
 /// Improves a point by the total field itself, which is not linear in the moment.
-fn exactly(fitter: &Fitter<'_>, point: &Point, knowledge: &Knowledge, options: &Options) -> Point {
+fn exactly(
+    fitter: &Fitter<'_>,
+    point: &Point,
+    knowledge: &Knowledge,
+    options: &Options<'_>,
+) -> Point {
     let (record, noise) = (fitter.record(), fitter.noise());
     let state = point.state();
     let measured = Measured::new(
@@ -315,7 +327,7 @@ fn search(
     shapes: &[(usize, Shape)],
     sensors: &Sensors<'_>,
     knowledge: &Knowledge,
-    options: &Options,
+    options: &Options<'_>,
 ) -> Result<Vec<Point>, Error> {
     let mut starts: Vec<Point> = Vec::new();
     let mut add = |fitter: &mut Fitter<'_>, sensor: &[f64; 3], shape: &Shape| {
@@ -448,7 +460,7 @@ fn sizes(
     if let Some(value) = known(MOMENT) {
         push((value / length(&shape.moment)).cbrt(), &[1.0, -1.0]);
     }
-    let apart = |h: Head| length(&core::array::from_fn(|i| h.place[i] - sensor[i]));
+    let apart = |h: Head<f64>| length(&core::array::from_fn(|i| h.place[i] - sensor[i]));
     let baseline = (0..sensors.places.len())
         .flat_map(|s| sensors.heads(s))
         .map(apart)
@@ -475,7 +487,7 @@ fn mirrored(
     best: &Point,
     sensors: &Sensors<'_>,
     knowledge: &Knowledge,
-    options: &Options,
+    options: &Options<'_>,
 ) -> Option<Point> {
     let heads = || (0..sensors.places.len()).flat_map(|s| sensors.heads(s));
     let count = heads().count() as f64;
@@ -526,21 +538,16 @@ pub enum Error {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::dipole::{Pass, Sensing, measure};
+    use crate::dipole::Pass;
 
     const TABLE_1: [f64; 9] = [-10.0, -10.0, 5.0, 1.0, 1.0, 0.0, 10.0, 20.0, 10.0];
 
     fn record(state: &[f64; 9], sensors: &[[f64; 3]]) -> (Vec<f64>, Vec<f64>) {
         let times: Vec<f64> = (0..21).map(f64::from).collect();
         let mut field = vec![0.0; times.len() * 3 * sensors.len()];
-        measure(
-            &times,
-            &Pass::of(state),
-            sensors,
-            &Sensing::Vector,
-            &mut field,
-        )
-        .unwrap();
+        Sensors::vector(sensors)
+            .measure(&times, &Pass::of(state), &mut field)
+            .unwrap();
         (times, field)
     }
 
@@ -600,9 +607,6 @@ mod tests {
             sensors
                 .measure(&times, &Pass::of(&TABLE_1), &mut field)
                 .unwrap();
-            for y in &mut field {
-                *y += sensors.quiet();
-            }
             let sigma = Some(1e-15);
             let options = Options {
                 sigma,

@@ -16,7 +16,7 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::columns::{Columns, center};
 use super::knowledge::{Knowledge, MOMENT, SPEED};
-use crate::dipole::sensors::excess;
+use crate::dipole::sensors::{Head, excess};
 use crate::dipole::{MU0_OVER_4PI, Sensors, moment_tensor, position_tensor};
 use crate::numbers::algebra::dot;
 use crate::solve::noise::Whitening;
@@ -183,23 +183,10 @@ impl<'a> Fitter<'a> {
 
     /// Columns of the moment and the field, weighted and centred.
     fn fill_linear(&mut self, place: &[f64; 6]) {
-        let (times, sensors) = (self.record.times, self.record.sensors);
-        let (along, noise, linear) = (sensors.along(), &self.noise, &mut self.linear);
-        let mut row = 0;
-        for &t in times {
-            for sensor in 0..sensors.places.len() {
-                for (index, head) in sensors.heads(sensor).enumerate() {
-                    let (n, inverse) = unit(&seen_from(place, t, &head.place));
-                    let cube = head.sign * MU0_OVER_4PI * inverse * inverse * inverse;
-                    let tensor = |i, j| moment_tensor(&n, i, j);
-                    read(along.as_ref(), tensor, |i, j, value| {
-                        let value = filled_with(noise, row + i) * cube * value;
-                        let out = &mut linear.column_mut(j)[row + i];
-                        *out = if index == 0 { value } else { *out + value };
-                    });
-                }
-                row += sensors.components();
-            }
+        if self.record.sensors.plain() {
+            self.fill_moments::<true>(place);
+        } else {
+            self.fill_moments::<false>(place);
         }
         for j in 0..3 {
             if !self.noise.is_white() {
@@ -210,6 +197,28 @@ impl<'a> Fitter<'a> {
             }
         }
         self.linear.column_mut(3).copy_from_slice(&self.data);
+    }
+
+    fn fill_moments<const PLAIN: bool>(&mut self, place: &[f64; 6]) {
+        let (times, sensors) = (self.record.times, self.record.sensors);
+        let (noise, linear) = (&self.noise, &mut self.linear);
+        let (along, components) = read_by::<PLAIN>(&sensors);
+        let mut row = 0;
+        for &t in times {
+            for sensor in 0..sensors.places.len() {
+                each_head::<PLAIN>(&sensors, sensor, |index, head| {
+                    let (n, inverse) = unit(&seen_from(place, t, &head.place));
+                    let cube = head.sign * MU0_OVER_4PI * inverse * inverse * inverse;
+                    let tensor = |i, j| moment_tensor(&n, i, j);
+                    read(along.as_ref(), tensor, |i, j, value| {
+                        let value = filled_with(noise, row + i) * cube * value;
+                        let out = &mut linear.column_mut(j)[row + i];
+                        *out = if index == 0 { value } else { *out + value };
+                    });
+                });
+                row += components;
+            }
+        }
     }
 
     /// The moment that fits best, priors included.
@@ -423,13 +432,31 @@ impl<'a> Fitter<'a> {
 
     /// Derivatives by position and velocity, weighted and centred.
     fn fill_by_position(&mut self, point: &Point) {
+        if self.record.sensors.plain() {
+            self.fill_positions::<true>(point);
+        } else {
+            self.fill_positions::<false>(point);
+        }
+        for j in 0..6 {
+            let column = self.by_position.column_mut(j);
+            if !self.noise.is_white() {
+                self.noise.apply(column);
+            }
+            if self.record.offsets {
+                center(column, &self.constant, &self.sums);
+            }
+        }
+    }
+
+    fn fill_positions<const PLAIN: bool>(&mut self, point: &Point) {
         let (place, m) = (&point.place, &point.moment);
         let (times, sensors) = (self.record.times, self.record.sensors);
-        let (along, noise, columns) = (sensors.along(), &self.noise, &mut self.by_position);
+        let (noise, columns) = (&self.noise, &mut self.by_position);
+        let (along, components) = read_by::<PLAIN>(&sensors);
         let mut row = 0;
         for &t in times {
             for sensor in 0..sensors.places.len() {
-                for (index, head) in sensors.heads(sensor).enumerate() {
+                each_head::<PLAIN>(&sensors, sensor, |index, head| {
                     let (n, inverse) = unit(&seen_from(place, t, &head.place));
                     let part = dot(&n, m);
                     let squared = inverse * inverse;
@@ -443,17 +470,8 @@ impl<'a> Fitter<'a> {
                             *out = if index == 0 { value } else { *out + value };
                         }
                     });
-                }
-                row += sensors.components();
-            }
-        }
-        for j in 0..6 {
-            let column = self.by_position.column_mut(j);
-            if !self.noise.is_white() {
-                self.noise.apply(column);
-            }
-            if self.record.offsets {
-                center(column, &self.constant, &self.sums);
+                });
+                row += components;
             }
         }
     }
@@ -493,6 +511,34 @@ impl<'a> Fitter<'a> {
             }
         }
         offsets
+    }
+}
+
+/// Along which direction sensors read the field, if not all of it, and how many numbers each
+/// gives: known to the compiler for sensors of one head and three components (`PLAIN`).
+#[inline(always)]
+fn read_by<const PLAIN: bool>(sensors: &Sensors<'_>) -> (Option<[f64; 3]>, usize) {
+    if PLAIN {
+        (None, 3)
+    } else {
+        (sensors.along(), sensors.components())
+    }
+}
+
+/// Calls with each head of a sensor and its number.
+#[inline(always)]
+fn each_head<const PLAIN: bool>(
+    sensors: &Sensors<'_>,
+    sensor: usize,
+    mut each: impl FnMut(usize, &Head<f64>),
+) {
+    if PLAIN {
+        let place = sensors.places[sensor];
+        each(0, &Head { place, sign: 1.0 });
+    } else {
+        for (index, head) in sensors.heads(sensor).enumerate() {
+            each(index, &head);
+        }
     }
 }
 
