@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.special import ndtri
+from scipy.stats import chi2
 
 import gramian as gm
 from gramian._handle import handle_of
@@ -448,6 +449,69 @@ def test_a_shift_at_a_noncentrality_of_25_is_named():
     trace = np.linalg.norm(column - basis @ (basis.T @ column))
     found = gm.estimate_trials(model, truth, seed=5, trials=60, shift=5 / trace * column)
     assert (found.alternatives["bias"] < 0.001).mean() > 0.8
+
+
+def two_tests(columns, residuals):
+    """p of the score test of several parameters, and of the one for parameters of one size."""
+    axes, lengths, _ = np.linalg.svd(columns, full_matrices=False)
+    parts = (axes.T @ residuals) ** 2
+    weights = lengths**2 / (lengths**2 + np.mean(lengths**2))
+    return chi2.sf(parts.sum(), parts.size), (weights * parts).sum(), weights
+
+
+class Mean:
+    """The mean of twelve numbers."""
+
+    names, units = ("mean",), ("",)
+
+    def h(self, x):
+        return np.full(12, x[0])
+
+    def residuals(self, x, z):
+        return z - x[0]
+
+    def rows(self, x):
+        return np.ones((12, 1))
+
+
+def test_several_parameters_of_one_size_are_looked_for_along_their_larger_traces():
+    rng = np.random.default_rng(4)
+    columns = rng.normal(size=(12, 3)) * [4.0, 1.0, 0.3]
+    columns -= columns.mean(axis=0)
+    strong = columns @ np.linalg.svd(columns)[2][0]
+    z = 5 * strong / np.linalg.norm(strong) + rng.normal(size=12)
+    found = gm.estimate(Mean(), z, start=[0.0])
+    (test,) = found.test({"three": columns})
+    even, statistic, weights = two_tests(columns, z - z.mean())
+    drawn = rng.chisquare(1, size=(2_000_000, 3)) @ weights
+    uneven = 2.0 / test.p_value - 1.0 / even
+    assert test.p_value < even
+    # Drawn where there is something to count: at a tenth of the statistic as well.
+    assert 1 / uneven < 1.1 * max((drawn > statistic).mean(), 1e-5)
+    weaker = z.mean() + 0.5 * (z - z.mean())
+    (less,) = gm.estimate(Mean(), weaker, start=[0.0]).test({"three": columns})
+    even, statistic, weights = two_tests(columns, weaker - weaker.mean())
+    share = (drawn > statistic).mean()
+    assert 1 / (2 / less.p_value - 1 / even) == pytest.approx(share, rel=4 / np.sqrt(2e6 * share))
+    # Traces of one size: the score test alone; turned about, and in other units, the same.
+    equal = np.linalg.qr(columns)[0]
+    (plain,) = found.test({"equal": equal})
+    assert plain.p_value == pytest.approx(two_tests(equal, z - z.mean())[0], rel=1e-8)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    (turned,) = found.test({"three": 1e-7 * columns @ turn})
+    assert turned.p_value == pytest.approx(test.p_value, rel=1e-8)
+
+
+def test_p_of_several_parameters_is_uniform_where_it_is_small():
+    rng = np.random.default_rng(8)
+    columns = rng.normal(size=(12, 3)) * [4.0, 1.0, 0.3]
+    model = Mean()
+    found = gm.estimate_trials(model, [0.0], seed=3, trials=40_000, alternatives={"three": columns})
+    for level in (0.1, 0.01, 0.001):
+        share = (found.alternatives["three"] < level).mean()
+        # The harmonic mean of two p is below a level a little more often than that.
+        assert share < 1.15 * level + 3 * np.sqrt(level / 40_000)
+        assert share > level - 3 * np.sqrt(level / 40_000)
 
 
 def test_a_search_recalls_what_an_exhaustive_one_finds():

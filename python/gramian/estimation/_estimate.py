@@ -275,7 +275,7 @@ class Estimate(Answer):
         ----------
         alternatives : mapping of str to array_like, shape (m,) or (m, parameters)
             For each the derivatives of the measurements, whitened, with respect to its
-            parameters, at zero.
+            parameters, at zero; several parameters of one unit.
         """
         columns = columns_of(alternatives)
         records, alike = self._handle.scores(self.state, list(columns.values()), self.alpha, 0.8)

@@ -85,7 +85,9 @@ class Alternative(Answer):
     ----------
     name : str
     p_value : float
-        Probability of as large a statistic where the model is true.
+        Probability of as large a statistic where the model is true; of several parameters
+        the harmonic mean of that of the score test, and that of a test for parameters of
+        one size.
     restored : float
         p of the fit with the alternative in the model.
     size : ndarray, shape (parameters,)

@@ -263,6 +263,24 @@ fn a_score_is_the_gain_of_the_fit_with_the_alternative() {
         .collect();
     let both = fit.score(&pair, 2, 0.001, 0.8);
     assert!(both.effect[1] >= score.effect[1].abs());
+    // Half of both is as good a pair; turned, it spans the same traces of unit parameters.
+    let (cos, sin) = (0.6, 0.8);
+    let same = |factor: f64, turn: bool| {
+        let columns: Vec<f64> = pair
+            .chunks_exact(2)
+            .flat_map(|row| {
+                let [a, b] = [factor * row[0], factor * row[1]];
+                if turn {
+                    [cos * a - sin * b, sin * a + cos * b]
+                } else {
+                    [a, b]
+                }
+            })
+            .collect();
+        fit.score(&columns, 2, 0.001, 0.8).p_value
+    };
+    assert!((same(0.5, false) / both.p_value - 1.0).abs() < 1e-7);
+    assert!((same(1.0, true) / both.p_value - 1.0).abs() < 1e-7);
     // With the parabola's share taken out of the data the rest fits better by the score.
     let size = score.size[0];
     let without = Line((0..20).map(|i| line.0[i] - size * parabola[i]).collect());
