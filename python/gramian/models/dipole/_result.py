@@ -143,7 +143,14 @@ class Localization(Estimate):
     def fit(self) -> Fit:
         """How well the model fits, and what would explain that it does not."""
         found = super().fit
-        return found if self.sigma_given else replace(found, p_value=np.nan)
+        # What is missing, not used or a spike is no measurement.
+        dof = found.dof - int((self.weights == 0).sum())
+        p_value = np.nan
+        if self.sigma_given and dof > 0:
+            from scipy.special import chdtrc
+
+            p_value = float(chdtrc(dof, found.chi2))
+        return replace(found, dof=max(dof, 0), p_value=p_value)
 
     def _rise(self, level: float, dof: int) -> float:
         rise, freedom = super()._rise(level, dof), float(self.fit.dof)
