@@ -18,7 +18,7 @@ use super::columns::{Columns, center};
 use super::knowledge::{Knowledge, MOMENT, SPEED};
 use crate::dipole::sensors::{Head, excess};
 use crate::dipole::{MU0_OVER_4PI, Sensors, moment_tensor, position_tensor};
-use crate::numbers::algebra::dot;
+use crate::numbers::algebra::{cholesky, cholesky_solve, dot};
 use crate::solve::noise::Whitening;
 
 /// Rows that knowledge may add: nine states, speed, size of the moment.
@@ -590,23 +590,25 @@ fn damped_step(
 ) -> SVector<f64, 6> {
     let mut damping = damping;
     loop {
-        let matrix = SMatrix::<f64, 6, 6>::from_fn(|i, j| {
-            let unit = if i == j { 1.0 } else { 0.0 };
-            if i < count && j < count {
-                gram[(i, j)] / (scale[i] * scale[j]) + damping * unit
-            } else {
-                unit
-            }
+        let matrix: [[f64; 6]; 6] = core::array::from_fn(|i| {
+            core::array::from_fn(|j| {
+                let unit = if i == j { 1.0 } else { 0.0 };
+                if i < count && j < count {
+                    gram[(i, j)] / (scale[i] * scale[j]) + damping * unit
+                } else {
+                    unit
+                }
+            })
         });
-        let rhs = SVector::<f64, 6>::from_fn(|i, _| {
-            if i < count {
-                gradient[i] / scale[i]
-            } else {
-                0.0
-            }
-        });
-        if let Some(factor) = matrix.cholesky() {
-            let step = factor.solve(&rhs);
+        if let Some(factor) = cholesky(&matrix) {
+            let rhs = core::array::from_fn(|i| {
+                if i < count {
+                    gradient[i] / scale[i]
+                } else {
+                    0.0
+                }
+            });
+            let step = cholesky_solve(&factor, &rhs);
             return SVector::from_fn(|i, _| step[i] / scale[i]);
         }
         // Not determined without damping: an unobservable direction.
