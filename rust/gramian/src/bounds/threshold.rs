@@ -8,6 +8,7 @@
 use alloc::vec;
 use alloc::vec::Vec;
 
+use crate::numbers::algebra::dot_slices as dot;
 use crate::observability::Observability;
 use crate::solve::Model;
 use crate::solve::starts::Spread;
@@ -212,8 +213,4 @@ fn add_inverse(gram: &[f64], vectors: &[Vec<f64>], bound: &mut [f64]) {
             }
         }
     }
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

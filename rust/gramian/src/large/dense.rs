@@ -7,9 +7,10 @@ use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
 use faer::{Mat, MatRef, Par};
 
 use super::NoConvergence;
-use crate::observability::{GRADED, Observability, grade};
+use crate::observability::Observability;
 use crate::scalar::{NumberError, check_finite, check_length};
 use crate::spectrum::{check_rtol, default_rtol, unit_columns};
+use crate::spine::parts::{GRADED, grade};
 
 /// From so many states on, blocked factorisations are the faster.
 pub const LEAST_STATES: usize = 48;

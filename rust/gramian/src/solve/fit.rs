@@ -5,8 +5,9 @@ use alloc::vec;
 use alloc::vec::Vec;
 
 use super::Model;
-use super::gauss_newton::{dot, norm};
+use super::gauss_newton::norm;
 use crate::chi_square;
+use crate::numbers::algebra::dot_slices as dot;
 use crate::spectrum::decompose;
 
 /// Whitened residuals at an estimate, and the space that the columns of the model span.

@@ -14,6 +14,7 @@ use alloc::vec;
 use alloc::vec::Vec;
 
 use super::{Function, Model};
+use crate::numbers::algebra::dot_slices as dot;
 use crate::numbers::lane::Lane;
 use crate::square_root::{rotate_in, triangularize};
 
@@ -794,10 +795,6 @@ fn damped(factor: &[f64], n: usize, damping: f64) -> Vec<f64> {
         }
     }
     p
-}
-
-pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 pub(super) fn norm(a: &[f64]) -> f64 {

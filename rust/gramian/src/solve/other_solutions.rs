@@ -11,9 +11,10 @@ use alloc::vec;
 use alloc::vec::Vec;
 
 use super::Model;
-use super::gauss_newton::{Options, Solution, Stage, dot, minimize, minimize_until, norm};
+use super::gauss_newton::{Options, Solution, Stage, minimize, minimize_until, norm};
 use super::starts::{Cluster, SAME, Spread, moves, same};
 use crate::chi_square;
+use crate::numbers::algebra::dot_slices as dot;
 use crate::observability::Observability;
 
 /// How to search.

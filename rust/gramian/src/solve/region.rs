@@ -14,9 +14,10 @@
 use alloc::vec;
 use alloc::vec::Vec;
 
-use super::gauss_newton::{Hold, Options, Solution, dot, minimize};
+use super::gauss_newton::{Hold, Options, Solution, minimize};
 use super::other_solutions::beside;
 use super::{Function, Model};
+use crate::numbers::algebra::dot_slices as dot;
 use crate::observability::Observability;
 
 /// How far from the estimate an end is looked for, in units of the larger of its

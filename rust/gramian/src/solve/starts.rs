@@ -114,7 +114,7 @@ pub(super) fn same(change: &[f64], rows: &[&[f64]]) -> bool {
 /// How far a change of the state moves the measurements, squared and whitened, by the rows.
 pub(super) fn moves(rows: &[f64], change: &[f64]) -> f64 {
     rows.chunks_exact(change.len().max(1))
-        .map(|row| super::gauss_newton::dot(row, change).powi(2))
+        .map(|row| crate::numbers::algebra::dot_slices(row, change).powi(2))
         .sum()
 }
 

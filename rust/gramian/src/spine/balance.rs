@@ -4,7 +4,7 @@
 use alloc::vec;
 use alloc::vec::Vec;
 
-use super::observability::{GRADED, grade};
+use super::parts::{GRADED, grade};
 use crate::scalar::Real;
 
 /// The largest entry.

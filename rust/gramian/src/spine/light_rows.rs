@@ -14,9 +14,7 @@ use alloc::vec;
 use alloc::vec::Vec;
 
 use super::balance::{balance, inverse, is_uneven, scaled};
-use super::observability::{
-    First, GRADED, Parts, Rows, column_norms, grade, norm, pivoted, sort_rows,
-};
+use super::parts::{First, GRADED, Parts, Rows, column_norms, grade, norm, pivoted, sort_rows};
 use crate::scalar::{Real, all_finite};
 use crate::spectrum;
 use crate::square_root::triangularize;

@@ -12,6 +12,8 @@ pub mod information;
 mod light_rows;
 #[cfg(feature = "alloc")]
 pub mod observability;
+#[cfg(feature = "alloc")]
+pub(crate) mod parts;
 #[cfg(feature = "std")]
 pub mod rounding;
 pub mod rows;

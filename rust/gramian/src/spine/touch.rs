@@ -15,9 +15,10 @@ use alloc::vec;
 use alloc::vec::Vec;
 
 use super::balance::{balance, inverse, size};
-use super::observability::{
-    GRADED, Parts, Rows, column_norms, determined, dot, grade, norm, orthonormal, pivoted,
+use super::parts::{
+    GRADED, Parts, Rows, column_norms, determined, grade, norm, orthonormal, pivoted,
 };
+use crate::numbers::algebra::dot_slices as dot;
 use crate::scalar::{Real, all_finite};
 use crate::spectrum;
 

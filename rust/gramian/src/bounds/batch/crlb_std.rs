@@ -14,9 +14,10 @@ use crate::batch::simd::Path;
 use crate::batch::transpose::{Aligned, buffers, into_lanes, out_of_lanes};
 use crate::batch::{Items, Threads};
 use crate::bound::standard_deviations;
-use crate::observability::{GRADED, Observability, grade};
+use crate::observability::Observability;
 use crate::posterior::Form;
 use crate::spectrum::{decompose, default_rtol, rank, unit_columns};
+use crate::spine::parts::{GRADED, grade};
 use crate::square_root::triangularize;
 
 /// Rows that are turned into lanes together: few enough for the first cache.

@@ -18,6 +18,7 @@
 //! Differences of two (of arrival times, of frequencies) are the difference of two
 //! readings.
 
+use crate::numbers::algebra::dot;
 use crate::numbers::lane::Lane;
 
 /// A target as seen from a carrier.
@@ -49,15 +50,6 @@ impl<L: Lane, const D: usize> Sight<L, D> {
     fn horizontal(&self) -> L {
         self.offset[0].mul_add(self.offset[0], self.offset[1] * self.offset[1])
     }
-}
-
-#[inline(always)]
-fn dot<L: Lane, const D: usize>(a: &[L; D], b: &[L; D]) -> L {
-    let mut sum = a[0] * b[0];
-    for axis in 1..D {
-        sum = a[axis].mul_add(b[axis], sum);
-    }
-    sum
 }
 
 /// What a sensor reads without noise, and the derivatives of that.

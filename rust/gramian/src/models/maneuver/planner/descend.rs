@@ -14,6 +14,7 @@ use super::Problem;
 use super::limits::Limits;
 use super::objective::Objective;
 use super::paths::{Layout, Pull, Track};
+use crate::numbers::algebra::dot_slices as dot;
 
 /// Pairs of steps and changes of gradient that are kept.
 const MEMORY: usize = 14;
@@ -435,10 +436,6 @@ impl<'a> Program<'a> {
         }
         largest(&gradient)
     }
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    crate::numbers::algebra::dot_slices(a, b)
 }
 
 fn largest(values: &[f64]) -> f64 {

@@ -16,6 +16,7 @@ use crate::models::tracks::sensors::{
     Bearing, ConeAngle, Course, Elevation, Frequency, Place, Range, RangeRate, Reading, Sensor,
     Sight, SignalStrength, Speed,
 };
+use crate::numbers::algebra::dot;
 use crate::numbers::angle::wrapped;
 use crate::numbers::lane::Lane;
 use crate::solve::side_by_side::{PIECE, Rows, SideBySide};
@@ -211,15 +212,6 @@ fn carried<L: Lane, const D: usize>(
         }
     }
     (place, velocity, axis)
-}
-
-#[inline(always)]
-fn dot<L: Lane, const D: usize>(a: &[L; D], b: &[L; D]) -> L {
-    let mut sum = a[0] * b[0];
-    for k in 1..D {
-        sum = a[k].mul_add(b[k], sum);
-    }
-    sum
 }
 
 /// Bearings of a motion that is known when this is compiled, in one pass.
