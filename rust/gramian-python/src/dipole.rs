@@ -662,14 +662,15 @@ impl PyRecord {
         PyArray1::from_vec(py, found.concat()).reshape(shape)
     }
 
-    /// Where other solutions may be found for one sensor of the total field, (starts, n).
-    fn turned<'py>(
+    /// Where other solutions may be found for sensors of the total field and gradiometers,
+    /// (starts, n).
+    fn alike<'py>(
         &self,
         py: Python<'py>,
         x: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let x = self.states(x)?;
-        let found = self.record.turned(&x);
+        let found = self.record.alike(&x);
         PyArray1::from_vec(py, found.concat()).reshape([found.len(), x.len()])
     }
 

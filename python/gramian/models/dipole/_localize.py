@@ -255,9 +255,9 @@ def localize(
             t, y = t[keep], y[keep]
             setup.keep(keep)
             raw = setup.run(t, y, inner)
-    # One sensor of the total field has more images than the mirror's.
-    lone = ambient is not None and baselines is None and len(setup.sensors) == 1
-    if lone or wanted != [Description()]:
+    # Few numbers of each sample leave other passes that fit as well.
+    few = ambient is not None or baselines is not None
+    if few or wanted != [Description()]:
         return _described(wanted, raw, t, y, offsets, inner, dropped, setup, limits, fitted)
     if fitted:
         inner, raw = _with_correlation(raw, t, y, inner, setup)
@@ -444,8 +444,8 @@ def _described(
     tried.sort(key=lambda one: one.bic)
     best = tried[0]
     model, handle = best.model, best.model.handle(filled)
-    turned = model.record(filled).turned(best.state)
-    searched = handle.others(best.state, turned, None, 0, 0)
+    alike = model.record(filled).alike(best.state)
+    searched = handle.others(best.state, alike, None, 0, 0)
     # The best of all that were reached, which may be another than the fit began with.
     state = np.asarray(searched["x"])
     found = model.expand(state)[0]

@@ -1,4 +1,4 @@
-//! Other passes that give a single sensor the same readings.
+//! Other passes that give sensors the same readings, or nearly so.
 
 use alloc::vec::Vec;
 
@@ -8,6 +8,8 @@ use crate::numbers::algebra::dot;
 
 /// Turns of a whole one that are tried.
 const TURNS: u32 = 16;
+/// Passes of so many times twice or half the size are tried.
+const DOUBLINGS: i32 = 4;
 
 impl Measured {
     /// The mirror image about a single sensor, where knowledge does not exclude it.
@@ -62,25 +64,38 @@ impl Measured {
         Some(image)
     }
 
-    /// Where a search may find other solutions for one sensor of the total field: none for
-    /// others. It reads the same of a pass that is turned about the ambient field, or reflected
-    /// in a plane through that; and where this field is far the stronger one, nearly the same of
-    /// one turned about its track, with another moment. What is known stays as it is.
-    pub fn turned(&self, x: &[f64]) -> Vec<Vec<f64>> {
-        let (Some(ambient), [center], []) = (&self.ambient, &*self.places, &*self.baselines) else {
-            return Vec::new();
+    /// Where a search may find other solutions for sensors of the total field and gradiometers,
+    /// of which few numbers of each sample leave other passes; none for others. What is known
+    /// stays as it is.
+    pub fn alike(&self, x: &[f64]) -> Vec<Vec<f64>> {
+        let passes = match (&self.ambient, &*self.places, &*self.baselines) {
+            (None, _, []) => Vec::new(),
+            (Some(ambient), [center], []) => self.turned(x, center, ambient),
+            _ => self.sized(x),
         };
+        let motion = self.layout().motion;
+        let states = passes.into_iter().map(|(r, v, m)| {
+            let mut image = self.coordinates(&core::array::from_fn(|i| match i {
+                0..3 => r[i],
+                3..6 => v[i - 3],
+                _ => m[i - 6],
+            }));
+            image[motion..].copy_from_slice(&x[motion..]);
+            image
+        });
+        states.collect()
+    }
+
+    /// One sensor of the total field reads the same of a pass that is turned about the ambient
+    /// field, or reflected in a plane through that; and where this field is far the stronger
+    /// one, nearly the same of one turned about its track, with another moment.
+    fn turned(&self, x: &[f64], center: &[f64; 3], ambient: &[f64; 3]) -> Vec<Pass> {
         let (state, _) = self.expand(x);
         let seen: [f64; 3] = core::array::from_fn(|i| state[i] - center[i]);
         let (velocity, moment) = (three(&state[3..]), three(&state[6..]));
-        let at = self.layout();
-        let mut images = Vec::new();
+        let mut passes = Vec::new();
         for (axis, reflected) in [(ambient, false), (ambient, true), (&velocity, false)] {
-            let size = dot(axis, axis).sqrt();
-            if !(size > 0.0) {
-                continue;
-            }
-            let axis = axis.map(|a| a / size);
+            let Some(axis) = unit(axis) else { continue };
             for turn in 0..TURNS {
                 let angle = core::f64::consts::TAU * f64::from(turn) / f64::from(TURNS);
                 for side in [1.0, -1.0] {
@@ -88,21 +103,56 @@ impl Measured {
                         let v = turned(v, &axis, angle);
                         if reflected { across(&v, &axis) } else { v }
                     };
-                    let (r, v, m) = (moved(&seen), moved(&velocity), moved(&moment));
-                    let mut other = [0.0; 9];
-                    for i in 0..3 {
-                        other[i] = center[i] + side * r[i];
-                        other[3 + i] = side * v[i];
-                        other[6 + i] = m[i];
-                    }
-                    let mut image = self.coordinates(&other);
-                    image[at.motion..].copy_from_slice(&x[at.motion..]);
-                    images.push(image);
+                    let r = moved(&seen);
+                    passes.push((
+                        core::array::from_fn(|i| center[i] + side * r[i]),
+                        moved(&velocity).map(|v| side * v),
+                        moved(&moment),
+                    ));
                 }
             }
         }
-        images
+        passes
     }
+
+    /// Several of them read nearly the same of a pass of another size, with the moment that has
+    /// as strong a field, and of one turned about the ambient field by a quarter.
+    fn sized(&self, x: &[f64]) -> Vec<Pass> {
+        let (state, _) = self.expand(x);
+        let count = self.places.len() as f64;
+        let center: [f64; 3] =
+            core::array::from_fn(|i| self.places.iter().map(|p| p[i]).sum::<f64>() / count);
+        let axis = self.ambient.as_ref().and_then(unit);
+        let quarters = if axis.is_some() { 4 } else { 1 };
+        // The field falls as the cube of the distance, a difference of it by one power more.
+        let power = if self.baselines.is_empty() { 3 } else { 4 };
+        let mut passes = Vec::new();
+        for quarter in 0..quarters {
+            let angle = core::f64::consts::FRAC_PI_2 * f64::from(quarter);
+            let moved = |v: [f64; 3]| axis.map_or(v, |axis| turned(&v, &axis, angle));
+            let seen = moved(core::array::from_fn(|i| state[i] - center[i]));
+            let (velocity, moment) = (moved(three(&state[3..])), moved(three(&state[6..])));
+            for k in -DOUBLINGS..=DOUBLINGS {
+                let size = 2.0_f64.powi(k);
+                if k != 0 || quarter != 0 {
+                    passes.push((
+                        core::array::from_fn(|i| center[i] + size * seen[i]),
+                        velocity.map(|v| size * v),
+                        moment.map(|m| size.powi(power) * m),
+                    ));
+                }
+            }
+        }
+        passes
+    }
+}
+
+/// Position, velocity and moment.
+type Pass = ([f64; 3], [f64; 3], [f64; 3]);
+
+fn unit(v: &[f64; 3]) -> Option<[f64; 3]> {
+    let size = dot(v, v).sqrt();
+    (size > 0.0).then(|| v.map(|x| x / size))
 }
 
 /// A vector turned about a unit vector.
