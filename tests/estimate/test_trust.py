@@ -506,7 +506,9 @@ def test_p_of_several_parameters_is_uniform_where_it_is_small():
     rng = np.random.default_rng(8)
     columns = rng.normal(size=(12, 3)) * [4.0, 1.0, 0.3]
     model = Mean()
-    found = gm.estimate_trials(model, [0.0], seed=3, trials=40_000, alternatives={"three": columns})
+    found = gm.estimate_trials(
+        model, [0.0], seed=3, trials=40_000, start=[0.0], alternatives={"three": columns}
+    )
     for level in (0.1, 0.01, 0.001):
         share = (found.alternatives["three"] < level).mean()
         # The harmonic mean of two p is below a level a little more often than that.
