@@ -700,7 +700,7 @@ class _Setup:
         options.choice(loss, "loss", ("gaussian", "huber"))
         self.sigma: float | None = None
         self._given: Array | None = None
-        if sigma is not None and np.ndim(sigma):
+        if sigma is not None and as_float_array(sigma, "sigma [T]").ndim:
             self._given = as_float_array(sigma, "sigma [T]")
             self.sigma = float(self._given.min(initial=np.inf))
         elif sigma is not None:

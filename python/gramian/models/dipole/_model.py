@@ -583,7 +583,7 @@ def _at_least_1d(sigma: ArrayLike) -> Array:
 
 def as_noise(sigma: ArrayLike, exact: Array, components: int) -> Array:
     """Return the deviation of each number of a record, NaN for one that is not measured."""
-    if np.ndim(sigma) == 0:
+    if as_float_array(sigma, "sigma [T]").ndim == 0:
         level = number(sigma, "sigma [T]")
         if level < 0:
             raise InputError(f"sigma = {level} T: must be >= 0 and finite")

@@ -87,8 +87,8 @@ class Dipole(Experiment):
     ) -> None:
         for name, value in {"r0": r0, "v": v, "m": m, "times": times}.items():
             object.__setattr__(self, name, as_float_array(value, name).copy())
-        given = as_float_array(sigma, "sigma [T]").copy() if np.ndim(sigma) else None
-        level = number(sigma, "sigma [T]") if given is None else given
+        given = as_float_array(sigma, "sigma [T]").copy()
+        level = given if given.ndim else number(sigma, "sigma [T]")
         object.__setattr__(self, "sigma", level)
         object.__setattr__(self, "known", options.names(known, "known"))
         places = None if sensors is None else as_float_array(sensors, "sensors").copy()
