@@ -115,3 +115,10 @@ def test_recordings_to_match():
     kept = reg.match({"A": (t, good), "B": (t, lacking)}, missing="keep").values
     assert np.isnan(kept[2, 1]).all()
     assert np.isfinite(kept[2, 0]).all()
+
+
+def test_noise_beyond_the_numbers_is_refused():
+    track = np.stack([np.linspace(5e3, 5e4, 20), np.full(20, 2e4)], axis=1)
+    sigma = [[50.0, 1e308], [50.0, 2e-3]]
+    with pytest.raises(gm.InputError, match=r"sigma reaches 1e\+308"):
+        gm.registration.simulate(track, {"A": (0, 0), "B": (6e4, 0)}, sigma, seed=1)

@@ -228,7 +228,11 @@ def simulate(
     if exact.ndim != 3:
         raise InputError("simulate takes one set of looks, positions (K, d)")
     noise = _core.normals(seed, 0, trials or 1, exact.size).reshape(-1, *exact.shape)
-    values = known.as_measured(exact + known.sigma * noise)
+    with np.errstate(over="ignore", invalid="ignore"):
+        noisy = exact + known.sigma * noise
+    if not np.isfinite(noisy).all():
+        raise InputError(f"sigma reaches {known.sigma.max():.3g}: its noise overflows float64")
+    values = known.as_measured(noisy)
     return Reports(
         values if trials is not None else values[0],
         None if times is None else as_float_array(times, "times"),
