@@ -823,7 +823,7 @@ class _Setup:
         return t, y, int(wrong.sum())
 
     def measured(self, shape: tuple[int, ...]) -> NDArray[np.bool_]:
-        """Return which numbers of a record (K, S, components) were measured, by their sigma."""
+        """Take the precision of each number (K, S, components); return which were measured."""
         if self._given is None or self.sigma is None:
             return np.ones(shape, dtype=bool)
         self.precision = self.sigma / as_deviations(self._given, shape)
@@ -979,7 +979,7 @@ def _localization(
     covariance = _covariance(model, model.handle(y), state, t, sigmas, setup)
     signal = y - setup.heads.quiet - fit.fitted
     residuals = fit.residuals
-    # Of what does not count neither.
+    # What does not count explains nothing.
     share = np.where(weights > 0, fit.sigma / sigmas, 0.0)
     return Localization(
         model=model,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from gramian import _core
 from gramian._answers import Answer, Columns, columns_of_states
 from gramian._options import choice
 from gramian._registry import draw
@@ -22,8 +23,6 @@ from gramian.models.dipole._model import NAMES, UNITS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from gramian import _core
 
 __all__ = ["ClosestPoint", "Localization", "Localizations", "Solution", "root"]
 
@@ -147,9 +146,7 @@ class Localization(Estimate):
         dof = found.dof - int((self.weights == 0).sum())
         p_value = np.nan
         if self.sigma_given and dof > 0:
-            from scipy.special import chdtrc
-
-            p_value = float(chdtrc(dof, found.chi2))
+            p_value = float(_core.chi_square_survival(found.chi2, dof))
         return replace(found, dof=max(dof, 0), p_value=p_value)
 
     def _rise(self, level: float, dof: int) -> float:

@@ -2,6 +2,7 @@
 
 use alloc::vec::Vec;
 
+use super::super::Pass;
 use super::super::description::Motion;
 use super::{Measured, Part, cross, three};
 use crate::numbers::algebra::dot;
@@ -74,12 +75,8 @@ impl Measured {
             _ => self.sized(x),
         };
         let motion = self.layout().motion;
-        let states = passes.into_iter().map(|(r, v, m)| {
-            let mut image = self.coordinates(&core::array::from_fn(|i| match i {
-                0..3 => r[i],
-                3..6 => v[i - 3],
-                _ => m[i - 6],
-            }));
+        let states = passes.into_iter().map(|pass| {
+            let mut image = self.coordinates(&pass.state());
             image[motion..].copy_from_slice(&x[motion..]);
             image
         });
@@ -89,7 +86,7 @@ impl Measured {
     /// One sensor of the total field reads the same of a pass that is turned about the ambient
     /// field, or reflected in a plane through that; and where this field is far the stronger
     /// one, nearly the same of one turned about its track, with another moment.
-    fn turned(&self, x: &[f64], center: &[f64; 3], ambient: &[f64; 3]) -> Vec<Pass> {
+    fn turned(&self, x: &[f64], center: &[f64; 3], ambient: &[f64; 3]) -> Vec<Pass<f64>> {
         let (state, _) = self.expand(x);
         let seen: [f64; 3] = core::array::from_fn(|i| state[i] - center[i]);
         let (velocity, moment) = (three(&state[3..]), three(&state[6..]));
@@ -104,11 +101,11 @@ impl Measured {
                         if reflected { across(&v, &axis) } else { v }
                     };
                     let r = moved(&seen);
-                    passes.push((
-                        core::array::from_fn(|i| center[i] + side * r[i]),
-                        moved(&velocity).map(|v| side * v),
-                        moved(&moment),
-                    ));
+                    passes.push(Pass {
+                        position: core::array::from_fn(|i| center[i] + side * r[i]),
+                        velocity: moved(&velocity).map(|v| side * v),
+                        moment: moved(&moment),
+                    });
                 }
             }
         }
@@ -117,7 +114,7 @@ impl Measured {
 
     /// Several of them read nearly the same of a pass of another size, with the moment that has
     /// as strong a field, and of one turned about the ambient field by a quarter.
-    fn sized(&self, x: &[f64]) -> Vec<Pass> {
+    fn sized(&self, x: &[f64]) -> Vec<Pass<f64>> {
         let (state, _) = self.expand(x);
         let count = self.places.len() as f64;
         let center: [f64; 3] =
@@ -135,20 +132,17 @@ impl Measured {
             for k in -DOUBLINGS..=DOUBLINGS {
                 let size = 2.0_f64.powi(k);
                 if k != 0 || quarter != 0 {
-                    passes.push((
-                        core::array::from_fn(|i| center[i] + size * seen[i]),
-                        velocity.map(|v| size * v),
-                        moment.map(|m| size.powi(power) * m),
-                    ));
+                    passes.push(Pass {
+                        position: core::array::from_fn(|i| center[i] + size * seen[i]),
+                        velocity: velocity.map(|v| size * v),
+                        moment: moment.map(|m| size.powi(power) * m),
+                    });
                 }
             }
         }
         passes
     }
 }
-
-/// Position, velocity and moment.
-type Pass = ([f64; 3], [f64; 3], [f64; 3]);
 
 fn unit(v: &[f64; 3]) -> Option<[f64; 3]> {
     let size = dot(v, v).sqrt();
