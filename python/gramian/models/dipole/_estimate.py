@@ -16,7 +16,7 @@ from gramian._values import Value
 from gramian.estimation import Channel, channel_faults
 from gramian.models.dipole._model import MU0, NAMES
 
-__all__ = ["KNOWABLE", "PARTS", "Description", "DipoleModel", "Heads"]
+__all__ = ["KNOWABLE", "PARTS", "PLAIN", "Description", "DipoleModel", "Heads"]
 
 Array = NDArray[np.float64]
 
@@ -61,6 +61,10 @@ class Description(Value):
         dipoles = "1 dipole" if self.sources == 1 else f"{self.sources} dipoles"
         induced = "" if self.earth_field is None else ", with an induced moment"
         return f"{dipoles}, {self.motion}{induced}"
+
+
+#: One dipole on a straight pass.
+PLAIN = Description()
 
 
 @dataclass(frozen=True)
@@ -142,7 +146,7 @@ class DipoleModel(Value):
     background: bool = False
     correlation: float = 0.0
     spacing: float = 1.0
-    description: Description = Description()
+    description: Description = PLAIN
     baselines: Array | None = None
     ambient: tuple[float, float, float] | None = None
 
@@ -166,7 +170,7 @@ class DipoleModel(Value):
             self.spacing,
         )
         about = self.description
-        if about == Description():
+        if about == PLAIN:
             return plain
         induced = None
         if about.earth_field is not None:

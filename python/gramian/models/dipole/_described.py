@@ -1,0 +1,254 @@
+"""The search for what a record is explained by best, of several descriptions of its body."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gramian import _core
+from gramian import _options as options
+from gramian._arrays import finite, number, whole
+from gramian.estimation import Solution as Other
+from gramian.exceptions import InputError
+from gramian.models.dipole._answer import Found, localization, states_of
+from gramian.models.dipole._estimate import Description, DipoleModel
+from gramian.models.dipole._result import Localization, Solution
+from gramian.models.dipole._setup import Options, Setup
+
+__all__ = ["Motion", "as_descriptions", "described"]
+
+Array = NDArray[np.float64]
+Motion = Literal["straight", "along", "accelerated", "turning"]
+
+
+def as_descriptions(
+    sources: int | Sequence[int],
+    motion: str | Sequence[str],
+    drift: bool,
+    attitude: float | None,
+    scale: float | None,
+    earth_field: ArrayLike | None,
+) -> list[Description]:
+    """Return what a record may be explained by, motion after motion, sources ascending."""
+    if isinstance(sources, Sequence) and not isinstance(sources, str):
+        counts = sorted({whole(count, "sources", 1, 4) for count in sources})
+    else:
+        counts = [whole(sources, "sources", 1, 4)]
+    motions = [motion] if isinstance(motion, str) or motion is None else list(motion)
+    for one in motions:
+        options.choice(one, "motion", ("straight", "along", "accelerated", "turning"))
+    if not counts or not motions:
+        raise InputError("sources and motion must name at least one each")
+    deviations = []
+    for given, name in ((attitude, "attitude [rad]"), (scale, "scale")):
+        value = None if given is None else number(given, name)
+        if value is not None and not value > 0:
+            raise InputError(f"{name} = {value}: must be > 0")
+        deviations.append(value)
+    ambient = None
+    if earth_field is not None:
+        values = finite(earth_field, "earth_field [T]")
+        if values.shape != (3,) or not values.any():
+            raise InputError(f"earth_field = {values.tolist()}: must be three numbers, not all 0")
+        x, y, z = values.tolist()
+        ambient = (x, y, z)
+    tilt, gain = deviations
+    return [Description(m, n, drift, tilt, gain, ambient) for m in motions for n in counts]
+
+
+@dataclass(frozen=True)
+class _Settled:
+    """What a description makes of a record."""
+
+    about: Description
+    model: DipoleModel
+    state: Array
+    weights: Array
+    efficiency: float
+    sigma: float
+    converged: bool
+    iterations: int
+    bic: float
+
+
+def _settle(
+    about: Description,
+    starts: Array,
+    raw: _core._DipoleLocalized,
+    t: Array,
+    y: Array,
+    inner: Options,
+    setup: Setup,
+    correlated: bool,
+) -> _Settled:
+    """Fit a description from some starts, until noise and weights settle."""
+    filled, counts = np.nan_to_num(y), (raw["weights"] > 0) & ~np.isnan(y)
+    weights, efficiency = raw["weights"] * counts, float(raw["efficiency"])
+    sigma, count = float(raw["sigma"]), int(counts.sum())
+    iterations = 0
+    for _ in range(20):
+        model = setup.model(raw, t, inner, np.sqrt(weights * efficiency) / sigma, about)
+        handle = model.handle(filled)
+        found = handle.minimize(starts, ("squares", 0.0), setup.max_iterations)
+        if not found:
+            raise InputError("the body meets a sensor at every start")
+        state, before = found[0]["x"], (sigma, inner.correlation)
+        starts, iterations = state[None], iterations + found[0]["iterations"]
+        unit = replace(model, weights=(counts * setup.precision).astype(float))
+        if correlated:
+            even = replace(unit, correlation=0.0)
+            rho, _ = even.record(filled).noise(state, model.spacing, setup.sigma)
+            inner = replace(inner, correlation=rho)
+        if setup.loss == "huber":
+            flat, efficiency, sigma = unit.record(filled).robust(state, setup.sigma)
+            weights = flat.reshape(counts.shape)
+        elif setup.sigma is None:
+            left = unit.residuals(state, filled)
+            sigma = float(np.sqrt(left @ left / max(count - len(state), 1)))
+            sigma = max(sigma, 1e-12 * before[0])
+        settled = abs(sigma - before[0]) < 1e-4 * sigma
+        if settled and abs(inner.correlation - before[1]) < 1e-2 * (1 - inner.correlation):
+            break
+    left = unit.residuals(state, filled) / sigma
+    size = np.abs(left)
+    loss = left**2
+    if setup.loss == "huber":
+        loss = np.where(size > 1.345, 1.345 * (2 * size - 1.345), loss)
+    # Twice the log likelihood, less a constant; with the variances of the innovations.
+    steps = np.diff(t) / model.spacing
+    share = inner.correlation ** (2 * steps) if inner.correlation > 0 else np.zeros(len(steps))
+    log_variance = setup.used * float(np.log1p(-share).sum())
+    bic = loss.sum() + 2 * count * np.log(sigma) + log_variance + len(state) * np.log(count)
+    return _Settled(
+        about,
+        setup.model(raw, t, inner, np.sqrt(weights * efficiency) / sigma, about),
+        state,
+        weights,
+        efficiency,
+        sigma,
+        bool(found[0]["converged"]),
+        iterations,
+        float(bic),
+    )
+
+
+def described(
+    wanted: Sequence[Description],
+    raw: _core._DipoleLocalized,
+    t: Array,
+    y: Array,
+    offsets: Array,
+    inner: Options,
+    dropped: int,
+    setup: Setup,
+    limits: tuple[float, float, float],
+    correlated: bool,
+) -> Localization:
+    """Return the answer of the description that explains the record best."""
+    filled = np.nan_to_num(y)
+    tried: list[_Settled] = []
+    failed: list[str] = []
+    for motion in dict.fromkeys(about.motion for about in wanted):
+        counts = [about.sources for about in wanted if about.motion == motion]
+        last: _Settled | None = None
+        for count in range(1, max(counts) + 1):
+            about = replace(wanted[0], motion=motion, sources=count)
+            if last is None:
+                model = setup.model(raw, t, inner, np.sqrt(raw["weights"]), about)
+                starts = states_of(model, raw)[None]
+            else:
+                starts = last.model.record(filled).seeds(last.state, 8)
+            try:
+                settled = _settle(about, starts, raw, t, y, inner, setup, correlated)
+                # A dipole without a moment, or far away, tells of nothing.
+                _core.Analysis(settled.model.handle(filled).linearize(settled.state)[1], None)
+            except InputError as error:
+                failed.append(f"{about}: {error}")
+                break
+            if count in counts:
+                tried.append(settled)
+                earlier = last is not None and last.about.sources in counts
+                if last is not None and earlier and settled.bic > last.bic:
+                    break
+            last = settled
+    if not tried:
+        raise InputError(f"no description fits: {'; '.join(failed)}")
+    tried.sort(key=lambda one: one.bic)
+    best = tried[0]
+    model, handle = best.model, best.model.handle(filled)
+    alike = model.record(filled).alike(best.state)
+    searched = handle.others(best.state, alike, None, 0, 0)
+    # The best of all that were reached, which may be another than the fit began with.
+    state = np.asarray(searched["x"])
+    found = model.expand(state)[0]
+    others, mirror = [], None
+    best_bodies = _bodies(model, state, handle)
+    for other in searched["others"]:
+        if _same_bodies(best_bodies, _bodies(model, other["x"], handle)):
+            # Only which of the dipoles is called the first differs.
+            continue
+        others.append(
+            Other(other["x"], other["chi2"], other["distance"], other["chance"], other["hits"])
+        )
+        if mirror is None:
+            image = model.expand(other["x"])[0]
+            mirror = Solution(image[:3], image[3:6], image[6:], other["chi2"])
+    left = handle.linearize(state)[0]
+    exact = model.h(state).reshape(y.shape)
+    names = [name for name in model.names if name.startswith("background")]
+    levels = np.zeros(offsets.shape)
+    if names:
+        first = model.names.index(names[0])
+        levels[model.used.reshape(levels.shape)] = state[first : first + len(names)]
+    return localization(
+        Found(
+            model=model,
+            state=state,
+            found=found,
+            cost=float(left @ left),
+            mirror=mirror,
+            others=tuple(others),
+            sigma=best.sigma,
+            weights=best.weights,
+            residuals=filled - exact,
+            fitted=levels,
+            converged=best.converged,
+            iterations=best.iterations,
+        ),
+        t,
+        y,
+        offsets,
+        replace(inner, correlation=model.correlation),
+        dropped,
+        setup,
+        limits,
+        correlation_given=not correlated,
+        candidates=tuple((one.about, one.bic) for one in tried),
+    )
+
+
+def _bodies(model: DipoleModel, x: Array, handle: _core.Model) -> tuple[Array, Array]:
+    """Return place and moment (count, 6) of each dipole of a state, and their deviations."""
+    full, by = model.expand(x)
+    places, moved = model.bodies(x)
+    places[:, :3] += full[:3]
+    moved[:, :3] += by[:3]
+    covariance = _core.Analysis(handle.linearize(x)[1], None).crlb()
+    if covariance is None:
+        return places, np.zeros(places.shape)
+    spread = ((moved @ covariance) * moved).sum(axis=-1)
+    return places, np.sqrt(np.maximum(spread, 0.0))
+
+
+def _same_bodies(one: tuple[Array, Array], other: tuple[Array, Array]) -> bool:
+    """Say whether two answers have the same dipoles in another order, as far as noise tells."""
+    orders = list(itertools.permutations(range(len(one[0]))))[1:]
+    return any(
+        (np.abs(one[0] - other[0][list(p)]) < 5 * np.hypot(one[1], other[1][list(p)])).all()
+        for p in orders
+    )
