@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ctypes
+import math
+import mmap
 from collections.abc import Callable, Iterator
 from functools import cache
 from math import comb
@@ -497,6 +499,78 @@ def fisher_contest(trials: int, m: int, *, peers: bool, series: str = "") -> Con
     )
 
 
+# --- rows, the results that take the most memory ------------------------------------------
+
+
+def rows_contest(trials: int, m: int) -> Contest:
+    """Rows in a new array, which as a rule gets the memory of the one before; in one that is
+    there; and in pages that the system has to map, as where results are kept."""
+
+    def ours(data: Any) -> Callable[[], Any]:
+        times, path, states = data
+        return lambda: B.rows(times, path, states, SIGMA)
+
+    def into(data: Any) -> Callable[[], Any]:
+        times, path, states = data
+        out = B.rows(times, path, states, SIGMA).copy()
+        return lambda: B.rows(times, path, states, SIGMA, out=out)
+
+    def mapped(data: Any) -> Callable[[], Any]:
+        times, path, states = data
+        shape = (len(states), len(times), 4)
+
+        def work() -> Any:
+            pages = mmap.mmap(-1, 8 * math.prod(shape))
+            out = np.frombuffer(pages).reshape(shape)
+            return B.rows(times, path, states, SIGMA, out=out)
+
+        return work
+
+    def by_numpy(data: Any) -> Callable[[], Any]:
+        times, path, states = data
+
+        def work() -> Any:
+            since = (times - times[0])[:, None]
+            gap = states[:, None, :2] + since * states[:, None, 2:] - path
+            seen = gap[..., ::-1] * [1, -1] / ((gap**2).sum(axis=-1) * SIGMA)[..., None]
+            return np.concatenate([seen, since * seen], axis=-1)
+
+        return work
+
+    def case(turn_deg: float) -> Case:
+        data = tracks(2, m, turn_deg)
+        times, path, states = data
+        wanted = exact.lazily(
+            lambda: np.array([exact.sight_rows(path, x, SIGMA, times) for x in states], float)
+        )
+
+        def error(found: Any) -> float:
+            size = np.abs(wanted()).max(axis=1, keepdims=True)
+            return float((np.abs(found - wanted()) / size).max())
+
+        return Case(data, error)
+
+    return Contest(
+        f"bearings rows of moving targets, {trials} x {m}",
+        "trial",
+        float(trials),
+        tracks(trials, m, 90.0),
+        [
+            Contestant(OURS, ours),
+            Contestant("gramian, out=", into),
+            Contestant("gramian, in pages mapped anew", mapped),
+            Contestant("gramian, out=, all threads", into, threads=ALL),
+            Contestant("numpy", by_numpy),
+        ],
+        limit=Limit(
+            {"divide": m, "fma": 8.0 * m, "memory": 32.0 * m},
+            "a division and 8 multiply-adds for each bearing, 32 bytes of it written",
+        ),
+        cases={"well": case(90.0)},
+        note="Error of an entry over the largest of its column.",
+    )
+
+
 # --- the test on noise ----------------------------------------------------------------
 
 
@@ -598,6 +672,7 @@ def contests(quick: bool) -> Iterator[Contest]:
         yield sum_contest(m)
     yield gram_contest(10_000, 100)
     yield fisher_contest(2000, 100, peers=True)
+    yield rows_contest(10_000, 60)
     yield from grown(gram_contest, quick=quick)
     yield from grown(fisher_contest, quick=quick)
     yield test_contest(5_000, 60)

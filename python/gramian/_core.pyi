@@ -22,10 +22,10 @@ def above_rounding(rows: ArrayLike, noise: ArrayLike) -> tuple[_Array, float | N
 def representable(std: _Array) -> _Array: ...
 def rounding_of_columns(rows: ArrayLike, accuracy: ArrayLike, width: int) -> _Array: ...
 def empty_call() -> None: ...
-def gram(rows: ArrayLike, weights: ArrayLike | None) -> _Array: ...
+def gram(rows: ArrayLike, weights: ArrayLike | None, out: _Array | None = None) -> _Array: ...
 def chi_square_critical(alpha: float, dof: float) -> float: ...
 def chi_square_survival(value: ArrayLike, dof: ArrayLike) -> _Array: ...
-def crlb_std(rows: ArrayLike, rtol: float | None) -> _Array: ...
+def crlb_std(rows: ArrayLike, rtol: float | None, out: _Array | None = None) -> _Array: ...
 def marginal_rows(rows: ArrayLike, eliminated: int, rtol: float | None) -> _Array: ...
 def normals(seed: int, first: int, trials: int, count: int) -> _Array: ...
 def set_threads(threads: int) -> int: ...
@@ -349,17 +349,30 @@ class _MotionTest(TypedDict):
     relative_motion: _Array
 
 def bearing_best_quadruple(times: ArrayLike, bearings: ArrayLike) -> _Quadruple: ...
-def bearing_discriminant(times: ArrayLike, bearings: ArrayLike, form: str) -> _Array: ...
-def bearing_discriminant_sum(
-    times: ArrayLike, bearings: ArrayLike, weights: ArrayLike | None, method: str, order: int
+def bearing_discriminant(
+    times: ArrayLike, bearings: ArrayLike, form: str, out: _Array | None = None
 ) -> _Array: ...
-def bearing_gram(times: ArrayLike, bearings: ArrayLike, weights: ArrayLike | None) -> _Gram: ...
+def bearing_discriminant_sum(
+    times: ArrayLike,
+    bearings: ArrayLike,
+    weights: ArrayLike | None,
+    method: str,
+    order: int,
+    out: _Array | None = None,
+) -> _Array: ...
+def bearing_gram(
+    times: ArrayLike, bearings: ArrayLike, weights: ArrayLike | None, out: _Array | None = None
+) -> _Array: ...
+def bearing_gram_and_det(
+    times: ArrayLike, bearings: ArrayLike, weights: ArrayLike | None, out: _Array | None = None
+) -> _Gram: ...
 def bearing_rows(
     times: ArrayLike,
     observer: ArrayLike,
     target: ArrayLike,
     sigma: ArrayLike,
     is_state: bool,
+    out: _Array | None = None,
 ) -> _Array: ...
 def bearing_motion_rows(
     times: ArrayLike,
@@ -370,6 +383,7 @@ def bearing_motion_rows(
     order: int,
     is_state: bool,
     several: bool,
+    out: _Array | None = None,
 ) -> _Array: ...
 def bearing_frame(
     times: ArrayLike,
@@ -478,8 +492,10 @@ class _DipoleLocalized(TypedDict):
     residuals: _Array
     weights: _Array
 
-def dipole_field(position: ArrayLike, moment: ArrayLike) -> _Array: ...
-def dipole_jacobian(position: ArrayLike, moment: ArrayLike) -> _Array: ...
+def dipole_field(position: ArrayLike, moment: ArrayLike, out: _Array | None = None) -> _Array: ...
+def dipole_jacobian(
+    position: ArrayLike, moment: ArrayLike, out: _Array | None = None
+) -> _Array: ...
 def dipole_measure(
     times: ArrayLike,
     position: ArrayLike,
@@ -487,6 +503,8 @@ def dipole_measure(
     moment: ArrayLike,
     sensors: ArrayLike,
     kind: tuple[Sequence[Sequence[float]], tuple[float, float, float] | None],
+    one: bool,
+    out: _Array | None = None,
 ) -> _Array: ...
 def dipole_rows(
     times: ArrayLike,
@@ -496,6 +514,7 @@ def dipole_rows(
     sigma: ArrayLike,
     sensors: ArrayLike,
     kind: tuple[Sequence[Sequence[float]], tuple[float, float, float] | None],
+    out: _Array | None = None,
 ) -> _Array: ...
 def dipole_fisher(
     times: ArrayLike,
@@ -504,6 +523,7 @@ def dipole_fisher(
     moment: ArrayLike,
     sigma: ArrayLike,
     sensors: ArrayLike,
+    out: _Array | None = None,
 ) -> _Array: ...
 def dipole_track(
     times: ArrayLike,
@@ -610,10 +630,18 @@ class _Path(TypedDict):
     det: _Array
 
 def maneuver_fisher(
-    positions: ArrayLike, target: ArrayLike, sigma: ArrayLike, times: ArrayLike | None
+    positions: ArrayLike,
+    target: ArrayLike,
+    sigma: ArrayLike,
+    times: ArrayLike | None,
+    out: _Array | None = None,
 ) -> _Array: ...
 def maneuver_fisher_and_det(
-    positions: ArrayLike, target: ArrayLike, sigma: ArrayLike, times: ArrayLike | None
+    positions: ArrayLike,
+    target: ArrayLike,
+    sigma: ArrayLike,
+    times: ArrayLike | None,
+    out: _Array | None = None,
 ) -> _Fisher: ...
 def maneuver_fisher_det(
     positions: ArrayLike,
@@ -621,9 +649,15 @@ def maneuver_fisher_det(
     sigma: ArrayLike,
     times: ArrayLike | None,
     pairs: bool,
+    out: _Array | None = None,
 ) -> _Array: ...
 def maneuver_heading(
-    bearing: ArrayLike, range_: ArrayLike, step: ArrayLike, law: str, side: ArrayLike
+    bearing: ArrayLike,
+    range_: ArrayLike,
+    step: ArrayLike,
+    law: str,
+    side: ArrayLike,
+    out: _Array | None = None,
 ) -> _Array: ...
 def maneuver_best_two_legs(
     cross: float, of_range: bool
@@ -759,6 +793,7 @@ def registration_rows(
     sigma: ArrayLike,
     biases: ArrayLike,
     extras: tuple[bool, bool, bool],
+    out: _Array | None = None,
 ) -> _Array: ...
 def registration_rounding(
     positions: ArrayLike,
@@ -773,9 +808,14 @@ def registration_fisher(
     sigma: ArrayLike,
     biases: ArrayLike,
     extras: tuple[bool, bool, bool],
+    out: _Array | None = None,
 ) -> _Array: ...
 def registration_eta(
-    positions: ArrayLike, sensors: ArrayLike, sigma: ArrayLike, biases: ArrayLike
+    positions: ArrayLike,
+    sensors: ArrayLike,
+    sigma: ArrayLike,
+    biases: ArrayLike,
+    out: _Array | None = None,
 ) -> _Array: ...
 def registration_running_eta(
     positions: ArrayLike,
@@ -783,6 +823,7 @@ def registration_running_eta(
     sigma: ArrayLike,
     biases: ArrayLike,
     window: int | None,
+    out: _Array | None = None,
 ) -> _Array: ...
 def registration_pair_degrees(
     positions: ArrayLike,
@@ -790,6 +831,7 @@ def registration_pair_degrees(
     sigma: ArrayLike,
     instants: Sequence[tuple[int, int]],
     whitened: bool,
+    out: _Array | None = None,
 ) -> _Array: ...
 def registration_reports(
     positions: ArrayLike,

@@ -21,7 +21,7 @@ __all__ = ["crlb", "crlb_std", "gram"]
 Array = NDArray[np.float64]
 
 
-def gram(rows: ArrayLike, weights: ArrayLike | None = None) -> Array:
+def gram(rows: ArrayLike, weights: ArrayLike | None = None, *, out: Array | None = None) -> Array:
     """Return the Gram matrix sum of w row^T row: with whitened rows, the Fisher information.
 
     Parameters
@@ -30,6 +30,9 @@ def gram(rows: ArrayLike, weights: ArrayLike | None = None) -> Array:
         Whitened rows.
     weights : array_like, shape (..., K), optional
         Weights >= 0 of the rows; 1 by default.
+    out : ndarray, shape of the result, optional
+        Where the result is written: float64, C-contiguous, writable; it is returned. It may
+        share memory with an argument. Without it a new array is made.
 
     Returns
     -------
@@ -51,12 +54,14 @@ def gram(rows: ArrayLike, weights: ArrayLike | None = None) -> Array:
     array([[1., 2.],
            [2., 5.]])
     """
-    return _core.gram(rows, weights)
+    return _core.gram(rows, weights, out)
 
 
 def crlb_std(
     rows_or_problem: ArrayLike | Problem | ProblemSource,
     prior: Mapping[str, Any] | ArrayLike | None = None,
+    *,
+    out: Array | None = None,
 ) -> Array:
     """Return the smallest standard deviation of each state, `inf` where it is not observable.
 
@@ -68,6 +73,10 @@ def crlb_std(
         What is known beforehand: deviations by name (x0, x1, ... for plain rows), one
         for each state (n,), or their covariance (n, n). 0 is exact knowledge, `inf`
         none.
+    out : ndarray, shape of the result, optional
+        Where the result is written: float64, C-contiguous, writable; it is returned. It may
+        share memory with an argument. Without it a new array is made. With plain rows, and
+        no exact knowledge.
 
     Returns
     -------
@@ -91,6 +100,8 @@ def crlb_std(
     array([0.35355339, inf])
     """
     if isinstance(rows_or_problem, (Problem, ProblemSource)) or is_sparse(rows_or_problem):
+        if out is not None:
+            raise InputError("out goes with plain rows (..., K, n)")
         problem = as_problem(rows_or_problem, None)
         problem = problem if prior is None else problem.prior(prior)
         if is_sparse(problem.rows):
@@ -109,6 +120,8 @@ def crlb_std(
         before = as_knowledge(prior, [f"x{i}" for i in range(rows.shape[-1])])
         extra, exact = before.whitened, before.exact
         if len(exact):
+            if out is not None:
+                raise InputError("out goes without exact knowledge: a prior of 0")
             flat = rows.reshape(-1, *rows.shape[-2:])
             std = [
                 _core.Analysis(at_least_one_row(np.vstack([one, extra])), None, exact).crlb_std()
@@ -117,7 +130,7 @@ def crlb_std(
             return np.array(std).reshape(*rows.shape[:-2], rows.shape[-1])
         extra = np.broadcast_to(extra, (*rows.shape[:-2], *extra.shape))
         rows = np.concatenate([rows, extra], axis=-2)
-    return _core.crlb_std(rows, None)
+    return _core.crlb_std(rows, None, out)
 
 
 def crlb(

@@ -4,19 +4,20 @@ use std::sync::OnceLock;
 
 use gramian::batch::Items;
 use gramian::batch::simd::Path;
-use gramian::bearings::batch::{self, GRAM_SIZE, Method, Quadruples, TEST_SIZE, Target};
+use gramian::bearings::batch::{self, Method, Quadruples, TEST_SIZE, Target};
 use gramian::bearings::{Answer, Error, Form, Kept, Monitor};
 use numpy::{PyArray1, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::convert::{Input, number_text, real};
+use crate::convert::{Input, all_finite, number_text, real};
 use crate::errors::InputError;
-use crate::output::Batch;
+use crate::output::{self, Batch};
 use crate::{errors, run};
 
 /// Rows (..., m, 4). `positions` is None for a target state (..., 4).
 #[pyfunction]
+#[pyo3(signature = (times, observer, target, sigma, is_state, out=None))]
 fn bearing_rows<'py>(
     py: Python<'py>,
     times: &Bound<'py, PyAny>,
@@ -24,6 +25,7 @@ fn bearing_rows<'py>(
     target: &Bound<'py, PyAny>,
     sigma: &Bound<'py, PyAny>,
     is_state: bool,
+    out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let mut times = Input::new(times, "times", 1)?;
     times.expect_entries()?;
@@ -40,7 +42,10 @@ fn bearing_rows<'py>(
     let mut sigma = Input::levels(sigma, "sigma [rad]")?;
     sigma.expect_one_or(m, "one standard deviation, or one for each time")?;
     sigma.expect_positive("rad")?;
-    let batch = Batch::of(&mut [&mut times, &mut observer, &mut target, &mut sigma])?;
+    let batch = Batch::into(
+        &mut [&mut times, &mut observer, &mut target, &mut sigma],
+        out,
+    )?;
     let (times, observer, sigma) = (times.items()?, observer.items()?, sigma.items()?);
     let target = target.items()?;
     batch.fill(py, &[m, 4], 10.0 * m as f64, |range, threads, out| {
@@ -76,6 +81,7 @@ impl<'py> Track<'py> {
         bearings: &Bound<'py, PyAny>,
         weights: Option<&Bound<'py, PyAny>>,
         least: usize,
+        out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Self> {
         let mut times = Input::new(times, "times", 1)?;
         let m = times.core_shape()[0];
@@ -97,8 +103,8 @@ impl<'py> Track<'py> {
             weights.expect_nonnegative()?;
         }
         let batch = match &mut weights {
-            Some(weights) => Batch::of(&mut [&mut times, &mut bearings, weights])?,
-            None => Batch::of(&mut [&mut times, &mut bearings])?,
+            Some(weights) => Batch::into(&mut [&mut times, &mut bearings, weights], out)?,
+            None => Batch::into(&mut [&mut times, &mut bearings], out)?,
         };
         Ok(Self {
             times,
@@ -116,11 +122,13 @@ impl<'py> Track<'py> {
 
 /// D (...) of four bearings (..., 4), in any order.
 #[pyfunction]
+#[pyo3(signature = (times, bearings, form, out=None))]
 fn bearing_discriminant<'py>(
     py: Python<'py>,
     times: &Bound<'py, PyAny>,
     bearings: &Bound<'py, PyAny>,
     form: &str,
+    out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let form = match form {
         "5" => Form::Products,
@@ -131,7 +139,7 @@ fn bearing_discriminant<'py>(
     let mut bearings = Input::new(bearings, "bearings", 1)?;
     times.expect(&[Some(4)], "four instants")?;
     bearings.expect(&[Some(4)], "four bearings")?;
-    let batch = Batch::of(&mut [&mut times, &mut bearings])?;
+    let batch = Batch::into(&mut [&mut times, &mut bearings], out)?;
     let (times, bearings) = (times.items()?, bearings.items()?);
     batch.fill(py, &[], 60.0, |range, threads, out| {
         batch::discriminants(
@@ -146,7 +154,7 @@ fn bearing_discriminant<'py>(
 
 /// Sums (...) of D^2 over all quadruples, or of sin^2 over all pairs.
 #[pyfunction]
-#[pyo3(signature = (times, bearings, weights, method, order))]
+#[pyo3(signature = (times, bearings, weights, method, order, out=None))]
 fn bearing_discriminant_sum<'py>(
     py: Python<'py>,
     times: &Bound<'py, PyAny>,
@@ -154,13 +162,14 @@ fn bearing_discriminant_sum<'py>(
     weights: Option<&Bound<'py, PyAny>>,
     method: &str,
     order: usize,
+    out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let method = match method {
         "factored" => Method::Factored,
         "qr" => Method::Qr,
         _ => Method::Direct,
     };
-    let track = Track::new(times, bearings, weights, 2 * (order + 1))?;
+    let track = Track::new(times, bearings, weights, 2 * (order + 1), out)?;
     let (m, batch) = (track.m, &track.batch);
     let (times, bearings) = (track.times.items()?, track.bearings.items()?);
     let weights = track.weights()?;
@@ -171,7 +180,7 @@ fn bearing_discriminant_sum<'py>(
         let mut parts = vec![0.0; sum.parts()];
         let out = batch.array(py, &[])?;
         {
-            let mut write = out.readwrite();
+            let mut write = output::writable(&out)?;
             for (trial, out) in write.as_slice_mut()?.iter_mut().enumerate() {
                 let weights = weights.map(|w| w.get(trial));
                 sum.load(times.get(trial), bearings.get(trial), weights)
@@ -207,7 +216,7 @@ fn bearing_best_quadruple<'py>(
     times: &Bound<'py, PyAny>,
     bearings: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let track = Track::new(times, bearings, None, 4)?;
+    let track = Track::new(times, bearings, None, 4, None)?;
     let batch = &track.batch;
     let (times, bearings) = (track.times.items()?, track.bearings.items()?);
     let cost = 4.0 * batch::discriminant_cost(track.m.min(200), Method::Direct);
@@ -222,15 +231,40 @@ fn bearing_best_quadruple<'py>(
     batch.named(&records, &[("indices", &[4]), ("value", &[])])
 }
 
-/// Gram matrices and determinants (..., 17).
+/// Gram matrices (..., 4, 4).
 #[pyfunction]
-#[pyo3(signature = (times, bearings, weights))]
+#[pyo3(signature = (times, bearings, weights, out=None))]
 fn bearing_gram<'py>(
     py: Python<'py>,
     times: &Bound<'py, PyAny>,
     bearings: &Bound<'py, PyAny>,
     weights: Option<&Bound<'py, PyAny>>,
+    out: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    Ok(gram(py, [times, bearings], weights, out, false)?.1)
+}
+
+/// Gram matrices (..., 4, 4) and their determinants (...), in one array (..., 17).
+#[pyfunction]
+#[pyo3(signature = (times, bearings, weights, out=None))]
+fn bearing_gram_and_det<'py>(
+    py: Python<'py>,
+    times: &Bound<'py, PyAny>,
+    bearings: &Bound<'py, PyAny>,
+    weights: Option<&Bound<'py, PyAny>>,
+    out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
+    let (batch, both) = gram(py, [times, bearings], weights, out, true)?;
+    batch.named(&both, &[("gram", &[4, 4]), ("det", &[])])
+}
+
+fn gram<'py>(
+    py: Python<'py>,
+    [times, bearings]: [&Bound<'py, PyAny>; 2],
+    weights: Option<&Bound<'py, PyAny>>,
+    out: Option<&Bound<'py, PyAny>>,
+    determinant: bool,
+) -> PyResult<(Batch, Bound<'py, PyArrayDyn<f64>>)> {
     let mut times = Input::new(times, "times", 1)?;
     times.expect_entries()?;
     times.expect_increasing("s")?;
@@ -244,32 +278,32 @@ fn bearing_gram<'py>(
         weights.expect_nonnegative()?;
     }
     let batch = match &mut weights {
-        Some(weights) => Batch::of(&mut [&mut times, &mut bearings, weights])?,
-        None => Batch::of(&mut [&mut times, &mut bearings])?,
+        Some(weights) => Batch::into(&mut [&mut times, &mut bearings, weights], out)?,
+        None => Batch::into(&mut [&mut times, &mut bearings], out)?,
     };
+    let core: &[usize] = if determinant { &[17] } else { &[4, 4] };
+    let size = core.iter().product();
     let mut finite = true;
     let (track, angles) = (times.items()?, bearings.items()?);
     let weights = weights.as_ref().map(Input::items).transpose()?;
-    let out = batch.fill(py, &[GRAM_SIZE], 1.2 * m as f64, |range, threads, out| {
+    let out = batch.fill(py, core, 1.2 * m as f64, |range, threads, out| {
         batch::bearing_gram(
             track.skip(range.start),
             angles.skip(range.start),
             weights.map(|w| w.skip(range.start)),
+            determinant,
             threads,
             Path::Best,
             out,
         );
-        // The determinant overflows before the matrix does.
-        finite &= out
-            .chunks_exact(GRAM_SIZE)
-            .all(|o| o[0].is_finite() && o[GRAM_SIZE - 1].is_finite());
+        finite &= all_finite(out);
     })?;
     if !finite {
         bearings.check_finite()?;
         let read = out.readonly();
-        errors::refuse_overflow(&batch, GRAM_SIZE, read.as_slice()?, "the Gram matrix")?;
+        errors::refuse_overflow(&batch, size, read.as_slice()?, "the Gram matrix")?;
     }
-    batch.named(&out, &[("gram", &[4, 4]), ("det", &[])])
+    Ok((batch, out))
 }
 
 /// Statistic, p-value and relative motion (..., 6).
@@ -285,7 +319,7 @@ fn bearing_test<'py>(
         mut bearings,
         m,
         ..
-    } = Track::new(times, bearings, None, 4)?;
+    } = Track::new(times, bearings, None, 4, None)?;
     let mut sigma = Input::levels(sigma, "sigma [rad]")?;
     sigma.expect_one_or(m, "one standard deviation, or one for each bearing")?;
     sigma.expect_positive("rad")?;
@@ -533,6 +567,7 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(bearing_discriminant, module)?)?;
     module.add_function(wrap_pyfunction!(bearing_discriminant_sum, module)?)?;
     module.add_function(wrap_pyfunction!(bearing_gram, module)?)?;
+    module.add_function(wrap_pyfunction!(bearing_gram_and_det, module)?)?;
     module.add_function(wrap_pyfunction!(bearing_rows, module)?)?;
     module.add_function(wrap_pyfunction!(bearing_test, module)?)?;
     module.add_class::<BearingMonitor>()?;

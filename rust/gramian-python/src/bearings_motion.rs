@@ -14,6 +14,7 @@ use crate::output::Batch;
 /// Rows (..., m, n) in the plane, (..., 2 m, n) in space; `sigma` holds there
 /// the deviations of azimuth and behind them those of elevation.
 #[pyfunction]
+#[pyo3(signature = (times, observer, target, sigma, dimensions, order, is_state, several, out=None))]
 #[allow(clippy::too_many_arguments)]
 fn bearing_motion_rows<'py>(
     py: Python<'py>,
@@ -25,6 +26,7 @@ fn bearing_motion_rows<'py>(
     order: usize,
     is_state: bool,
     several: bool,
+    out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     if !(2..=3).contains(&dimensions) || order > 3 {
         return Err(InputError::new_err(format!(
@@ -54,7 +56,10 @@ fn bearing_motion_rows<'py>(
         )?;
     }
     sigma.expect_positive("rad")?;
-    let batch = Batch::of(&mut [&mut times, &mut observer, &mut target, &mut sigma])?;
+    let batch = Batch::into(
+        &mut [&mut times, &mut observer, &mut target, &mut sigma],
+        out,
+    )?;
     let lines = m * (dimensions - 1);
     let (times, observer, sigma) = (times.items()?, observer.items()?, sigma.items()?);
     let target = target.items()?;

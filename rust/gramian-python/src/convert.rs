@@ -6,6 +6,8 @@
 //! place with the interpreter lock released: they must not be written to while the call
 //! runs, as with numpy's own functions.
 
+use std::ops::Range;
+
 use gramian::batch::Items;
 use numpy::{PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -104,6 +106,19 @@ impl<'py> Input<'py> {
     /// The shape of the batch.
     pub fn batch_shape(&self) -> &[usize] {
         &self.shape[..self.shape.len() - self.core]
+    }
+
+    /// Copies what is read in place of memory that is written to while it is read.
+    pub fn keep_from(&mut self, written: &Range<usize>) -> PyResult<()> {
+        if let Numbers::Array(array) = &self.numbers {
+            let read = array.as_slice()?.as_ptr_range();
+            if (read.start as usize) < written.end && written.start < read.end as usize {
+                let mut copy = output::reserved(array.len(), self.name)?;
+                copy.extend_from_slice(array.as_slice()?);
+                self.numbers = Numbers::Own(copy);
+            }
+        }
+        Ok(())
     }
 
     /// All numbers, item after item.

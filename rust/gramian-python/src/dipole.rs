@@ -22,26 +22,37 @@ use crate::solve::PyModel;
 
 /// Fields (..., 3).
 #[pyfunction]
+#[pyo3(signature = (position, moment, out=None))]
 fn dipole_field<'py>(
     py: Python<'py>,
     position: &Bound<'py, PyAny>,
     moment: &Bound<'py, PyAny>,
+    out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-    over_places(py, position, moment, &[3], "the field", batch::dipole_field)
+    over_places(
+        py,
+        [position, moment],
+        out,
+        &[3],
+        "the field",
+        batch::dipole_field,
+    )
 }
 
 /// Derivatives (..., 2, 3, 3): by position, then by moment.
 #[pyfunction]
+#[pyo3(signature = (position, moment, out=None))]
 fn dipole_jacobian<'py>(
     py: Python<'py>,
     position: &Bound<'py, PyAny>,
     moment: &Bound<'py, PyAny>,
+    out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let core = [2, 3, 3];
     over_places(
         py,
-        position,
-        moment,
+        [position, moment],
+        out,
         &core,
         "the Jacobian",
         batch::dipole_jacobian,
@@ -53,15 +64,15 @@ type OverPlaces =
 
 fn over_places<'py>(
     py: Python<'py>,
-    position: &Bound<'py, PyAny>,
-    moment: &Bound<'py, PyAny>,
+    [position, moment]: [&Bound<'py, PyAny>; 2],
+    out: Option<&Bound<'py, PyAny>>,
     core: &[usize],
     result: &'static str,
     kernel: OverPlaces,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let mut position = vector(position, "position")?;
     let mut moment = vector(moment, "moment")?;
-    let batch = Batch::of(&mut [&mut position, &mut moment])?.finite(result);
+    let batch = Batch::into(&mut [&mut position, &mut moment], out)?.finite(result);
     let (position, moment) = (position.items()?, moment.items()?);
     batch.fill(py, core, 20.0, |range, threads, out| {
         let (position, moment) = (position.skip(range.start), moment.skip(range.start));
@@ -97,6 +108,7 @@ impl<'py> PassInputs<'py> {
         sigma: Option<&Bound<'py, PyAny>>,
         sensors: &Bound<'py, PyAny>,
         kind: Option<Kind>,
+        out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Self> {
         let mut times = Input::new(times, "times", 1)?;
         times.expect_entries()?;
@@ -134,7 +146,7 @@ impl<'py> PassInputs<'py> {
             &mut sensors,
         ];
         inputs.extend(&mut sigma);
-        let batch = Batch::of(&mut inputs)?;
+        let batch = Batch::into(&mut inputs, out)?;
         Ok(Self {
             times,
             position,
@@ -192,8 +204,10 @@ impl<'py> PassInputs<'py> {
     }
 }
 
-/// What the sensors measure (..., K, S, components), without noise.
+/// What the sensors measure (..., K, S, components), without noise: no axis of `one`
+/// sensor, and none of one component.
 #[pyfunction]
+#[pyo3(signature = (times, position, velocity, moment, sensors, kind, one, out=None))]
 #[allow(clippy::too_many_arguments)]
 fn dipole_measure<'py>(
     py: Python<'py>,
@@ -203,6 +217,8 @@ fn dipole_measure<'py>(
     moment: &Bound<'py, PyAny>,
     sensors: &Bound<'py, PyAny>,
     kind: Kind,
+    one: bool,
+    out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let inputs = PassInputs::new(
         times,
@@ -210,14 +226,22 @@ fn dipole_measure<'py>(
         None,
         sensors,
         Some(kind),
+        out,
     )?;
-    let core = [inputs.samples(), inputs.sensors(), inputs.components()];
+    let mut core = vec![inputs.samples()];
+    if !one {
+        core.push(inputs.sensors());
+    }
+    if inputs.kind.1.is_none() {
+        core.push(3);
+    }
     let cost = (20 * inputs.samples() * inputs.sensors()) as f64;
     inputs.run(py, &core, cost, batch::dipole_measure)
 }
 
 /// Whitened rows (..., K * S * components, 9).
 #[pyfunction]
+#[pyo3(signature = (times, position, velocity, moment, sigma, sensors, kind, out=None))]
 #[allow(clippy::too_many_arguments)]
 fn dipole_rows<'py>(
     py: Python<'py>,
@@ -228,6 +252,7 @@ fn dipole_rows<'py>(
     sigma: &Bound<'py, PyAny>,
     sensors: &Bound<'py, PyAny>,
     kind: Kind,
+    out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let inputs = PassInputs::new(
         times,
@@ -235,6 +260,7 @@ fn dipole_rows<'py>(
         Some(sigma),
         sensors,
         Some(kind),
+        out,
     )?;
     let samples = inputs.samples() * inputs.sensors();
     let core = [samples * inputs.components(), 9];
@@ -243,6 +269,8 @@ fn dipole_rows<'py>(
 
 /// Fisher information (..., 9, 9) of three-component sensors.
 #[pyfunction]
+#[pyo3(signature = (times, position, velocity, moment, sigma, sensors, out=None))]
+#[allow(clippy::too_many_arguments)]
 fn dipole_fisher<'py>(
     py: Python<'py>,
     times: &Bound<'py, PyAny>,
@@ -251,6 +279,7 @@ fn dipole_fisher<'py>(
     moment: &Bound<'py, PyAny>,
     sigma: &Bound<'py, PyAny>,
     sensors: &Bound<'py, PyAny>,
+    out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let inputs = PassInputs::new(
         times,
@@ -258,6 +287,7 @@ fn dipole_fisher<'py>(
         Some(sigma),
         sensors,
         None,
+        out,
     )?;
     let cost = (inputs.sensors() * (200 + inputs.samples())) as f64;
     inputs.run(py, &[9, 9], cost, |passes, threads, out| {

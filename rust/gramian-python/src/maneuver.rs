@@ -41,6 +41,7 @@ fn expect_sides(sides: &Input<'_>) -> PyResult<()> {
 
 /// Headings (...,); all inputs broadcast.
 #[pyfunction]
+#[pyo3(signature = (bearing, range_, step, law, side, out=None))]
 fn maneuver_heading<'py>(
     py: Python<'py>,
     bearing: &Bound<'py, PyAny>,
@@ -48,6 +49,7 @@ fn maneuver_heading<'py>(
     step: &Bound<'py, PyAny>,
     law: &str,
     side: &Bound<'py, PyAny>,
+    out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let law = self::law(law)?;
     let mut bearing = Input::new(bearing, "bearing", 0)?;
@@ -57,7 +59,7 @@ fn maneuver_heading<'py>(
     step.expect_positive("m")?;
     let mut side = Input::new(side, "side", 0)?;
     expect_sides(&side)?;
-    let batch = Batch::of(&mut [&mut bearing, &mut range, &mut step, &mut side])?;
+    let batch = Batch::into(&mut [&mut bearing, &mut range, &mut step, &mut side], out)?;
     let (bearing, range) = (bearing.items()?, range.items()?);
     let (step, side) = (step.items()?, side.items()?);
     batch.fill(py, &[], 50.0, |trials, threads, out| {
@@ -221,8 +223,9 @@ impl<'py> Inputs<'py> {
         target: &Bound<'py, PyAny>,
         sigma: &Bound<'py, PyAny>,
         times: Option<&Bound<'py, PyAny>>,
+        out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Self> {
-        let inputs = Self::unchecked(positions, target, sigma, times)?;
+        let inputs = Self::unchecked(positions, target, sigma, times, out)?;
         inputs.positions.check_finite()?;
         Ok(inputs)
     }
@@ -233,6 +236,7 @@ impl<'py> Inputs<'py> {
         target: &Bound<'py, PyAny>,
         sigma: &Bound<'py, PyAny>,
         times: Option<&Bound<'py, PyAny>>,
+        out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Self> {
         let mut positions = Input::unchecked(positions, "path", 2)?;
         positions.expect(&[None, Some(2)], "an east and a north for each bearing")?;
@@ -250,7 +254,10 @@ impl<'py> Inputs<'py> {
         let mut sigma = Input::levels(sigma, "sigma [rad]")?;
         sigma.expect_one_or(m, "one standard deviation, or one for each position")?;
         sigma.expect_positive("rad")?;
-        let batch = Batch::of(&mut [&mut positions, &mut target, &mut times, &mut sigma])?;
+        let batch = Batch::into(
+            &mut [&mut positions, &mut target, &mut times, &mut sigma],
+            out,
+        )?;
         Ok(Self {
             positions,
             target,
@@ -292,30 +299,32 @@ impl<'py> Inputs<'py> {
 
 /// Information (..., n, n): n is 2 for a fixed target, 4 with times.
 #[pyfunction]
-#[pyo3(signature = (positions, target, sigma, times))]
+#[pyo3(signature = (positions, target, sigma, times, out=None))]
 fn maneuver_fisher<'py>(
     py: Python<'py>,
     positions: &Bound<'py, PyAny>,
     target: &Bound<'py, PyAny>,
     sigma: &Bound<'py, PyAny>,
     times: Option<&Bound<'py, PyAny>>,
+    out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-    let inputs = Inputs::unchecked(positions, target, sigma, times)?;
+    let inputs = Inputs::unchecked(positions, target, sigma, times, out)?;
     let n = inputs.sightings()?.states();
     inputs.fisher(py, &[n, n], false)
 }
 
 /// Information (..., n, n) and its determinant (...,), in one pass.
 #[pyfunction]
-#[pyo3(signature = (positions, target, sigma, times))]
+#[pyo3(signature = (positions, target, sigma, times, out=None))]
 fn maneuver_fisher_and_det<'py>(
     py: Python<'py>,
     positions: &Bound<'py, PyAny>,
     target: &Bound<'py, PyAny>,
     sigma: &Bound<'py, PyAny>,
     times: Option<&Bound<'py, PyAny>>,
+    out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let inputs = Inputs::unchecked(positions, target, sigma, times)?;
+    let inputs = Inputs::unchecked(positions, target, sigma, times, out)?;
     let n = inputs.sightings()?.states();
     let both = inputs.fisher(py, &[n * n + 1], true)?;
     inputs
@@ -325,7 +334,7 @@ fn maneuver_fisher_and_det<'py>(
 
 /// Determinants (...,) of the information.
 #[pyfunction]
-#[pyo3(signature = (positions, target, sigma, times, pairs))]
+#[pyo3(signature = (positions, target, sigma, times, pairs, out=None))]
 fn maneuver_fisher_det<'py>(
     py: Python<'py>,
     positions: &Bound<'py, PyAny>,
@@ -333,8 +342,9 @@ fn maneuver_fisher_det<'py>(
     sigma: &Bound<'py, PyAny>,
     times: Option<&Bound<'py, PyAny>>,
     pairs: bool,
+    out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-    let inputs = Inputs::new(positions, target, sigma, times)?;
+    let inputs = Inputs::new(positions, target, sigma, times, out)?;
     let sightings = inputs.sightings()?;
     let method = if pairs {
         Determinant::Pairs

@@ -7,7 +7,9 @@ use std::sync::OnceLock;
 
 use gramian::batch::Threads;
 use numpy::ndarray::ArrayView;
-use numpy::{PyArrayDyn, PyArrayMethods};
+use numpy::{
+    PyArrayDyn, PyArrayMethods, PyReadwriteArrayDyn, PyUntypedArray, PyUntypedArrayMethods,
+};
 use pyo3::exceptions::PyMemoryError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyEllipsis, PySlice};
@@ -24,6 +26,8 @@ const FEW: usize = 32;
 /// The trials of a call.
 pub struct Batch {
     shape: Vec<usize>,
+    /// The caller's array for the results.
+    out: Option<Py<PyAny>>,
     /// For simulated trials the number of the first.
     first: Option<u64>,
     /// What the results are where they must be finite.
@@ -64,8 +68,31 @@ impl Batch {
         }
         Ok(Self {
             shape,
+            out: None,
             first: None,
             finite: None,
+        })
+    }
+
+    /// The same, with the caller's array `out` for the results, if there is one. It may
+    /// share memory with an input, which is copied then.
+    pub fn into(inputs: &mut [&mut Input<'_>], out: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
+        let batch = Self::of(inputs)?;
+        let Some(out) = out else {
+            return Ok(batch);
+        };
+        if let Ok(array) = out.cast::<PyArrayDyn<f64>>()
+            && array.is_c_contiguous()
+        {
+            let written = array.data() as usize;
+            let written = written..written + array.len() * size_of::<f64>();
+            for input in inputs {
+                input.keep_from(&written)?;
+            }
+        }
+        Ok(Self {
+            out: Some(out.clone().unbind()),
+            ..batch
         })
     }
 
@@ -73,6 +100,7 @@ impl Batch {
     pub fn trials(first: u64, trials: usize) -> Self {
         Self {
             shape: vec![trials],
+            out: None,
             first: Some(first),
             finite: None,
         }
@@ -100,7 +128,7 @@ impl Batch {
         }
     }
 
-    /// A new array, `core` for each trial, that `kernel` writes the whole of, one range
+    /// An array, `core` for each trial, that `kernel` writes the whole of, one range
     /// of trials after the other: on the chosen threads, the interpreter lock released,
     /// in pieces between which Ctrl-C is noticed. `cost` is of one trial, nanoseconds.
     pub fn fill<'py, O: Outcome + Send>(
@@ -112,7 +140,7 @@ impl Batch {
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let size: usize = core.iter().product();
         let total = self.len().saturating_mul(size);
-        if total <= FEW {
+        if total <= FEW && self.out.is_none() {
             // An array made of numbers costs half of one that is written to.
             let mut few = [0.0; FEW];
             self.pieces(py, size, cost, &mut few[..total], kernel)?;
@@ -122,7 +150,7 @@ impl Batch {
         }
         let out = self.array(py, core)?;
         {
-            let mut write = out.readwrite();
+            let mut write = writable(&out)?;
             self.pieces(py, size, cost, write.as_slice_mut()?, kernel)?;
         }
         Ok(out)
@@ -144,7 +172,7 @@ impl Batch {
         let size: usize = core.iter().product();
         let out = self.array(py, core)?;
         {
-            let mut write = out.readwrite();
+            let mut write = writable(&out)?;
             let all = write.as_slice_mut()?;
             for trial in 0..self.len() {
                 let kernel = kernel(trial);
@@ -198,13 +226,17 @@ impl Batch {
         shape
     }
 
-    /// A new array, `core` for each trial.
+    /// The array of the results, `core` for each trial: the caller's, or a new one.
     pub fn array<'py>(
         &self,
         py: Python<'py>,
         core: &[usize],
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-        array(py, &self.shape_of(core))
+        let shape = self.shape_of(core);
+        match &self.out {
+            Some(out) => callers(out.bind(py), &shape),
+            None => array(py, &shape),
+        }
     }
 
     /// The parts of records (..., size), in the order in which a kernel writes them, as
@@ -249,6 +281,56 @@ impl Outcome for PyResult<()> {
     fn result(self, _: impl Fn(usize) -> String) -> PyResult<()> {
         self
     }
+}
+
+/// The caller's array for results of this shape, refused where it cannot take them.
+fn callers<'py>(out: &Bound<'py, PyAny>, shape: &[usize]) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let wanted = format!(
+        "must be a numpy.ndarray of float64, shape {}, C-contiguous and writable",
+        shape_text(shape)
+    );
+    let Ok(given) = out.cast_exact::<PyUntypedArray>() else {
+        let kind = out.get_type().fully_qualified_name()?;
+        return Err(InputError::new_err(format!("out is a {kind}: {wanted}")));
+    };
+    if let Ok(array) = given.cast::<PyArrayDyn<f64>>()
+        && array.shape() == shape
+        && array.is_c_contiguous()
+        && (array.data() as usize).is_multiple_of(align_of::<f64>())
+        && is_writable(given)?
+    {
+        return Ok(array.clone());
+    }
+    let layout = if given.is_c_contiguous() {
+        "C-contiguous"
+    } else {
+        "not C-contiguous"
+    };
+    let kept = if is_writable(given)? {
+        ""
+    } else {
+        ", read-only"
+    };
+    let dtype = given.dtype();
+    let odd = if given.getattr("flags")?.getattr("aligned")?.is_truthy()? {
+        ""
+    } else {
+        ", at an address that is not aligned"
+    };
+    Err(InputError::new_err(format!(
+        "out is of {dtype}, shape {}, {layout}{kept}{odd}: {wanted}",
+        shape_text(given.shape())
+    )))
+}
+
+fn is_writable(array: &Bound<'_, PyUntypedArray>) -> PyResult<bool> {
+    array.getattr("flags")?.getattr("writeable")?.is_truthy()
+}
+
+/// The numbers of an array of results, to write to.
+pub fn writable<'py>(out: &Bound<'py, PyArrayDyn<f64>>) -> PyResult<PyReadwriteArrayDyn<'py, f64>> {
+    out.try_readwrite()
+        .map_err(|_| InputError::new_err("out is in use by another call: give each its own"))
 }
 
 /// A new array, not written to yet where it is large.

@@ -116,13 +116,14 @@ impl<'py> Given<'py> {
         })
     }
 
-    fn batch(&mut self) -> PyResult<Batch> {
-        Batch::of(&mut [
+    fn batch(&mut self, out: Option<&Bound<'py, PyAny>>) -> PyResult<Batch> {
+        let inputs = &mut [
             &mut self.sensors,
             &mut self.sigma,
             &mut self.biases,
             &mut self.positions,
-        ])
+        ];
+        Batch::into(inputs, out)
     }
 
     fn scene(&self) -> PyResult<Scene<'_>> {
@@ -139,10 +140,11 @@ impl<'py> Given<'py> {
         self.positions.core_shape()[0]
     }
 
-    /// A new array, `core` for each trial, that `kernel` fills.
+    /// An array, `core` for each trial, that `kernel` fills: `out`, or a new one.
     fn fill(
         mut self,
         py: Python<'py>,
+        out: Option<&Bound<'py, PyAny>>,
         core: &[usize],
         cost: impl Fn(&Scene<'_>) -> f64,
         mut kernel: impl FnMut(
@@ -152,7 +154,7 @@ impl<'py> Given<'py> {
         ) -> Result<(), (usize, gramian::registration::Error)>
         + Send,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-        let batch = self.batch()?;
+        let batch = self.batch(out)?;
         let scene = self.scene()?;
         batch.fill(py, core, cost(&scene), |range, threads, out| {
             kernel(scene.skip(range.start), threads, out)
@@ -170,6 +172,7 @@ fn fisher_cost(scene: &Scene<'_>) -> f64 {
 
 /// Rows (..., K (N-1) d, n).
 #[pyfunction]
+#[pyo3(signature = (positions, sensors, sigma, biases, extras, out=None))]
 fn registration_rows<'py>(
     py: Python<'py>,
     positions: &Bound<'py, PyAny>,
@@ -177,11 +180,12 @@ fn registration_rows<'py>(
     sigma: &Bound<'py, PyAny>,
     biases: &Bound<'py, PyAny>,
     extras: Extras,
+    out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let given = Given::new((positions, "positions", 2), sensors, sigma, biases, extras)?;
     let count = given.looks() * given.layout.sensors.saturating_sub(1) * given.layout.size();
     let core = [count, given.layout.states()];
-    given.fill(py, &core, rows_cost, batch::rows)
+    given.fill(py, out, &core, rows_cost, batch::rows)
 }
 
 /// How much of each column of the rows is rounding of coordinates (..., n).
@@ -196,11 +200,12 @@ fn registration_rounding<'py>(
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let given = Given::new((positions, "positions", 2), sensors, sigma, biases, extras)?;
     let n = given.layout.states();
-    given.fill(py, &[n], rows_cost, batch::rounding)
+    given.fill(py, None, &[n], rows_cost, batch::rounding)
 }
 
 /// Fisher information (..., n, n).
 #[pyfunction]
+#[pyo3(signature = (positions, sensors, sigma, biases, extras, out=None))]
 fn registration_fisher<'py>(
     py: Python<'py>,
     positions: &Bound<'py, PyAny>,
@@ -208,31 +213,34 @@ fn registration_fisher<'py>(
     sigma: &Bound<'py, PyAny>,
     biases: &Bound<'py, PyAny>,
     extras: Extras,
+    out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let given = Given::new((positions, "positions", 2), sensors, sigma, biases, extras)?;
     let n = given.layout.states();
-    given.fill(py, &[n, n], fisher_cost, |scene, threads, out| {
+    given.fill(py, out, &[n, n], fisher_cost, |scene, threads, out| {
         batch::fisher(scene, threads, Path::Best, out)
     })
 }
 
 /// eta (...) of whole tracks.
 #[pyfunction]
+#[pyo3(signature = (positions, sensors, sigma, biases, out=None))]
 fn registration_eta<'py>(
     py: Python<'py>,
     positions: &Bound<'py, PyAny>,
     sensors: &Bound<'py, PyAny>,
     sigma: &Bound<'py, PyAny>,
     biases: &Bound<'py, PyAny>,
+    out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let simple = (false, false, false);
     let given = Given::new((positions, "positions", 2), sensors, sigma, biases, simple)?;
-    given.fill(py, &[], rows_cost, batch::eta)
+    given.fill(py, out, &[], rows_cost, batch::eta)
 }
 
 /// eta (..., K) along tracks.
 #[pyfunction]
-#[pyo3(signature = (positions, sensors, sigma, biases, window))]
+#[pyo3(signature = (positions, sensors, sigma, biases, window, out=None))]
 fn registration_running_eta<'py>(
     py: Python<'py>,
     positions: &Bound<'py, PyAny>,
@@ -240,17 +248,19 @@ fn registration_running_eta<'py>(
     sigma: &Bound<'py, PyAny>,
     biases: &Bound<'py, PyAny>,
     window: Option<usize>,
+    out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let simple = (false, false, false);
     let given = Given::new((positions, "positions", 2), sensors, sigma, biases, simple)?;
     let core = [given.looks()];
-    given.fill(py, &core, rows_cost, |scene, threads, out| {
+    given.fill(py, out, &core, rows_cost, |scene, threads, out| {
         batch::running_eta(scene, window, threads, out)
     })
 }
 
 /// Degrees (..., pairs) between two instants of two sensors in the plane.
 #[pyfunction]
+#[pyo3(signature = (positions, sensors, sigma, instants, whitened, out=None))]
 fn registration_pair_degrees<'py>(
     py: Python<'py>,
     positions: &Bound<'py, PyAny>,
@@ -258,6 +268,7 @@ fn registration_pair_degrees<'py>(
     sigma: &Bound<'py, PyAny>,
     instants: Vec<(usize, usize)>,
     whitened: bool,
+    out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let simple = (false, false, false);
     let none = PyArray1::<f64>::zeros(py, 4, false);
@@ -277,7 +288,7 @@ fn registration_pair_degrees<'py>(
         Degree::Paper
     };
     let core = [instants.len()];
-    given.fill(py, &core, rows_cost, |scene, threads, out| {
+    given.fill(py, out, &core, rows_cost, |scene, threads, out| {
         batch::pair_degrees(scene, degree, &instants, threads, out)
     })
 }
@@ -294,7 +305,7 @@ fn registration_reports<'py>(
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let given = Given::new((positions, "positions", 2), sensors, sigma, biases, extras)?;
     let core = [given.looks(), given.layout.sensors, given.layout.size()];
-    given.fill(py, &core, rows_cost, batch::reports)
+    given.fill(py, None, &core, rows_cost, batch::reports)
 }
 
 /// Positions (..., K, N, d) where each sensor's reports put the target.
@@ -309,7 +320,7 @@ fn registration_places<'py>(
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let given = Given::new((reports, "reports", 3), sensors, sigma, biases, extras)?;
     let core = given.positions.core_shape().to_vec();
-    given.fill(py, &core, rows_cost, |scene, threads, out| {
+    given.fill(py, None, &core, rows_cost, |scene, threads, out| {
         let Scene {
             layout,
             sensors,

@@ -19,11 +19,12 @@ use crate::output::{self, Batch, expect_representable};
 use crate::run;
 
 #[pyfunction]
-#[pyo3(signature = (rows, weights))]
+#[pyo3(signature = (rows, weights, out=None))]
 fn gram<'py>(
     py: Python<'py>,
     rows: &Bound<'py, PyAny>,
     weights: Option<&Bound<'py, PyAny>>,
+    out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let mut rows = Input::unchecked(rows, "rows", 2)?;
     rows.expect_entries()?;
@@ -34,8 +35,8 @@ fn gram<'py>(
         weights.expect_nonnegative()?;
     }
     let batch = match &mut weights {
-        Some(weights) => Batch::of(&mut [&mut rows, weights])?,
-        None => Batch::of(&mut [&mut rows])?,
+        Some(weights) => Batch::into(&mut [&mut rows, weights], out)?,
+        None => Batch::into(&mut [&mut rows], out)?,
     };
     let items = rows.items()?;
     let weights = weights.as_ref().map(Input::items).transpose()?;
@@ -45,7 +46,7 @@ fn gram<'py>(
         // One trial takes long: its rows are added in pieces, in the same order.
         let out = batch.array(py, &[n, n])?;
         {
-            let mut write = out.readwrite();
+            let mut write = output::writable(&out)?;
             let squares = write.as_slice_mut()?.chunks_exact_mut(n * n);
             for (trial, square) in squares.enumerate() {
                 let rows = items.get(trial);
@@ -93,16 +94,17 @@ fn finite_gram<'py>(
 }
 
 #[pyfunction]
-#[pyo3(signature = (rows, rtol))]
+#[pyo3(signature = (rows, rtol, out=None))]
 fn crlb_std<'py>(
     py: Python<'py>,
     rows: &Bound<'py, PyAny>,
     rtol: Option<f64>,
+    out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let mut rows = Input::new(rows, "rows", 2)?;
     rows.expect_entries()?;
     let (count, n) = (rows.core_shape()[0], rows.core_shape()[1]);
-    let batch = Batch::of(&mut [&mut rows])?;
+    let batch = Batch::into(&mut [&mut rows], out)?;
     let rows = rows.items()?;
     let cost = (count * n * n + 100 * n * n * n) as f64;
     if dense::is_large(n) {

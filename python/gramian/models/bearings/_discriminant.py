@@ -33,7 +33,9 @@ Form = Literal["15", "5", "13"]
 Method = Literal["direct", "factored", "qr"]
 
 
-def discriminant(times: ArrayLike, bearings: ArrayLike, form: Form = "15") -> Array:
+def discriminant(
+    times: ArrayLike, bearings: ArrayLike, form: Form = "15", *, out: Array | None = None
+) -> Array:
     """Return the discriminant D of four bearings.
 
     Parameters
@@ -45,6 +47,9 @@ def discriminant(times: ArrayLike, bearings: ArrayLike, form: Form = "15") -> Ar
     form : {"15", "5", "13"}
         The equation of the source: two products of two sines (the least rounding),
         three products of three, or cotangents.
+    out : ndarray, shape of the result, optional
+        Where the result is written: float64, C-contiguous, writable; it is returned. It may
+        share memory with an argument. Without it a new array is made.
 
     Returns
     -------
@@ -73,7 +78,8 @@ def discriminant(times: ArrayLike, bearings: ArrayLike, form: Form = "15") -> Ar
     >>> abs(discriminant(t, straight)) < 1e-15, round(float(discriminant(t, turned)), 6)
     (np.True_, -0.282843)
     """
-    return _core.bearing_discriminant(times, bearings, options.choice(form, "form", get_args(Form)))
+    which = options.choice(form, "form", get_args(Form))
+    return _core.bearing_discriminant(times, bearings, which, out)
 
 
 def discriminant_sum(
@@ -83,6 +89,7 @@ def discriminant_sum(
     method: Method = "direct",
     *,
     order: Literal[0, 1] = 1,
+    out: Array | None = None,
 ) -> Array:
     """Return the determinant of the Gram matrix as a sum of squared discriminants.
 
@@ -102,6 +109,9 @@ def discriminant_sum(
         1: a target at constant velocity, four states. 0: a target that does not
         move, two states; then sin^2(b_j - b_i) is summed over pairs ("factored" and
         "qr" are the same there).
+    out : ndarray, shape of the result, optional
+        Where the result is written: float64, C-contiguous, writable; it is returned. It may
+        share memory with an argument. Without it a new array is made.
 
     Returns
     -------
@@ -149,7 +159,7 @@ def discriminant_sum(
     if options.choice(order, "order", (0, 1)) not in (0, 1):
         raise InputError(f"order = {order}: must be 0, a fixed target, or 1, constant velocity")
     how = options.choice(method, "method", get_args(Method))
-    return _core.bearing_discriminant_sum(times, bearings, weights, how, order)
+    return _core.bearing_discriminant_sum(times, bearings, weights, how, order, out)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -204,7 +214,13 @@ def best_quadruple(times: ArrayLike, bearings: ArrayLike) -> Quadruple:
     return Quadruple(found["indices"].astype(np.int64), found["value"])
 
 
-def gram(times: ArrayLike, bearings: ArrayLike, weights: ArrayLike | None = None) -> Array:
+def gram(
+    times: ArrayLike,
+    bearings: ArrayLike,
+    weights: ArrayLike | None = None,
+    *,
+    out: Array | None = None,
+) -> Array:
     """Return Gram matrices sum w H^T H of bearings, H = [cos b, -sin b, T cos b, -T sin b].
 
     Parameters
@@ -215,6 +231,9 @@ def gram(times: ArrayLike, bearings: ArrayLike, weights: ArrayLike | None = None
         Radians.
     weights : array_like, shape (..., m), optional
         >= 0; 1 / (sigma range)^2 makes it the Fisher information.
+    out : ndarray, shape of the result, optional
+        Where the result is written: float64, C-contiguous, writable; it is returned. It may
+        share memory with an argument. Without it a new array is made.
 
     Returns
     -------
@@ -240,11 +259,15 @@ def gram(times: ArrayLike, bearings: ArrayLike, weights: ArrayLike | None = None
     array([[ 0., -0.],
            [-0.,  1.]])
     """
-    return gram_det(times, bearings, weights)[0]
+    return _core.bearing_gram(times, bearings, weights, out)
 
 
 def gram_det(
-    times: ArrayLike, bearings: ArrayLike, weights: ArrayLike | None = None
+    times: ArrayLike,
+    bearings: ArrayLike,
+    weights: ArrayLike | None = None,
+    *,
+    out: Array | None = None,
 ) -> tuple[Array, Array]:
     """Return Gram matrices and their determinants in one pass.
 
@@ -252,6 +275,9 @@ def gram_det(
     ----------
     times, bearings, weights
         As for `gram`.
+    out : ndarray, shape (..., 17), optional
+        Where the results are written, float64, C-contiguous, writable: they are views of
+        it. It may share memory with an argument. Without it a new array is made.
 
     Returns
     -------
@@ -278,7 +304,7 @@ def gram_det(
     >>> matrix.shape, round(float(det), 9)
     ((4, 4), 0.99700439)
     """
-    both = _core.bearing_gram(times, bearings, weights)
+    both = _core.bearing_gram_and_det(times, bearings, weights, out)
     return both["gram"], both["det"]
 
 

@@ -82,6 +82,7 @@ def rows(
     observer_index: ArrayLike | None = None,
     sigma_elevation: ArrayLike | None = None,
     detection: ArrayLike | None = None,
+    out: Array | None = None,
 ) -> Array:
     """Return whitened rows of bearings of a moving target.
 
@@ -113,6 +114,9 @@ def rows(
         Probability, 0 to 1, that each bearing is obtained at all. Its
         information counts by that part: what is expected of a run in which
         bearings are missed at random.
+    out : ndarray, shape of the result, optional
+        Where the result is written: float64, C-contiguous, writable; it is returned. It may
+        share memory with an argument. Without it a new array is made. Not with `detection`.
 
     Returns
     -------
@@ -151,9 +155,11 @@ def rows(
     order, is_state = _target_kind(place, dimensions, order)
     if dimensions == 2 and sigma_elevation is not None:
         raise InputError("sigma_elevation was given for an observer in the plane: (..., m, 3)")
+    if detection is not None and out is not None:
+        raise InputError("out goes without detection, whose roots the rows are multiplied by after")
     check_index(times, observer_index)
     if dimensions == 2 and order == 1 and observer_index is None:
-        result = _core.bearing_rows(times, path, place, sigma, is_state)
+        result = _core.bearing_rows(times, path, place, sigma, is_state, out)
     else:
         noise = np.atleast_1d(as_float_array(sigma, "sigma [rad]"))
         if dimensions == 3:
@@ -170,7 +176,7 @@ def rows(
             parts = [np.broadcast_to(s, (*lead, s.shape[-1])) for s in (noise, up)]
             noise = np.concatenate(parts, axis=-1)
         result = _core.bearing_motion_rows(
-            times, path, place, noise, dimensions, order, is_state, observer_index is not None
+            times, path, place, noise, dimensions, order, is_state, observer_index is not None, out
         )
     result = require_finite(result, "a row")
     if detection is None:

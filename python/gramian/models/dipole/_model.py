@@ -57,7 +57,7 @@ class Pass(NamedTuple):
     m: Array
 
 
-def field(position: ArrayLike, moment: ArrayLike) -> Array:
+def field(position: ArrayLike, moment: ArrayLike, *, out: Array | None = None) -> Array:
     """Return the field of a dipole at a sensor.
 
     Parameters
@@ -66,6 +66,9 @@ def field(position: ArrayLike, moment: ArrayLike) -> Array:
         Of the dipole from the sensor, metres.
     moment : array_like, shape (..., 3)
         A m^2.
+    out : ndarray, shape of the result, optional
+        Where the result is written: float64, C-contiguous, writable; it is returned. It may
+        share memory with an argument. Without it a new array is made.
 
     Returns
     -------
@@ -86,16 +89,19 @@ def field(position: ArrayLike, moment: ArrayLike) -> Array:
     >>> field([2.0, 0.0, 0.0], [4.0, 0.0, 0.0])
     array([1.e-07, 0.e+00, 0.e+00])
     """
-    return _core.dipole_field(position, moment)
+    return _core.dipole_field(position, moment, out)
 
 
-def jacobian(position: ArrayLike, moment: ArrayLike) -> Jacobian:
+def jacobian(position: ArrayLike, moment: ArrayLike, *, out: Array | None = None) -> Jacobian:
     """Return the derivatives of `field` by position and by moment.
 
     Parameters
     ----------
     position, moment : array_like, shape (..., 3)
         As for `field`.
+    out : ndarray, shape (..., 2, 3, 3), optional
+        Where the results are written, float64, C-contiguous, writable: they are views of
+        it. It may share memory with an argument. Without it a new array is made.
 
     Returns
     -------
@@ -113,7 +119,7 @@ def jacobian(position: ArrayLike, moment: ArrayLike) -> Jacobian:
     >>> bool(np.allclose(j.position @ [1.0, -2.0, 0.5], -3 * field([1.0, -2.0, 0.5], [3, 1, 2])))
     True
     """
-    both = require_finite(_core.dipole_jacobian(position, moment), "the Jacobian")
+    both = require_finite(_core.dipole_jacobian(position, moment, out), "the Jacobian")
     return Jacobian(both[..., 0, :, :], both[..., 1, :, :])
 
 
@@ -182,6 +188,7 @@ def rows(
     sensors: ArrayLike | None = None,
     ambient: ArrayLike | None = None,
     baselines: ArrayLike | None = None,
+    out: Array | None = None,
 ) -> Array:
     """Return whitened rows of the field of a dipole at constant velocity.
 
@@ -207,6 +214,9 @@ def rows(
     baselines : array_like, shape (3,) or (S, 3), optional
         From each sensor to its second head, metres. With it the sensors are gradiometers:
         they measure the difference, that of the second head less that of the first, tesla.
+    out : ndarray, shape of the result, optional
+        Where the result is written: float64, C-contiguous, writable; it is returned. It may
+        share memory with an argument. Without it a new array is made.
 
     Returns
     -------
@@ -240,7 +250,7 @@ def rows(
     count = as_float_array(places, "sensors").shape[-2:-1]
     shape = (*samples, *count, 3 if ambient is None else 1)
     return require_finite(
-        _core.dipole_rows(times, r0, v, m, _levels(sigma, shape), places, kind), "a row"
+        _core.dipole_rows(times, r0, v, m, _levels(sigma, shape), places, kind, out), "a row"
     )
 
 
@@ -253,6 +263,7 @@ def measure(
     sensors: ArrayLike | None = None,
     ambient: ArrayLike | None = None,
     baselines: ArrayLike | None = None,
+    out: Array | None = None,
 ) -> Array:
     """Return what sensors measure of a dipole at constant velocity, without noise.
 
@@ -260,6 +271,9 @@ def measure(
     ----------
     r0, v, m, times, sensors, ambient, baselines
         As for `rows`.
+    out : ndarray, shape of the result, optional
+        Where the result is written: float64, C-contiguous, writable; it is returned. It may
+        share memory with an argument. Without it a new array is made.
 
     Returns
     -------
@@ -273,11 +287,9 @@ def measure(
     (21, 3)
     """
     kind = _kind(sensors, baselines, ambient)
-    out = _core.dipole_measure(times, r0, v, m, _sensors(sensors), kind)
-    out = require_finite(out, "the field")
-    if sensors is None:
-        out = out[..., 0, :]
-    return out if ambient is None else out[..., 0]
+    one = sensors is None
+    found = _core.dipole_measure(times, r0, v, m, _sensors(sensors), kind, one, out)
+    return require_finite(found, "the field")
 
 
 def simulate(
@@ -336,6 +348,7 @@ def fisher(
     sigma: ArrayLike,
     *,
     sensors: ArrayLike | None = None,
+    out: Array | None = None,
 ) -> Array:
     """Return the Fisher information of (r0, v, m) from three-component sensors.
 
@@ -345,6 +358,9 @@ def fisher(
         As for `rows`; leading axes broadcast.
     sigma : array_like, shape () or (..., K)
         Standard deviation of each component, tesla, > 0.
+    out : ndarray, shape of the result, optional
+        Where the result is written: float64, C-contiguous, writable; it is returned. It may
+        share memory with an argument. Without it a new array is made.
 
     Returns
     -------
@@ -370,7 +386,7 @@ def fisher(
     216.076908
     """
     return require_finite(
-        _core.dipole_fisher(times, r0, v, m, _at_least_1d(sigma), _sensors(sensors)),
+        _core.dipole_fisher(times, r0, v, m, _at_least_1d(sigma), _sensors(sensors), out),
         "the information",
     )
 

@@ -20,7 +20,12 @@ Array = NDArray[np.float64]
 
 
 def fisher(
-    path: ArrayLike, target: ArrayLike, sigma: ArrayLike, times: ArrayLike | None = None
+    path: ArrayLike,
+    target: ArrayLike,
+    sigma: ArrayLike,
+    times: ArrayLike | None = None,
+    *,
+    out: Array | None = None,
 ) -> Array:
     """Return the Fisher information of bearings of a target along a path.
 
@@ -35,6 +40,9 @@ def fisher(
         Standard deviation of the bearings, radians, > 0.
     times : array_like, shape (..., m), optional
         Increasing, seconds.
+    out : ndarray, shape of the result, optional
+        Where the result is written: float64, C-contiguous, writable; it is returned. It may
+        share memory with an argument. Without it a new array is made.
 
     Returns
     -------
@@ -59,7 +67,7 @@ def fisher(
     array([[0.0125, 0.0025],
            [0.0025, 0.0025]])
     """
-    return _core.maneuver_fisher(*_arguments(path, target, sigma, times))
+    return _core.maneuver_fisher(*_arguments(path, target, sigma, times), out)
 
 
 def fisher_det(
@@ -69,6 +77,7 @@ def fisher_det(
     times: ArrayLike | None = None,
     *,
     method: Literal["root", "pairs"] = "root",
+    out: Array | None = None,
 ) -> Array:
     """Return the determinant of `fisher`, without the loss of forming it.
 
@@ -79,6 +88,9 @@ def fisher_det(
     method : {"root", "pairs"}
         From the triangular factor of the rows, O(m); or the sum over pairs of
         sin^2(b_i - b_j) / (sigma_i sigma_j r_i r_j)^2, O(m^2), for a fixed target.
+    out : ndarray, shape of the result, optional
+        Where the result is written: float64, C-contiguous, writable; it is returned. It may
+        share memory with an argument. Without it a new array is made.
 
     Returns
     -------
@@ -102,13 +114,18 @@ def fisher_det(
     arguments = _arguments(path, target, sigma, times)
     if method == "pairs" and arguments[1].shape[-1] == 4:
         raise InputError('method = "pairs" is for a fixed target: a moving one has four states')
-    return require_finite(
-        _core.maneuver_fisher_det(*arguments, method == "pairs"), "the determinant"
-    )[()]
+    found = _core.maneuver_fisher_det(*arguments, method == "pairs", out)
+    found = require_finite(found, "the determinant")
+    return found if out is not None else found[()]
 
 
 def fisher_and_det(
-    path: ArrayLike, target: ArrayLike, sigma: ArrayLike, times: ArrayLike | None = None
+    path: ArrayLike,
+    target: ArrayLike,
+    sigma: ArrayLike,
+    times: ArrayLike | None = None,
+    *,
+    out: Array | None = None,
 ) -> tuple[Array, Array]:
     """Return the Fisher information and the determinant of that matrix, in one pass.
 
@@ -118,6 +135,9 @@ def fisher_and_det(
     ----------
     path, target, sigma, times
         As for `fisher`.
+    out : ndarray, shape (..., 5) or (..., 17), optional
+        Where the results are written, float64, C-contiguous, writable: they are views of
+        it. It may share memory with an argument. Without it a new array is made.
 
     Returns
     -------
@@ -141,7 +161,7 @@ def fisher_and_det(
     >>> matrix.shape, round(float(det), 9)
     ((2, 2), 2.5e-05)
     """
-    both = _core.maneuver_fisher_and_det(*_arguments(path, target, sigma, times))
+    both = _core.maneuver_fisher_and_det(*_arguments(path, target, sigma, times), out)
     return both["fisher"], both["det"]
 
 

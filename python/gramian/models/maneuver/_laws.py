@@ -32,6 +32,8 @@ def heading(
     step: ArrayLike,
     law: Law = "max_det",
     side: ArrayLike = 1,
+    *,
+    out: Array | None = None,
 ) -> Array:
     """Return the heading of the next leg that a law gives.
 
@@ -51,6 +53,9 @@ def heading(
         1 to turn right of the line of sight (clockwise), -1 to turn left. Over two
         legs keeping the side is better than changing it; over more it need not be
         (see `trajectory`).
+    out : ndarray, shape of the result, optional
+        Where the result is written: float64, C-contiguous, writable; it is returned. It may
+        share memory with an argument. Without it a new array is made.
 
     Returns
     -------
@@ -94,7 +99,8 @@ def heading(
     """
     if not isinstance(law, str):
         options.choice(law, "law", LAWS)
-    return _core.maneuver_heading(bearing, range_, step, law, side)[()]
+    found = _core.maneuver_heading(bearing, range_, step, law, side, out)
+    return found if out is not None else found[()]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -30,6 +30,7 @@ def degree(
     smoothing: int | None = None,
     biases: ArrayLike | Mapping[str, float] | None = None,
     times: ArrayLike | None = None,
+    out: Array | None = None,
 ) -> Array:
     """Return how well the biases can be determined, along a track or between instants.
 
@@ -58,6 +59,9 @@ def degree(
         Taken off reports before they become positions.
     times : array_like, shape (K,), optional
         Of the looks, seconds, for platforms that move.
+    out : ndarray, shape of the result, optional
+        Where the result is written: float64, C-contiguous, writable; it is returned. It may
+        share memory with an argument. Without it a new array is made.
 
     Returns
     -------
@@ -99,7 +103,7 @@ def degree(
         if instants is not None:
             raise InputError('instants go with method "pair" or "paper": eta is of all looks')
         none = np.zeros(known.n)
-        return _core.registration_running_eta(places, known.places, known.sigma, none, window)
+        return _core.registration_running_eta(places, known.places, known.sigma, none, window, out)
     _two_in_the_plane(known, f"method {method!r}")
     looks = places.shape[-2] if places.ndim >= 2 else 0
     if instants is None:
@@ -112,7 +116,7 @@ def degree(
             if not (0 <= i < looks and 0 <= j < looks):
                 raise InputError(f"instants[{place}] = ({i}, {j}): must be from 0 to {looks - 1}")
     return _core.registration_pair_degrees(
-        places, known.places, known.sigma, chosen, method == "pair"
+        places, known.places, known.sigma, chosen, method == "pair", out
     )
 
 
@@ -137,6 +141,7 @@ def eta(
     sigma: ArrayLike,
     *,
     times: ArrayLike | None = None,
+    out: Array | None = None,
 ) -> Array:
     """Return the degree eta of whole sets of looks, one number for each.
 
@@ -144,6 +149,9 @@ def eta(
     ----------
     positions, sensors, sigma, times
         As for `rows`; leading axes are sets.
+    out : ndarray, shape of the result, optional
+        Where the result is written: float64, C-contiguous, writable; it is returned. It may
+        share memory with an argument. Without it a new array is made.
 
     Returns
     -------
@@ -157,7 +165,7 @@ def eta(
     """
     known = stage(positions, sensors, sigma, times=times)
     return _core.registration_eta(
-        targets(known, positions, None), known.places, known.sigma, np.zeros(known.n)
+        targets(known, positions, None), known.places, known.sigma, np.zeros(known.n), out
     )
 
 

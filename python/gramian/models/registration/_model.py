@@ -24,6 +24,7 @@ def rows(
     extras: Sequence[Extra] = (),
     biases: ArrayLike | Mapping[str, float] | None = None,
     times: ArrayLike | None = None,
+    out: Array | None = None,
 ) -> Array:
     """Return whitened rows on the biases alone, the targets' positions unknown.
 
@@ -48,6 +49,9 @@ def rows(
         reports, and for gain, tilts and position errors that are not small.
     times : array_like, shape (K,), optional
         Of the looks, seconds: what platforms that move need, unless `Reports` have them.
+    out : ndarray, shape of the result, optional
+        Where the result is written: float64, C-contiguous, writable; it is returned. It may
+        share memory with an argument. Without it a new array is made.
 
     Returns
     -------
@@ -82,7 +86,7 @@ def rows(
     about = known.biases(biases)
     return require_finite(
         _core.registration_rows(
-            targets(known, positions, about), known.places, known.sigma, about, known.flags
+            targets(known, positions, about), known.places, known.sigma, about, known.flags, out
         ),
         "a row",
     )
@@ -165,6 +169,7 @@ def fisher(
     extras: Sequence[Extra] = (),
     biases: ArrayLike | Mapping[str, float] | None = None,
     times: ArrayLike | None = None,
+    out: Array | None = None,
 ) -> Array:
     """Return the Fisher information on the biases, the targets' positions unknown.
 
@@ -172,6 +177,9 @@ def fisher(
     ----------
     positions, sensors, sigma, extras, biases, times
         As for `rows`.
+    out : ndarray, shape of the result, optional
+        Where the result is written: float64, C-contiguous, writable; it is returned. It may
+        share memory with an argument. Without it a new array is made.
 
     Returns
     -------
@@ -195,7 +203,7 @@ def fisher(
     known = stage(positions, sensors, sigma, extras, times=times)
     about = known.biases(biases)
     return _core.registration_fisher(
-        targets(known, positions, about), known.places, known.sigma, about, known.flags
+        targets(known, positions, about), known.places, known.sigma, about, known.flags, out
     )
 
 

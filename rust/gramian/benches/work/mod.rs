@@ -236,6 +236,7 @@ fn bearing_gram() -> Work {
             Items::shared(&times),
             Items::each(&bearings, 100),
             None,
+            true,
             Threads::One,
             Path::Best,
             &mut out,

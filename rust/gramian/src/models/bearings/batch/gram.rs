@@ -13,7 +13,8 @@ use crate::batch::simd::{Path, sin_cos, sin_products};
 use crate::batch::{Items, Threads};
 
 /// Gram matrices (trials, 4, 4) of unit rows at the first time, each row
-/// weighted if weights are given, and (if `det` is not empty) their determinants.
+/// weighted if weights are given, and with `determinant` the determinant of each after it:
+/// [`GRAM_SIZE`] numbers a trial.
 ///
 /// Half the digits are lost in the sums, and with them small determinants: see
 /// [`discriminant_sum`](crate::bearings::batch::discriminant_sum) for all of them.
@@ -21,6 +22,7 @@ pub fn bearing_gram(
     times: Items<'_>,
     bearings: Items<'_>,
     weights: Option<Items<'_>>,
+    determinant: bool,
     threads: Threads,
     path: Path,
     out: &mut [f64],
@@ -28,24 +30,30 @@ pub fn bearing_gram(
     let m = times.get(0).len();
     let shared = times.is_shared() && weights.is_none_or(|w| w.is_shared());
     let common = shared.then(|| moments(times.get(0), weights.map(|w| w.get(0))));
-    let trials = out.len() / GRAM_SIZE;
+    let size = if determinant {
+        GRAM_SIZE
+    } else {
+        GRAM_SIZE - 1
+    };
+    let trials = out.len() / size;
     let group = |first: usize, out: &mut [f64]| {
         path.run(Kernel {
             times: times.skip(first),
             bearings: bearings.skip(first),
             weights: weights.map(|w| w.skip(first)),
             common,
+            size,
             out,
         });
     };
     // In groups, since what follows the sums takes a vector of trials at once.
-    let (whole, rest) = out.split_at_mut(trials / GROUP * GROUP * GRAM_SIZE);
+    let (whole, rest) = out.split_at_mut(trials / GROUP * GROUP * size);
     let each = |index: usize, out: &mut [f64]| -> Result<(), Infallible> {
         group(index * GROUP, out);
         Ok(())
     };
     let cost = GROUP as f64 * (15.0 + 1.5 * m as f64);
-    let Ok(()) = threads.over(whole, GROUP * GRAM_SIZE, cost, each);
+    let Ok(()) = threads.over(whole, GROUP * size, cost, each);
     group(trials / GROUP * GROUP, rest);
 }
 
@@ -73,6 +81,7 @@ struct Kernel<'a> {
     bearings: Items<'a>,
     weights: Option<Items<'a>>,
     common: Option<[f64; 3]>,
+    size: usize,
     out: &'a mut [f64],
 }
 
@@ -92,7 +101,7 @@ impl pulp::WithSimd for Kernel<'_> {
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, simd: S) {
         let mut group = Group::default();
-        let count = self.out.len() / GRAM_SIZE;
+        let count = self.out.len() / self.size;
         for trial in 0..count {
             let (times, bearings) = (self.times.get(trial), self.bearings.get(trial));
             let middle = bearings.len() / 2;
@@ -125,7 +134,7 @@ impl pulp::WithSimd for Kernel<'_> {
         }
         let mut numbers = [[0.0; GROUP]; GRAM_SIZE];
         finish(&group, &sin, &cos, &mut numbers);
-        for (trial, out) in self.out.chunks_exact_mut(GRAM_SIZE).enumerate() {
+        for (trial, out) in self.out.chunks_exact_mut(self.size).enumerate() {
             for (out, number) in out.iter_mut().zip(&numbers) {
                 *out = number[trial];
             }
@@ -317,10 +326,22 @@ mod tests {
                         Items::shared(&times),
                         Items::each(&bearings, times.len()),
                         weights.map(Items::shared),
+                        true,
                         Threads::One,
                         path,
                         &mut out,
                     );
+                    let mut matrix = vec![0.0; 16];
+                    bearing_gram(
+                        Items::shared(&times),
+                        Items::each(&bearings, times.len()),
+                        weights.map(Items::shared),
+                        false,
+                        Threads::One,
+                        path,
+                        &mut matrix,
+                    );
+                    assert_eq!(matrix, out[..16]);
                     for a in 0..4 {
                         for b in 0..4 {
                             let size = (wanted[a][a] * wanted[b][b]).sqrt();

@@ -44,6 +44,7 @@ pub fn bearing_log_det_trials(
             Items::shared(times),
             Items::each(noisy, m),
             None,
+            true,
             Threads::One,
             path,
             grams,
