@@ -142,12 +142,8 @@ class Localization(Estimate):
     def fit(self) -> Fit:
         """How well the model fits, and what would explain that it does not."""
         found = super().fit
-        # What is missing, not used or a spike is no measurement.
-        dof = found.dof - int((self.weights == 0).sum())
-        p_value = np.nan
-        if self.sigma_given and dof > 0:
-            p_value = float(_core.chi_square_survival(found.chi2, dof))
-        return replace(found, dof=max(dof, 0), p_value=p_value)
+        # Where the noise was estimated from the residuals they tell nothing of it.
+        return found if self.sigma_given else replace(found, p_value=np.nan)
 
     def _rise(self, level: float, dof: int) -> float:
         rise, freedom = super()._rise(level, dof), float(self.fit.dof)

@@ -239,10 +239,15 @@ impl Fit {
         dot(&self.residuals, &self.residuals)
     }
 
-    /// Measurements and priors less the rank of the model.
+    /// Measurements and priors less the rank of the model. A number that was not measured, of
+    /// weight zero, has neither a residual nor a row, and is not counted.
     pub fn dof(&self) -> usize {
         let rank = self.basis.iter().filter(|b| norm(b) > 0.5).count();
-        self.residuals.len().saturating_sub(rank)
+        let n = self.basis.len();
+        let row = |i: usize| &self.rows[i * n..][..n];
+        let measured = |i: &usize| self.residuals[*i] != 0.0 || row(*i).iter().any(|&c| c != 0.0);
+        let count = (0..self.residuals.len()).filter(measured).count();
+        count.saturating_sub(rank)
     }
 
     /// Probability of a larger chi2 if the model is true; NaN without degrees of freedom.

@@ -8,7 +8,9 @@
 //! sections 18.1 and 18.3), under the merit function chi2 + sum mu |g - value|, where a
 //! second-order correction keeps long steps along a curved surface (Maratos 1978). What a
 //! model knows exactly is held in the same way. A robust loss reweights the residuals
-//! (Holland & Welsch 1977).
+//! (Holland & Welsch 1977). A damped step from afar is shortened or lengthened by the
+//! curvature of the model along it: that of Halley's method, which is exact where the model
+//! is a quotient of linear functions along the step, as bearings are along the range.
 
 use alloc::vec;
 use alloc::vec::Vec;
@@ -123,6 +125,13 @@ pub struct Solution {
 /// A rise of chi2 that tells two states apart: about the 95 % point with one degree of freedom.
 const TELLS: f64 = 4.0;
 
+/// What part of a step tells how the model curves along it.
+const AHEAD: f64 = 0.1;
+/// How much longer the curvature can make a step.
+const LONGER: f64 = 2.0;
+/// By how much damping rises after a step from afar that did not pay, and after another one.
+const HARDER: (f64, f64) = (4.0, 8.0);
+
 /// An exact number is met where so much of its deviation is left, itself next to nothing.
 const EXACT: f64 = 1e-6;
 
@@ -205,6 +214,9 @@ struct Work<'a, M: ?Sized> {
     /// The squares of what is missing at the exact numbers.
     off: f64,
     scale: Vec<f64>,
+    /// From afar: the residuals and rows where a step begins, and the residuals ahead.
+    here: (Vec<f64>, Vec<f64>),
+    ahead: Vec<f64>,
 }
 
 /// Rows and residuals of one linearisation, as small as they can be made.
@@ -247,6 +259,8 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
             gradients: vec![0.0; held * n],
             off: 0.0,
             scale: vec![0.0; n],
+            here: (Vec::new(), Vec::new()),
+            ahead: vec![0.0; m],
         }
     }
 
@@ -439,6 +453,43 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
         (basis, active, lower)
     }
 
+    /// How many times a damped step from `x`, of scaled states, is best taken. The residuals
+    /// after t times the step are r - t a - t^2 b up to the third order: without b the best t
+    /// is 1, with it 1 / (1 + (a . b) / (a . a)), where damping is part of a . a.
+    ///
+    /// # Source
+    /// Halley's method along a line; the second order of least squares along a step is that of
+    /// Transtrum & Sethna 2012, Improvements to the Levenberg-Marquardt algorithm, section 2.3.
+    fn reach(&mut self, x: &[f64], step: &[f64], damping: f64) -> f64 {
+        let n = x.len();
+        let step: Vec<f64> = step.iter().zip(&self.scale).map(|(s, c)| s * c).collect();
+        let mut place: Vec<f64> = x.iter().zip(&step).map(|(x, s)| x + AHEAD * s).collect();
+        self.model.retract(&mut place);
+        if self.model.linearize(&place, &mut self.ahead, None).is_err() {
+            return 1.0;
+        }
+        let scaled: f64 = step
+            .iter()
+            .zip(&self.scale)
+            .map(|(s, c)| (s / c).powi(2))
+            .sum();
+        let (mut square, mut product) = (damping * scaled, 0.0);
+        let lines = self.here.0.iter().zip(self.here.1.chunks_exact(n));
+        for (i, ((here, row), ahead)) in lines.zip(&self.ahead).enumerate() {
+            let weight = self.loss(i).at(*here).1;
+            let slope = dot(row, &step);
+            let curvature = (here - ahead) / (AHEAD * AHEAD) - slope / AHEAD;
+            square += weight * slope * slope;
+            product += weight * slope * curvature;
+        }
+        let share = product / square;
+        if share.is_finite() {
+            1.0 / (1.0 + share.max(1.0 / LONGER - 1.0))
+        } else {
+            1.0
+        }
+    }
+
     #[allow(clippy::too_many_lines)] // One loop, whose parts share all they have.
     fn descend(&mut self, start: &[f64], enough: &mut Enough<'_>) -> Solution {
         let (n, held) = (start.len(), self.hold.len());
@@ -460,6 +511,7 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
             return found;
         }
         let mut damping = self.options.damping;
+        let afar = damping > 0.0 && self.missing.is_empty();
         let mut penalty = vec![0.0_f64; self.missing.len()];
         let mut least: Option<Vec<f64>> = None;
         let mut next = vec![0.0; n];
@@ -564,6 +616,10 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
             };
             let old = merit(chi2, &missing);
             let asked = damping;
+            if afar {
+                self.here.0.clone_from(&self.residuals);
+                self.here.1.clone_from(&self.rows);
+            }
             let mut shrink = 1.0;
             let taken = loop {
                 if found.iterations >= self.options.max_iterations {
@@ -578,8 +634,13 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
                     (_, false) => shrink,
                 };
                 let mut tail = damped(&small, free, damping);
+                let curved = if afar && damping > 0.0 {
+                    self.reach(&x, &tail, damping)
+                } else {
+                    1.0
+                };
                 for t in &mut tail {
-                    *t *= factor;
+                    *t *= factor * curved;
                 }
                 let mut y = vec![0.0; n];
                 if k == 0 {
@@ -641,7 +702,8 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
                     continue;
                 }
                 if k == 0 || shrink < 1e-3 {
-                    damping = (damping * 8.0).max(1e-4);
+                    let harder = if afar { HARDER.0 } else { HARDER.1 };
+                    damping = (damping * harder).max(1e-4);
                 }
                 relax = 1.0;
                 last.fill(0.0);

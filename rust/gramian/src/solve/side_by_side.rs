@@ -2,7 +2,8 @@
 //! own start, by the rules of [`gauss_newton`](super::gauss_newton).
 //!
 //! # Algorithm
-//! Levenberg-Marquardt with the damping in units of the columns (Moré 1978). Rows are
+//! Levenberg-Marquardt with the damping in units of the columns (Moré 1978), changed by how
+//! much of the decrease that the rows foretell each step brings (Nielsen 1999). Rows are
 //! taken in pieces and reduced by Householder reflections into the triangular factor as
 //! they come, so that the information is never formed and a piece stays in the cache. A
 //! lane whose steps have come to rest takes the next problem. No lane depends on another:
@@ -296,9 +297,21 @@ struct Place {
     data: f64,
     /// Square of the undamped step, in deviations.
     decrease: f64,
+    /// By how much the damped step lowers the loss, by the rows.
+    foretold: f64,
     damping: f64,
+    /// By how much damping rises where the step is refused.
+    rise: f64,
     iterations: u32,
 }
+
+/// By how much damping rises after the first of the steps that are refused one after the other;
+/// twice as much after each further one.
+const RISE: f64 = 4.0;
+/// By how much it falls at most.
+const FALL: f64 = 0.1;
+/// The least damping after a refused step: of one longer than a deviation, and near the minimum.
+const LEAST: (f64, f64) = (0.03, 1e-4);
 
 /// What follows a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -333,14 +346,22 @@ impl Place {
             if self.decrease < 1e-7 && gain.abs() < 1e-9 * (1.0 + trial) && self.damping < 1e-3 {
                 return Verdict::Rest(true);
             }
-            self.damping = if self.damping < 1e-7 {
-                0.0
-            } else {
-                self.damping * 0.1
-            };
+            // What is no number changes nothing.
+            let share = (gain / self.foretold).clamp(0.0, 1.0);
+            self.damping *= (1.0 - (2.0 * share - 1.0).powi(3)).max(FALL);
+            if self.damping < 1e-7 {
+                self.damping = 0.0;
+            }
+            self.rise = RISE;
             return Verdict::Taken;
         }
-        self.damping = (self.damping * 10.0).max(1e-4);
+        let least = if self.decrease > 1.0 {
+            LEAST.0
+        } else {
+            LEAST.1
+        };
+        self.damping = (self.damping * self.rise).max(least);
+        self.rise *= 2.0;
         // Where the rows have a jump, as when a turn meets a sample, the loss has a kink:
         // at rest where a step that small would gain nothing.
         if self.decrease < 1e-5 * (1.0 + self.damping) {
@@ -459,7 +480,10 @@ impl Work {
         waiting: &mut usize,
     ) {
         let place = &mut self.places[lane];
-        *place = Place::default();
+        *place = Place {
+            rise: RISE,
+            ..Place::default()
+        };
         let Some(&(problem, start)) = jobs.get(*waiting) else {
             return;
         };
@@ -539,6 +563,22 @@ impl Work {
                     self.next[k][lane] = self.x[k][lane] + step[k][lane];
                 }
             }
+        }
+        let mut foretold = [0.0; LANES];
+        for i in 0..n {
+            let line = &self.factor[i * wide..][..wide];
+            let mut along = [0.0; LANES];
+            for j in i..n {
+                for lane in 0..LANES {
+                    along[lane] += line[j][lane] * step[j][lane];
+                }
+            }
+            for lane in 0..LANES {
+                foretold[lane] += along[lane] * (2.0 * line[n][lane] - along[lane]);
+            }
+        }
+        for (place, foretold) in self.places.iter_mut().zip(foretold) {
+            place.foretold = foretold;
         }
         self.piece = step;
     }

@@ -108,6 +108,64 @@ fn the_second_solution_of_three_beacons() {
     }
 }
 
+/// c / x, as what is seen along a range: the plain step from x goes past 0 beyond 2 c.
+struct Inverse;
+
+impl Model for Inverse {
+    type Error = ();
+
+    fn states(&self) -> usize {
+        1
+    }
+
+    fn measurements(&self) -> usize {
+        2
+    }
+
+    fn linearize(
+        &self,
+        x: &[f64],
+        residuals: &mut [f64],
+        rows: Option<&mut [f64]>,
+    ) -> Result<(), ()> {
+        for (r, c) in residuals.iter_mut().zip([100.0, 50.0]) {
+            *r = c - c / x[0];
+        }
+        if let Some(rows) = rows {
+            rows.copy_from_slice(&[-100.0 / (x[0] * x[0]), -50.0 / (x[0] * x[0])]);
+        }
+        Ok(())
+    }
+
+    fn difference(&self, a: &[f64], b: &[f64], out: &mut [f64]) -> Result<(), ()> {
+        for (out, c) in out.iter_mut().zip([100.0, 50.0]) {
+            *out = c / b[0] - c / a[0];
+        }
+        Ok(())
+    }
+}
+
+#[test]
+fn a_step_from_afar_follows_the_curvature() {
+    // 4 and 8 are beyond 2, from where a plain step changes the sign.
+    for start in [0.2, 0.8, 1.5, 4.0, 8.0] {
+        let reached = |damping: f64| {
+            let options = Options {
+                damping,
+                ..Options::default()
+            };
+            minimize(&Inverse, &[start], &[], options)
+        };
+        let (found, plain) = (reached(1e-5), reached(0.0));
+        assert!(found.converged, "{start}: {found:?}");
+        assert!((found.x[0] - 1.0).abs() < 1e-9, "{start}: {found:?}");
+        assert!(
+            found.iterations < plain.iterations,
+            "{start}: {found:?}, {plain:?}"
+        );
+    }
+}
+
 #[test]
 fn a_held_function_stays_and_its_slope_is_that_of_the_profile() {
     let model = Beacons::exact(&NEARLY_IN_LINE, [40.0, 30.0], 0.5);
@@ -242,6 +300,27 @@ fn a_score_is_the_gain_of_the_fit_with_the_alternative() {
             Ok(())
         }
     }
+    /// The first number was not measured: its weight is zero.
+    struct WithoutFirst<'a>(&'a Line);
+    impl Model for WithoutFirst<'_> {
+        type Error = ();
+
+        crate::forward_model!(this => this.0; states, measurements, difference);
+
+        fn linearize(
+            &self,
+            x: &[f64],
+            residuals: &mut [f64],
+            mut rows: Option<&mut [f64]>,
+        ) -> Result<(), ()> {
+            self.0.linearize(x, residuals, rows.as_deref_mut())?;
+            residuals[0] = 0.0;
+            if let Some(rows) = rows {
+                rows[..2].fill(0.0);
+            }
+            Ok(())
+        }
+    }
     let line = Line(
         (0..20)
             .map(|i| (1.7 * f64::from(i)).sin() + 0.02 * f64::from(i * i))
@@ -250,6 +329,8 @@ fn a_score_is_the_gain_of_the_fit_with_the_alternative() {
     let found = minimize(&line, &[0.0, 0.0], &[], Options::default());
     let fit = fit::Fit::new(&line, &found.x).unwrap();
     assert_eq!(fit.dof(), 18);
+    let some = fit::Fit::new(&WithoutFirst(&line), &found.x).unwrap();
+    assert_eq!(some.dof(), 17);
     let parabola: Vec<f64> = (0..20).map(|i| f64::from(i * i)).collect();
     let trace = fit::noncentrality(0.001, 0.8);
     assert!((trace - 17.07).abs() < 0.01);
