@@ -8,7 +8,7 @@
 //! sections 18.1 and 18.3), under the merit function chi2 + sum mu |g - value|, where a
 //! second-order correction keeps long steps along a curved surface (Maratos 1978). What a
 //! model knows exactly is held in the same way. A robust loss reweights the residuals
-//! (Holland & Welsch 1977). A damped step from afar is shortened or lengthened by the
+//! (Holland & Welsch 1977). Where it is asked for, a damped step is shortened or lengthened by the
 //! curvature of the model along it: that of Halley's method, which is exact where the model
 //! is a quotient of linear functions along the step, as bearings are along the range.
 
@@ -87,6 +87,9 @@ pub struct Options {
     /// Damping of the first step, on columns of unit length. 0 goes all the way at once, which
     /// is the faster near a minimum; 1 follows the slope from far away.
     pub damping: f64,
+    /// Whether a damped step is shortened or lengthened by the curvature of the model along it,
+    /// for one more evaluation without rows. Nothing is held then.
+    pub curved: bool,
 }
 
 impl Default for Options {
@@ -97,6 +100,7 @@ impl Default for Options {
             loss: Loss::Squares,
             patience: 0,
             damping: 0.0,
+            curved: false,
         }
     }
 }
@@ -129,8 +133,6 @@ const TELLS: f64 = 4.0;
 const AHEAD: f64 = 0.1;
 /// How much longer the curvature can make a step.
 const LONGER: f64 = 2.0;
-/// By how much damping rises after a step from afar that did not pay, and after another one.
-const HARDER: (f64, f64) = (4.0, 8.0);
 
 /// An exact number is met where so much of its deviation is left, itself next to nothing.
 const EXACT: f64 = 1e-6;
@@ -214,7 +216,7 @@ struct Work<'a, M: ?Sized> {
     /// The squares of what is missing at the exact numbers.
     off: f64,
     scale: Vec<f64>,
-    /// From afar: the residuals and rows where a step begins, and the residuals ahead.
+    /// The residuals and rows where a curved step begins, and the residuals ahead.
     here: (Vec<f64>, Vec<f64>),
     ahead: Vec<f64>,
 }
@@ -511,7 +513,7 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
             return found;
         }
         let mut damping = self.options.damping;
-        let afar = damping > 0.0 && self.missing.is_empty();
+        let curved = self.options.curved && self.missing.is_empty();
         let mut penalty = vec![0.0_f64; self.missing.len()];
         let mut least: Option<Vec<f64>> = None;
         let mut next = vec![0.0; n];
@@ -616,7 +618,7 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
             };
             let old = merit(chi2, &missing);
             let asked = damping;
-            if afar {
+            if curved {
                 self.here.0.clone_from(&self.residuals);
                 self.here.1.clone_from(&self.rows);
             }
@@ -634,13 +636,13 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
                     (_, false) => shrink,
                 };
                 let mut tail = damped(&small, free, damping);
-                let curved = if afar && damping > 0.0 {
+                let reach = if curved && damping > 0.0 {
                     self.reach(&x, &tail, damping)
                 } else {
                     1.0
                 };
                 for t in &mut tail {
-                    *t *= factor * curved;
+                    *t *= factor * reach;
                 }
                 let mut y = vec![0.0; n];
                 if k == 0 {
@@ -702,8 +704,7 @@ impl<'a, M: Model + ?Sized> Work<'a, M> {
                     continue;
                 }
                 if k == 0 || shrink < 1e-3 {
-                    let harder = if afar { HARDER.0 } else { HARDER.1 };
-                    damping = (damping * harder).max(1e-4);
+                    damping = (damping * 8.0).max(1e-4);
                 }
                 relax = 1.0;
                 last.fill(0.0);

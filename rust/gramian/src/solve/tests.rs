@@ -152,6 +152,7 @@ fn a_step_from_afar_follows_the_curvature() {
         let reached = |damping: f64| {
             let options = Options {
                 damping,
+                curved: damping > 0.0,
                 ..Options::default()
             };
             minimize(&Inverse, &[start], &[], options)

@@ -291,6 +291,7 @@ const OPTIONS: Options = Options {
     loss: Loss::Squares,
     patience: 0,
     damping: 0.0,
+    curved: false,
 };
 
 /// All bearings of a flight so far, and what was known beforehand.
