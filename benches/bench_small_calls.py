@@ -6,6 +6,7 @@ call into the extension, measured in the same run.
 
 from __future__ import annotations
 
+import itertools
 import sys
 import timeit
 from collections.abc import Callable, Iterator
@@ -29,9 +30,9 @@ def track() -> tuple[Any, Any, Any, float]:
 
 def pushes() -> Callable[[], object]:
     """A monitor that takes in one bearing a call, ever later."""
-    monitor, clock = gm.bearings.Monitor(), iter(range(1, 2**62))
+    monitor, clock = gm.bearings.Monitor(), itertools.count(1.0)
     push = monitor.push
-    return lambda: push(float(next(clock)), 0.3, 0.01)
+    return lambda: push(next(clock), 0.3, 0.01)
 
 
 def table() -> list[tuple[str, str, float, Callable[[], object], Callable[[], object]]]:

@@ -386,13 +386,14 @@ impl BearingMonitor {
     ///     bearing is not taken in then.
     #[pyo3(signature = (time, bearing, sigma, distance=None))]
     #[allow(clippy::doc_markdown)] // The docstring is Python's.
-    fn push(
+    fn push<'py>(
         &mut self,
-        time: &Bound<'_, PyAny>,
-        bearing: &Bound<'_, PyAny>,
-        sigma: &Bound<'_, PyAny>,
-        distance: Option<&Bound<'_, PyAny>>,
-    ) -> PyResult<MonitorAnswer> {
+        py: Python<'py>,
+        time: &Bound<'py, PyAny>,
+        bearing: &Bound<'py, PyAny>,
+        sigma: &Bound<'py, PyAny>,
+        distance: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, MonitorAnswer>> {
         let distance = distance
             .map(|distance| real(distance, "distance"))
             .transpose()?;
@@ -400,7 +401,7 @@ impl BearingMonitor {
         self.0
             .push(time, bearing, real(sigma, "sigma [rad]")?, distance)
             .map_err(|error| errors::input_at("", error))?;
-        Ok(self.answer())
+        Bound::new(py, self.answer())
     }
 
     /// Return what the bearings so far say.
@@ -465,12 +466,13 @@ impl BearingMonitor {
 #[pyclass(frozen, module = "gramian._core")]
 struct MonitorAnswer {
     monitor: Monitor<f64>,
-    found: OnceLock<Answer<f64>>,
+    /// Apart, since it is as large again, and few look.
+    found: OnceLock<Box<Answer<f64>>>,
 }
 
 impl MonitorAnswer {
     fn found(&self) -> &Answer<f64> {
-        self.found.get_or_init(|| self.monitor.answer())
+        self.found.get_or_init(|| Box::new(self.monitor.answer()))
     }
 }
 

@@ -9,7 +9,7 @@
 use std::ops::Range;
 
 use gramian::batch::Items;
-use numpy::{PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict, PyFloat, PyInt, PyList, PyTuple};
 
@@ -283,15 +283,62 @@ impl<'py> Input<'py> {
 
 /// A number argument, finite; `name` is the argument's.
 pub fn real(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<f64> {
-    if let Ok(number) = value.cast_exact::<PyFloat>() {
-        let number = number.value();
-        if number.is_finite() {
-            return Ok(number);
-        }
+    if let Some(number) = plain_number(value) {
+        return Ok(number);
     }
     let input = Input::new(value, name, 0)?;
     input.expect_single("one number")?;
     Ok(input.slice()?[0])
+}
+
+/// Numbers that are plain and finite, for calls so short that the way through [`Input`] takes
+/// most of their time. What is `None` here goes that way, and is read or refused there.
+pub fn plain_numbers<const N: usize>(values: [&Bound<'_, PyAny>; N]) -> Option<[f64; N]> {
+    let mut numbers = [0.0; N];
+    for (number, value) in numbers.iter_mut().zip(values) {
+        *number = plain_number(value)?;
+    }
+    Some(numbers)
+}
+
+/// A plain array, list or tuple of `N` finite numbers, for the same calls.
+pub fn plain_vector<const N: usize>(value: &Bound<'_, PyAny>) -> Option<[f64; N]> {
+    let mut numbers = [0.0; N];
+    if let Ok(array) = value.cast_exact::<PyArray1<f64>>() {
+        if array.len() != N {
+            return None;
+        }
+        for (i, number) in numbers.iter_mut().enumerate() {
+            *number = array.get_owned(i).filter(|x| x.is_finite())?;
+        }
+    } else if let Ok(list) = value.cast_exact::<PyList>() {
+        if list.len() != N {
+            return None;
+        }
+        for (i, number) in numbers.iter_mut().enumerate() {
+            *number = plain_number(&list.get_item(i).ok()?)?;
+        }
+    } else {
+        let tuple = value.cast_exact::<PyTuple>().ok()?;
+        if tuple.len() != N {
+            return None;
+        }
+        for (i, number) in numbers.iter_mut().enumerate() {
+            *number = plain_number(&*tuple.get_borrowed_item(i).ok()?)?;
+        }
+    }
+    Some(numbers)
+}
+
+fn plain_number(value: &Bound<'_, PyAny>) -> Option<f64> {
+    let number = if let Ok(number) = value.cast_exact::<PyFloat>() {
+        number.value()
+    } else if value.is_exact_instance_of::<PyInt>() {
+        value.extract().ok()?
+    } else {
+        return None;
+    };
+    number.is_finite().then_some(number)
 }
 
 /// Whether no number is NaN or infinite, at the speed of memory.

@@ -6,7 +6,7 @@ use gramian::dipole::description::{Description, Motion};
 use gramian::dipole::localize::{Background, Knowledge, Loss, Options};
 use gramian::dipole::measured::Measured;
 use gramian::dipole::tracker::{Bound as TrackBound, Sample, Tracker, Wander};
-use gramian::dipole::{Pass, Sensors};
+use gramian::dipole::{Pass, Sensors, field};
 use gramian::posterior::Posterior;
 use gramian::solve::Model;
 use gramian::solve::noise::Whitening;
@@ -14,9 +14,9 @@ use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::convert::Input;
+use crate::convert::{Input, all_finite, plain_vector};
 use crate::errors::InputError;
-use crate::output::Batch;
+use crate::output::{self, Batch};
 use crate::run;
 use crate::solve::PyModel;
 
@@ -29,6 +29,13 @@ fn dipole_field<'py>(
     moment: &Bound<'py, PyAny>,
     out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    if out.is_none()
+        && let Some((position, moment)) = plain_vector(position).zip(plain_vector(moment))
+        && let Ok(field) = field(&position, &moment)
+        && all_finite(&field)
+    {
+        return Ok(output::line(py, &field));
+    }
     over_places(
         py,
         [position, moment],

@@ -3,14 +3,14 @@
 use gramian::batch::simd::Path;
 use gramian::batch::{Items, Threads};
 use gramian::maneuver::batch::{self, Determinant, Paths, Sightings};
-use gramian::maneuver::{AtStandoff, Law, TwoLegGoal, best_two_legs, two_leg_terms};
+use gramian::maneuver::{AtStandoff, Law, Side, TwoLegGoal, best_two_legs, heading, two_leg_terms};
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::convert::Input;
+use crate::convert::{Input, plain_numbers};
 use crate::errors::InputError;
-use crate::output::Batch;
+use crate::output::{self, Batch};
 use crate::run;
 
 pub fn law(name: &str) -> PyResult<Law> {
@@ -39,7 +39,15 @@ fn expect_sides(sides: &Input<'_>) -> PyResult<()> {
     }
 }
 
-/// Headings (...,); all inputs broadcast.
+fn one_side(number: f64) -> Option<Side> {
+    match number {
+        1.0 => Some(Side::Right),
+        -1.0 => Some(Side::Left),
+        _ => None,
+    }
+}
+
+/// Headings (...,), a number for a single one; all inputs broadcast.
 #[pyfunction]
 #[pyo3(signature = (bearing, range_, step, law, side, out=None))]
 fn maneuver_heading<'py>(
@@ -50,8 +58,15 @@ fn maneuver_heading<'py>(
     law: &str,
     side: &Bound<'py, PyAny>,
     out: Option<&Bound<'py, PyAny>>,
-) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+) -> PyResult<Bound<'py, PyAny>> {
     let law = self::law(law)?;
+    if out.is_none()
+        && let Some([bearing, range, step, side]) = plain_numbers([bearing, range_, step, side])
+        && let Some(side) = one_side(side)
+        && let Ok(heading) = heading(bearing, range, step, law, side)
+    {
+        return output::number(py, heading);
+    }
     let mut bearing = Input::new(bearing, "bearing", 0)?;
     let mut range = Input::new(range_, "range_", 0)?;
     range.expect_positive("m")?;
@@ -62,7 +77,7 @@ fn maneuver_heading<'py>(
     let batch = Batch::into(&mut [&mut bearing, &mut range, &mut step, &mut side], out)?;
     let (bearing, range) = (bearing.items()?, range.items()?);
     let (step, side) = (step.items()?, side.items()?);
-    batch.fill(py, &[], 50.0, |trials, threads, out| {
+    batch.fill_numbers(py, 50.0, |trials, threads, out| {
         batch::headings(
             bearing.skip(trials.start),
             range.skip(trials.start),

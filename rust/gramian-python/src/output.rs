@@ -8,10 +8,12 @@ use std::sync::OnceLock;
 use gramian::batch::Threads;
 use numpy::ndarray::ArrayView;
 use numpy::{
-    PyArrayDyn, PyArrayMethods, PyReadwriteArrayDyn, PyUntypedArray, PyUntypedArrayMethods,
+    PyArray1, PyArrayDyn, PyArrayMethods, PyReadwriteArrayDyn, PyUntypedArray,
+    PyUntypedArrayMethods,
 };
 use pyo3::exceptions::PyMemoryError;
 use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyDict, PyEllipsis, PySlice};
 
 use crate::convert::{Input, all_finite, index_text, shape_text};
@@ -144,9 +146,7 @@ impl Batch {
             // An array made of numbers costs half of one that is written to.
             let mut few = [0.0; FEW];
             self.pieces(py, size, cost, &mut few[..total], kernel)?;
-            let few = ArrayView::from_shape(self.shape_of(core), &few[..total])
-                .map_err(|error| InputError::new_err(error.to_string()))?;
-            return Ok(PyArrayDyn::from_array(py, &few));
+            return array_of(py, &self.shape_of(core), &few[..total]);
         }
         let out = self.array(py, core)?;
         {
@@ -154,6 +154,22 @@ impl Batch {
             self.pieces(py, size, cost, write.as_slice_mut()?, kernel)?;
         }
         Ok(out)
+    }
+
+    /// As `fill`, of one number for each trial: a number itself where there is one trial
+    /// without axes, as numpy's functions give it.
+    pub fn fill_numbers<'py, O: Outcome + Send>(
+        &self,
+        py: Python<'py>,
+        cost: f64,
+        kernel: impl FnMut(Range<usize>, Threads, &mut [f64]) -> O + Send,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        if self.out.is_some() || !self.shape.is_empty() {
+            return Ok(self.fill(py, &[], cost, kernel)?.into_any());
+        }
+        let mut one = [0.0];
+        self.pieces(py, 1, cost, &mut one, kernel)?;
+        number(py, one[0])
     }
 
     /// As `fill`, for trials that take long each and do not look for Ctrl-C: each kernel
@@ -281,6 +297,31 @@ impl Outcome for PyResult<()> {
     fn result(self, _: impl Fn(usize) -> String) -> PyResult<()> {
         self
     }
+}
+
+/// A number as numpy's functions give it.
+pub fn number(py: Python<'_>, value: f64) -> PyResult<Bound<'_, PyAny>> {
+    static FLOAT64: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+    FLOAT64.import(py, "numpy", "float64")?.call1((value,))
+}
+
+/// A new array of a few numbers.
+fn array_of<'py>(
+    py: Python<'py>,
+    shape: &[usize],
+    numbers: &[f64],
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    if shape.len() == 1 {
+        return Ok(line(py, numbers));
+    }
+    let view = ArrayView::from_shape(shape, numbers)
+        .map_err(|error| InputError::new_err(error.to_string()))?;
+    Ok(PyArrayDyn::from_array(py, &view))
+}
+
+/// A new array of one axis.
+pub fn line<'py>(py: Python<'py>, numbers: &[f64]) -> Bound<'py, PyArrayDyn<f64>> {
+    PyArray1::from_slice(py, numbers).to_dyn().clone()
 }
 
 /// The caller's array for results of this shape, refused where it cannot take them.

@@ -99,8 +99,7 @@ def heading(
     """
     if not isinstance(law, str):
         options.choice(law, "law", LAWS)
-    found = _core.maneuver_heading(bearing, range_, step, law, side, out)
-    return found if out is not None else found[()]
+    return _core.maneuver_heading(bearing, range_, step, law, side, out)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -216,15 +216,15 @@ impl<T: Real> Monitor<T> {
     ) -> Result<(), Error> {
         let index = self.count();
         self.check(index, time, bearing, sigma, distance)?;
-        let mut next = *self;
-        next.take_in(index, time, bearing, sigma, distance);
-        if !next.is_sound() {
+        let before = *self;
+        self.take_in(index, time, bearing, sigma, distance);
+        if !self.is_sound() {
+            *self = before;
             return Err(NumberError::Overflow {
                 result: "information",
             }
             .into());
         }
-        *self = next;
         Ok(())
     }
 
