@@ -9,6 +9,7 @@
 use std::ops::Range;
 
 use gramian::batch::Items;
+use gramian::batch::element::Element;
 use numpy::{PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict, PyFloat, PyInt, PyList, PyTuple};
@@ -19,16 +20,48 @@ use crate::output;
 /// Arrays up to this many numbers are copied.
 const SMALL: usize = 4096;
 
-enum Numbers<'py> {
-    Own(Vec<f64>),
-    Array(PyReadonlyArrayDyn<'py, f64>),
+/// The numbers of arrays: float64, and float32 where a function has vectors of it.
+pub trait Number: numpy::Element + Element {}
+impl Number for f64 {}
+impl Number for f32 {}
+
+/// Whether float32 is what all arrays among the arguments have, and one at least. Numbers, lists
+/// and tuples go along with the arrays, as numbers do in numpy.
+pub fn is_single(values: &[&Bound<'_, PyAny>]) -> bool {
+    let mut single = false;
+    for value in values {
+        if value.cast_exact::<PyArrayDyn<f32>>().is_ok() {
+            single = true;
+        } else if !(value.is_none()
+            || value.is_exact_instance_of::<PyFloat>()
+            || value.is_exact_instance_of::<PyInt>()
+            || value.is_exact_instance_of::<PyList>()
+            || value.is_exact_instance_of::<PyTuple>())
+        {
+            return false;
+        }
+    }
+    single
 }
 
-/// An array argument: float64, contiguous and finite. The last `core` axes are
+/// The same, for functions that look at their arguments in Python first.
+#[pyfunction]
+#[pyo3(name = "is_single", signature = (*values))]
+pub fn are_single(values: &Bound<'_, PyTuple>) -> bool {
+    let values: Vec<Bound<'_, PyAny>> = values.iter().collect();
+    is_single(&values.iter().collect::<Vec<_>>())
+}
+
+enum Numbers<'py, T: Number> {
+    Own(Vec<T>),
+    Array(PyReadonlyArrayDyn<'py, T>),
+}
+
+/// An array argument: of one type, contiguous and finite. The last `core` axes are
 /// one item, the axes before them the batch.
-pub struct Input<'py> {
+pub struct Input<'py, T: Number = f64> {
     name: &'static str,
-    numbers: Numbers<'py>,
+    numbers: Numbers<'py, T>,
     shape: Vec<usize>,
     core: usize,
     shared: bool,
@@ -44,6 +77,25 @@ impl<'py> Input<'py> {
 
     /// The same where NaN and infinity have a meaning.
     pub fn unchecked(value: &Bound<'py, PyAny>, name: &'static str, core: usize) -> PyResult<Self> {
+        Self::of(value, name, core)
+    }
+
+    /// One number, or a line of them: a standard deviation for all or for each.
+    pub fn levels(value: &Bound<'py, PyAny>, name: &'static str) -> PyResult<Self> {
+        let input = Self::levels_unchecked(value, name)?;
+        input.check_finite()?;
+        Ok(input)
+    }
+
+    /// The same where NaN and infinity have a meaning.
+    pub fn levels_unchecked(value: &Bound<'py, PyAny>, name: &'static str) -> PyResult<Self> {
+        Self::levels_of(value, name)
+    }
+}
+
+impl<'py, T: Number> Input<'py, T> {
+    /// [`unchecked`](Input::unchecked) of either type.
+    pub fn of(value: &Bound<'py, PyAny>, name: &'static str, core: usize) -> PyResult<Self> {
         let (numbers, shape) = read(value, name)?;
         let name = shown(name);
         if shape.len() < core {
@@ -62,23 +114,6 @@ impl<'py> Input<'py> {
         })
     }
 
-    /// One number, or a line of them: a standard deviation for all or for each.
-    pub fn levels(value: &Bound<'py, PyAny>, name: &'static str) -> PyResult<Self> {
-        let input = Self::levels_unchecked(value, name)?;
-        input.check_finite()?;
-        Ok(input)
-    }
-
-    /// The same where NaN and infinity have a meaning.
-    pub fn levels_unchecked(value: &Bound<'py, PyAny>, name: &'static str) -> PyResult<Self> {
-        let mut input = Self::unchecked(value, name, 0)?;
-        if input.shape.is_empty() {
-            input.shape.push(1);
-        }
-        input.core = 1;
-        Ok(input)
-    }
-
     /// What a function goes by where an optional argument is absent: no numbers.
     pub fn absent(name: &'static str) -> Self {
         Self {
@@ -88,6 +123,16 @@ impl<'py> Input<'py> {
             core: 1,
             shared: false,
         }
+    }
+
+    /// [`levels_unchecked`](Input::levels_unchecked) of either type.
+    pub fn levels_of(value: &Bound<'py, PyAny>, name: &'static str) -> PyResult<Self> {
+        let mut input = Self::of(value, name, 0)?;
+        if input.shape.is_empty() {
+            input.shape.push(1);
+        }
+        input.core = 1;
+        Ok(input)
     }
 
     pub fn name(&self) -> &'static str {
@@ -122,7 +167,7 @@ impl<'py> Input<'py> {
     }
 
     /// All numbers, item after item.
-    pub fn slice(&self) -> PyResult<&[f64]> {
+    pub fn slice(&self) -> PyResult<&[T]> {
         Ok(match &self.numbers {
             Numbers::Own(numbers) => numbers,
             Numbers::Array(array) => array.as_slice()?,
@@ -130,7 +175,7 @@ impl<'py> Input<'py> {
     }
 
     /// The items of a batch that [`output::Batch::of`] has matched.
-    pub fn items(&self) -> PyResult<Items<'_>> {
+    pub fn items(&self) -> PyResult<Items<'_, T>> {
         let data = self.slice()?;
         Ok(if self.shared {
             Items::shared(data)
@@ -196,12 +241,12 @@ impl<'py> Input<'py> {
 
     /// Refuses numbers that are not above zero; `unit` goes into the message.
     pub fn expect_positive(&self, unit: &str) -> PyResult<()> {
-        self.refuse(|x| x <= 0.0, unit, "must be > 0")
+        self.refuse(|x| x <= T::zero(), unit, "must be > 0")
     }
 
     /// Refuses numbers below zero.
     pub fn expect_nonnegative(&self) -> PyResult<()> {
-        self.refuse(|x| x < 0.0, "", "must be >= 0")
+        self.refuse(|x| x < T::zero(), "", "must be >= 0")
     }
 
     /// Refuses NaN and infinity.
@@ -213,7 +258,7 @@ impl<'py> Input<'py> {
     }
 
     /// Refuses the first number that is `bad`.
-    pub fn refuse(&self, bad: impl Fn(f64) -> bool, unit: &str, wanted: &str) -> PyResult<()> {
+    pub fn refuse(&self, bad: impl Fn(T) -> bool, unit: &str, wanted: &str) -> PyResult<()> {
         let data = self.slice()?;
         match data.iter().position(|&x| bad(x)) {
             None => Ok(()),
@@ -221,7 +266,7 @@ impl<'py> Input<'py> {
                 "{}{} = {}{}{unit}: {wanted}",
                 self.name,
                 index_text(flat, &self.shape),
-                number_text(data[flat]),
+                number_text(data[flat].double()),
                 if unit.is_empty() { "" } else { " " },
             ))),
         }
@@ -237,8 +282,8 @@ impl<'py> Input<'py> {
                     "{}{} = {} {unit}: must be later than the one before, {} {unit}",
                     self.name,
                     index_text(line * length + i + 1, &self.shape),
-                    number_text(values[i + 1]),
-                    number_text(values[i]),
+                    number_text(values[i + 1].double()),
+                    number_text(values[i].double()),
                 )));
             }
         }
@@ -324,7 +369,7 @@ pub fn plain_vector<const N: usize>(value: &Bound<'_, PyAny>) -> Option<[f64; N]
             return None;
         }
         for (i, number) in numbers.iter_mut().enumerate() {
-            *number = plain_number(&*tuple.get_borrowed_item(i).ok()?)?;
+            *number = plain_number(&tuple.get_item(i).ok()?)?;
         }
     }
     Some(numbers)
@@ -342,21 +387,25 @@ fn plain_number(value: &Bound<'_, PyAny>) -> Option<f64> {
 }
 
 /// Whether no number is NaN or infinite, at the speed of memory.
-pub fn all_finite(data: &[f64]) -> bool {
+pub fn all_finite<T: Number>(data: &[T]) -> bool {
     // The sum of zero products is NaN iff an entry is NaN or infinite.
     let (chunks, rest) = data.as_chunks::<16>();
-    let mut lanes = [0.0; 16];
+    let mut lanes = [T::zero(); 16];
     for chunk in chunks {
         for (lane, x) in lanes.iter_mut().zip(chunk) {
-            *lane += x * 0.0;
+            *lane += *x * T::zero();
         }
     }
-    lanes.iter().sum::<f64>() + rest.iter().map(|x| x * 0.0).sum::<f64>() == 0.0
+    let sum = |all: &[T]| all.iter().fold(T::zero(), |sum, &x| sum + x * T::zero());
+    sum(&lanes) + sum(rest) == T::zero()
 }
 
 /// The numbers of a value and their shape.
-fn read<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<(Numbers<'py>, Vec<usize>)> {
-    if let Some(array) = plain(value) {
+fn read<'py, T: Number>(
+    value: &Bound<'py, PyAny>,
+    name: &str,
+) -> PyResult<(Numbers<'py, T>, Vec<usize>)> {
+    if let Some(array) = plain::<T>(value) {
         let shape = array.shape().to_vec();
         // A view into packed records may be at an odd address, and is copied below.
         if array.is_c_contiguous() {
@@ -376,14 +425,14 @@ fn read<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<(Numbers<'py>, V
             return Ok((Numbers::Own(numbers), shape));
         }
     }
-    let array = converted(value, name)?;
+    let array = converted::<T>(value, name)?;
     let py = value.py();
     let options: Bound<'py, PyDict> =
         [("requirements", "CA".into_pyobject(py)?.into_any())].into_py_dict(py)?;
     let array = py
         .import("numpy")?
         .call_method("require", (array,), Some(&options))?
-        .cast_into::<PyArrayDyn<f64>>()?;
+        .cast_into::<PyArrayDyn<T>>()?;
     let shape = array.shape().to_vec();
     let array = array
         .try_readonly()
@@ -401,24 +450,26 @@ fn shown(name: &str) -> &str {
     name
 }
 
-/// An array that is plain float64, of no subclass.
-fn plain<'a, 'py>(value: &'a Bound<'py, PyAny>) -> Option<&'a Bound<'py, PyArrayDyn<f64>>> {
-    value.cast_exact::<PyArrayDyn<f64>>().ok()
+/// An array that has the type, of no subclass.
+fn plain<'a, 'py, T: Number>(
+    value: &'a Bound<'py, PyAny>,
+) -> Option<&'a Bound<'py, PyArrayDyn<T>>> {
+    value.cast_exact::<PyArrayDyn<T>>().ok()
 }
 
 /// A number, or a short nest of lists of them, without numpy, which takes a microsecond.
-fn nested(
+fn nested<T: Number>(
     value: &Bound<'_, PyAny>,
     depth: usize,
-    numbers: &mut Vec<f64>,
+    numbers: &mut Vec<T>,
     shape: &mut Vec<usize>,
 ) -> Option<()> {
     if let Ok(number) = value.cast::<PyFloat>() {
-        numbers.push(number.value());
+        numbers.push(T::of(number.value()));
         return (shape.len() == depth).then_some(());
     }
     if value.is_exact_instance_of::<PyInt>() {
-        numbers.push(value.extract().ok()?);
+        numbers.push(T::of(value.extract().ok()?));
         return (shape.len() == depth).then_some(());
     }
     if depth == 3 {
@@ -478,7 +529,10 @@ fn refuse_masked(value: &Bound<'_, PyAny>, name: &str) -> PyResult<()> {
 }
 
 /// What numpy makes of a value, refused where it would convert at a loss.
-fn converted<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+fn converted<'py, T: Number>(
+    value: &Bound<'py, PyAny>,
+    name: &str,
+) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
     let py = value.py();
     // Units are converted to those of the argument, dates to seconds.
     let value = &py
@@ -520,9 +574,9 @@ fn converted<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, 
         }
     }
     let array = numpy
-        .call_method1("asarray", (array, numpy.getattr("float64")?))
+        .call_method1("asarray", (array, numpy::dtype::<T>(py)))
         .map_err(refused)?;
-    Ok(array.cast_into::<PyArrayDyn<f64>>()?)
+    Ok(array.cast_into::<PyArrayDyn<T>>()?)
 }
 
 /// A value as an array of float64, the argument itself where it is one.
@@ -568,7 +622,7 @@ pub fn require_finite<'py>(values: &Bound<'py, PyAny>, name: &str) -> PyResult<B
 
 /// The place and value of the first number that is not finite.
 fn first_bad(array: &Bound<'_, PyArrayDyn<f64>>, name: &str) -> PyResult<Option<(String, f64)>> {
-    let (numbers, shape) = read(array.as_any(), name)?;
+    let (numbers, shape) = read::<f64>(array.as_any(), name)?;
     let data = match &numbers {
         Numbers::Own(numbers) => numbers,
         Numbers::Array(array) => array.as_slice()?,

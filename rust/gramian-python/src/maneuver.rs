@@ -8,7 +8,7 @@ use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::convert::{Input, plain_numbers};
+use crate::convert::{Input, Number, plain_numbers};
 use crate::errors::InputError;
 use crate::output::{self, Batch};
 use crate::run;
@@ -224,15 +224,15 @@ fn maneuver_best_two_legs(cross: f64, of_range: bool) -> PyResult<(f64, f64, f64
 }
 
 /// The checked inputs of `maneuver_fisher` and `maneuver_fisher_det`.
-struct Inputs<'py> {
-    positions: Input<'py>,
-    target: Input<'py>,
-    times: Input<'py>,
-    sigma: Input<'py>,
+struct Inputs<'py, T: Number = f64> {
+    positions: Input<'py, T>,
+    target: Input<'py, T>,
+    times: Input<'py, T>,
+    sigma: Input<'py, T>,
     batch: Batch,
 }
 
-impl<'py> Inputs<'py> {
+impl<'py, T: Number> Inputs<'py, T> {
     fn new(
         positions: &Bound<'py, PyAny>,
         target: &Bound<'py, PyAny>,
@@ -253,20 +253,23 @@ impl<'py> Inputs<'py> {
         times: Option<&Bound<'py, PyAny>>,
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Self> {
-        let mut positions = Input::unchecked(positions, "path", 2)?;
+        let mut positions = Input::<T>::of(positions, "path", 2)?;
         positions.expect(&[None, Some(2)], "an east and a north for each bearing")?;
         positions.expect_entries()?;
         let m = positions.core_shape()[0];
-        let mut target = Input::new(target, "target", 1)?;
+        let mut target = Input::<T>::of(target, "target", 1)?;
+        target.check_finite()?;
         let mut times = if let Some(times) = times {
-            let times = Input::new(times, "times", 1)?;
+            let times = Input::<T>::of(times, "times", 1)?;
+            times.check_finite()?;
             times.expect(&[Some(m)], "one for each position")?;
             times.expect_increasing("s")?;
             times
         } else {
             Input::absent("times")
         };
-        let mut sigma = Input::levels(sigma, "sigma [rad]")?;
+        let mut sigma = Input::<T>::levels_of(sigma, "sigma [rad]")?;
+        sigma.check_finite()?;
         sigma.expect_one_or(m, "one standard deviation, or one for each position")?;
         sigma.expect_positive("rad")?;
         let batch = Batch::into(
@@ -286,7 +289,7 @@ impl<'py> Inputs<'py> {
         self.positions.core_shape()[0]
     }
 
-    fn sightings(&self) -> PyResult<Sightings<'_>> {
+    fn sightings(&self) -> PyResult<Sightings<'_, T>> {
         Ok(Sightings {
             positions: self.positions.items()?,
             target: self.target.items()?,
@@ -300,7 +303,7 @@ impl<'py> Inputs<'py> {
         py: Python<'py>,
         core: &[usize],
         determinant: bool,
-    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    ) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
         let (sightings, cost) = (self.sightings()?, self.samples() as f64);
         self.batch
             .fill(py, core, cost, |trials, threads, out| {
@@ -314,16 +317,31 @@ impl<'py> Inputs<'py> {
 
 /// Information (..., n, n): n is 2 for a fixed target, 4 with times.
 #[pyfunction]
-#[pyo3(signature = (positions, target, sigma, times, out=None))]
+#[pyo3(signature = (positions, target, sigma, times, single, out=None))]
 fn maneuver_fisher<'py>(
     py: Python<'py>,
     positions: &Bound<'py, PyAny>,
     target: &Bound<'py, PyAny>,
     sigma: &Bound<'py, PyAny>,
     times: Option<&Bound<'py, PyAny>>,
+    single: bool,
     out: Option<&Bound<'py, PyAny>>,
-) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-    let inputs = Inputs::unchecked(positions, target, sigma, times, out)?;
+) -> PyResult<Bound<'py, PyAny>> {
+    let given = [positions, target, sigma];
+    Ok(if single {
+        fisher_of::<f32>(py, given, times, out)?.into_any()
+    } else {
+        fisher_of::<f64>(py, given, times, out)?.into_any()
+    })
+}
+
+fn fisher_of<'py, T: Number>(
+    py: Python<'py>,
+    [positions, target, sigma]: [&Bound<'py, PyAny>; 3],
+    times: Option<&Bound<'py, PyAny>>,
+    out: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
+    let inputs = Inputs::<T>::unchecked(positions, target, sigma, times, out)?;
     let n = inputs.sightings()?.states();
     inputs.fisher(py, &[n, n], false)
 }
@@ -339,7 +357,7 @@ fn maneuver_fisher_and_det<'py>(
     times: Option<&Bound<'py, PyAny>>,
     out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let inputs = Inputs::unchecked(positions, target, sigma, times, out)?;
+    let inputs = Inputs::<f64>::unchecked(positions, target, sigma, times, out)?;
     let n = inputs.sightings()?.states();
     let both = inputs.fisher(py, &[n * n + 1], true)?;
     inputs
@@ -359,7 +377,7 @@ fn maneuver_fisher_det<'py>(
     pairs: bool,
     out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-    let inputs = Inputs::new(positions, target, sigma, times, out)?;
+    let inputs = Inputs::<f64>::new(positions, target, sigma, times, out)?;
     let sightings = inputs.sightings()?;
     let method = if pairs {
         Determinant::Pairs

@@ -16,7 +16,7 @@ use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyDict, PyEllipsis, PySlice};
 
-use crate::convert::{Input, all_finite, index_text, shape_text};
+use crate::convert::{Input, Number, all_finite, index_text, shape_text};
 use crate::errors::InputError;
 use crate::run;
 
@@ -39,7 +39,7 @@ pub struct Batch {
 impl Batch {
     /// Broadcasts the leading axes of the inputs against each other as numpy
     /// does. An input that every trial shares is not copied.
-    pub fn of(inputs: &mut [&mut Input<'_>]) -> PyResult<Self> {
+    pub fn of<T: Number>(inputs: &mut [&mut Input<'_, T>]) -> PyResult<Self> {
         let rank = inputs
             .iter()
             .map(|i| i.batch_shape().len())
@@ -78,16 +78,19 @@ impl Batch {
 
     /// The same, with the caller's array `out` for the results, if there is one. It may
     /// share memory with an input, which is copied then.
-    pub fn into(inputs: &mut [&mut Input<'_>], out: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
+    pub fn into<T: Number>(
+        inputs: &mut [&mut Input<'_, T>],
+        out: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
         let batch = Self::of(inputs)?;
         let Some(out) = out else {
             return Ok(batch);
         };
-        if let Ok(array) = out.cast::<PyArrayDyn<f64>>()
+        if let Ok(array) = out.cast::<PyArrayDyn<T>>()
             && array.is_c_contiguous()
         {
             let written = array.data() as usize;
-            let written = written..written + array.len() * size_of::<f64>();
+            let written = written..written + array.len() * size_of::<T>();
             for input in inputs {
                 input.keep_from(&written)?;
             }
@@ -133,18 +136,18 @@ impl Batch {
     /// An array, `core` for each trial, that `kernel` writes the whole of, one range
     /// of trials after the other: on the chosen threads, the interpreter lock released,
     /// in pieces between which Ctrl-C is noticed. `cost` is of one trial, nanoseconds.
-    pub fn fill<'py, O: Outcome + Send>(
+    pub fn fill<'py, T: Number, O: Outcome + Send>(
         &self,
         py: Python<'py>,
         core: &[usize],
         cost: f64,
-        kernel: impl FnMut(Range<usize>, Threads, &mut [f64]) -> O + Send,
-    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        kernel: impl FnMut(Range<usize>, Threads, &mut [T]) -> O + Send,
+    ) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
         let size: usize = core.iter().product();
         let total = self.len().saturating_mul(size);
         if total <= FEW && self.out.is_none() {
             // An array made of numbers costs half of one that is written to.
-            let mut few = [0.0; FEW];
+            let mut few = [T::zero(); FEW];
             self.pieces(py, size, cost, &mut few[..total], kernel)?;
             return array_of(py, &self.shape_of(core), &few[..total]);
         }
@@ -204,13 +207,13 @@ impl Batch {
         Ok(out)
     }
 
-    fn pieces<O: Outcome + Send>(
+    fn pieces<T: Number, O: Outcome + Send>(
         &self,
         py: Python<'_>,
         size: usize,
         cost: f64,
-        out: &mut [f64],
-        mut kernel: impl FnMut(Range<usize>, Threads, &mut [f64]) -> O + Send,
+        out: &mut [T],
+        mut kernel: impl FnMut(Range<usize>, Threads, &mut [T]) -> O + Send,
     ) -> PyResult<()> {
         run::in_pieces(py, self.len(), cost, |range, threads| {
             let first = range.start;
@@ -222,13 +225,14 @@ impl Batch {
 
     /// Refuses results of `size` numbers each, from that of trial `first` on, that had to
     /// be finite and are not.
-    fn expect_finite(&self, part: &[f64], first: usize, size: usize) -> PyResult<()> {
+    fn expect_finite<T: Number>(&self, part: &[T], first: usize, size: usize) -> PyResult<()> {
         match self.finite {
             Some(result) if !all_finite(part) => {
                 let bad = part.iter().position(|x| !x.is_finite()).unwrap_or(0);
                 let place = self.place(first + bad / size.max(1));
                 Err(InputError::new_err(format!(
-                    "{place}{result} overflows float64: choose other units"
+                    "{place}{result} overflows {}: choose other units",
+                    type_name::<T>()
                 )))
             }
             _ => Ok(()),
@@ -243,11 +247,11 @@ impl Batch {
     }
 
     /// The array of the results, `core` for each trial: the caller's, or a new one.
-    pub fn array<'py>(
+    pub fn array<'py, T: Number>(
         &self,
         py: Python<'py>,
         core: &[usize],
-    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    ) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
         let shape = self.shape_of(core);
         match &self.out {
             Some(out) => callers(out.bind(py), &shape),
@@ -306,11 +310,11 @@ pub fn number(py: Python<'_>, value: f64) -> PyResult<Bound<'_, PyAny>> {
 }
 
 /// A new array of a few numbers.
-fn array_of<'py>(
+fn array_of<'py, T: Number>(
     py: Python<'py>,
     shape: &[usize],
-    numbers: &[f64],
-) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    numbers: &[T],
+) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
     if shape.len() == 1 {
         return Ok(line(py, numbers));
     }
@@ -320,24 +324,37 @@ fn array_of<'py>(
 }
 
 /// A new array of one axis.
-pub fn line<'py>(py: Python<'py>, numbers: &[f64]) -> Bound<'py, PyArrayDyn<f64>> {
+pub fn line<'py, T: Number>(py: Python<'py>, numbers: &[T]) -> Bound<'py, PyArrayDyn<T>> {
     PyArray1::from_slice(py, numbers).to_dyn().clone()
 }
 
+/// The type as numpy calls it.
+pub fn type_name<T: Number>() -> &'static str {
+    if size_of::<T>() == size_of::<f32>() {
+        "float32"
+    } else {
+        "float64"
+    }
+}
+
 /// The caller's array for results of this shape, refused where it cannot take them.
-fn callers<'py>(out: &Bound<'py, PyAny>, shape: &[usize]) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+fn callers<'py, T: Number>(
+    out: &Bound<'py, PyAny>,
+    shape: &[usize],
+) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
     let wanted = format!(
-        "must be a numpy.ndarray of float64, shape {}, C-contiguous and writable",
+        "must be a numpy.ndarray of {}, shape {}, C-contiguous and writable",
+        type_name::<T>(),
         shape_text(shape)
     );
     let Ok(given) = out.cast_exact::<PyUntypedArray>() else {
         let kind = out.get_type().fully_qualified_name()?;
         return Err(InputError::new_err(format!("out is a {kind}: {wanted}")));
     };
-    if let Ok(array) = given.cast::<PyArrayDyn<f64>>()
+    if let Ok(array) = given.cast::<PyArrayDyn<T>>()
         && array.shape() == shape
         && array.is_c_contiguous()
-        && (array.data() as usize).is_multiple_of(align_of::<f64>())
+        && (array.data() as usize).is_multiple_of(align_of::<T>())
         && is_writable(given)?
     {
         return Ok(array.clone());
@@ -369,33 +386,40 @@ fn is_writable(array: &Bound<'_, PyUntypedArray>) -> PyResult<bool> {
 }
 
 /// The numbers of an array of results, to write to.
-pub fn writable<'py>(out: &Bound<'py, PyArrayDyn<f64>>) -> PyResult<PyReadwriteArrayDyn<'py, f64>> {
+pub fn writable<'py, T: Number>(
+    out: &Bound<'py, PyArrayDyn<T>>,
+) -> PyResult<PyReadwriteArrayDyn<'py, T>> {
     out.try_readwrite()
         .map_err(|_| InputError::new_err("out is in use by another call: give each its own"))
 }
 
 /// A new array, not written to yet where it is large.
-pub fn array<'py>(py: Python<'py>, shape: &[usize]) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-    let bytes = shape
-        .iter()
-        .try_fold(8_usize, |product, &length| product.checked_mul(length));
+pub fn array<'py, T: Number>(
+    py: Python<'py>,
+    shape: &[usize],
+) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
+    let bytes = shape.iter().try_fold(size_of::<T>(), |product, &length| {
+        product.checked_mul(length)
+    });
     match bytes {
         Some(bytes) if bytes <= 1 << 16 => Ok(PyArrayDyn::zeros(py, shape, false)),
         bytes => {
             ask(bytes, &format!("the result, {}", shape_text(shape)))?;
-            let array = py.import("numpy")?.call_method1("empty", (shape,))?;
-            Ok(array.cast_into::<PyArrayDyn<f64>>()?)
+            let array = py
+                .import("numpy")?
+                .call_method1("empty", (shape, numpy::dtype::<T>(py)))?;
+            Ok(array.cast_into::<PyArrayDyn<T>>()?)
         }
     }
 }
 
 /// An empty vector with room for `count` numbers.
-pub fn reserved(count: usize, what: &str) -> PyResult<Vec<f64>> {
-    ask(count.checked_mul(8), what)?;
+pub fn reserved<T>(count: usize, what: &str) -> PyResult<Vec<T>> {
+    ask(count.checked_mul(size_of::<T>()), what)?;
     let mut numbers = Vec::new();
     numbers
         .try_reserve_exact(count)
-        .map_err(|_| short_of_memory(count.checked_mul(8), what, None))?;
+        .map_err(|_| short_of_memory(count.checked_mul(size_of::<T>()), what, None))?;
     Ok(numbers)
 }
 

@@ -12,7 +12,7 @@ use gramian::observability::{Observability, marginal_rows as marginal};
 use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
 
-use crate::convert::{self, Input, all_finite};
+use crate::convert::{self, Input, Number, all_finite};
 use crate::dense;
 use crate::errors::{InputError, input_at};
 use crate::output::{self, Batch, expect_representable};
@@ -25,12 +25,32 @@ fn gram<'py>(
     rows: &Bound<'py, PyAny>,
     weights: Option<&Bound<'py, PyAny>>,
     out: Option<&Bound<'py, PyAny>>,
-) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-    let mut rows = Input::unchecked(rows, "rows", 2)?;
+) -> PyResult<Bound<'py, PyAny>> {
+    let single = match weights {
+        Some(weights) => convert::is_single(&[rows, weights]),
+        None => convert::is_single(&[rows]),
+    };
+    Ok(if single {
+        gram_of::<f32>(py, rows, weights, out)?.into_any()
+    } else {
+        gram_of::<f64>(py, rows, weights, out)?.into_any()
+    })
+}
+
+fn gram_of<'py, T: Number>(
+    py: Python<'py>,
+    rows: &Bound<'py, PyAny>,
+    weights: Option<&Bound<'py, PyAny>>,
+    out: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
+    let mut rows = Input::<T>::of(rows, "rows", 2)?;
     rows.expect_entries()?;
     let (count, n) = (rows.core_shape()[0], rows.core_shape()[1]);
-    let mut weights = weights.map(|w| Input::new(w, "weights", 1)).transpose()?;
+    let mut weights = weights
+        .map(|w| Input::<T>::of(w, "weights", 1))
+        .transpose()?;
     if let Some(weights) = &weights {
+        weights.check_finite()?;
         weights.expect(&[Some(count)], "one weight for each row")?;
         weights.expect_nonnegative()?;
     }
@@ -51,7 +71,7 @@ fn gram<'py>(
             for (trial, square) in squares.enumerate() {
                 let rows = items.get(trial);
                 let weights = weights.map(|w| w.get(trial));
-                square.fill(0.0);
+                square.fill(T::zero());
                 run::in_pieces(py, count, (n * n) as f64, |range, _| {
                     let weights = weights.map(|w| &w[range.clone()]);
                     let rows = &rows[range.start * n..range.end * n];
@@ -79,16 +99,17 @@ fn gram<'py>(
 
 /// A row that is not finite makes a square that is not: the rows, many more numbers,
 /// need a look only then.
-fn finite_gram<'py>(
-    out: Bound<'py, PyArrayDyn<f64>>,
+fn finite_gram<'py, T: Number>(
+    out: Bound<'py, PyArrayDyn<T>>,
     finite: bool,
-    rows: &mut Input<'py>,
-) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    rows: &mut Input<'py, T>,
+) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
     if !finite {
         rows.check_finite()?;
-        return Err(InputError::new_err(
-            "the Gram matrix overflows float64: choose other units",
-        ));
+        return Err(InputError::new_err(format!(
+            "the Gram matrix overflows {}: choose other units",
+            output::type_name::<T>()
+        )));
     }
     Ok(out)
 }
@@ -516,6 +537,7 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(rounding_of_columns, module)?)?;
     module.add_function(wrap_pyfunction!(convert::as_finite_array, module)?)?;
     module.add_function(wrap_pyfunction!(convert::as_float_array, module)?)?;
+    module.add_function(wrap_pyfunction!(convert::are_single, module)?)?;
     module.add_function(wrap_pyfunction!(convert::require_finite, module)?)?;
     module.add_function(wrap_pyfunction!(marginal_rows, module)?)?;
     module.add_function(wrap_pyfunction!(rows_without_noise, module)?)?;

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,8 +25,8 @@ def fisher(
     sigma: ArrayLike,
     times: ArrayLike | None = None,
     *,
-    out: Array | None = None,
-) -> Array:
+    out: NDArray[Any] | None = None,
+) -> NDArray[Any]:
     """Return the Fisher information of bearings of a target along a path.
 
     Parameters
@@ -41,7 +41,7 @@ def fisher(
     times : array_like, shape (..., m), optional
         Increasing, seconds.
     out : ndarray, shape of the result, optional
-        Where the result is written: float64, C-contiguous, writable; it is returned. It may
+        Where the result is written: of its type, C-contiguous, writable; it is returned. It may
         share memory with an argument. Without it a new array is made.
 
     Returns
@@ -61,13 +61,20 @@ def fisher(
     `gramian.bearings.rows`. The sum keeps half the digits of the rows: take bounds
     from `gramian.analyze` of `problem` and determinants from `fisher_det`.
 
+    Where all arrays are float32 (numbers and lists go along), it is computed in float32, in
+    twice as many lanes, and is float32: an entry is off by up to about ``1e-7 (3 + m / 16)`` of
+    the roots of its diagonal entries. Coordinates of float32 are good to 1e-7 of their size, so
+    let them count from near the path. `fisher_and_det` and `fisher_det` are float64: what is
+    left of a determinant that cancels would be lost.
+
     Examples
     --------
     >>> fisher([[0, 0], [1000, 0]], [0.0, 1000.0], 0.01).round(6)
     array([[0.0125, 0.0025],
            [0.0025, 0.0025]])
     """
-    return _core.maneuver_fisher(*_arguments(path, target, sigma, times), out)
+    single = _core.is_single(path, target, sigma, times)
+    return _core.maneuver_fisher(*_arguments(path, target, sigma, times), single, out)
 
 
 def fisher_det(

@@ -1,4 +1,4 @@
-//! One register of f64 lanes, written as a number: operators and the elementary
+//! One register of lanes, written as a number: operators and the elementary
 //! functions that kernels need, the same text on every vector path.
 //!
 //! Kernels that add up work on blocks of [`LANES`] samples whatever the width of
@@ -8,7 +8,7 @@ use core::ops::{Add, Div, Mul, Neg, Sub};
 
 use pulp::Simd;
 
-use super::simd;
+use super::element::Element;
 use crate::numbers::lane::Lane;
 
 /// Samples in a block.
@@ -16,35 +16,47 @@ pub const LANES: usize = 8;
 /// One block of samples.
 pub type Block = [f64; LANES];
 
-/// A register of lanes.
+/// A register of lanes of numbers.
 #[derive(Clone, Copy, Debug)]
-pub struct Lanes<S: Simd> {
+pub struct Vector<S: Simd, T: Element> {
     simd: S,
-    value: S::f64s,
+    value: T::Register<S>,
 }
 
-impl<S: Simd> Lanes<S> {
+/// A register of lanes of f64.
+pub type Lanes<S> = Vector<S, f64>;
+
+impl<S: Simd, T: Element> Vector<S, T> {
     /// A register as it is.
     #[inline(always)]
-    pub fn new(simd: S, value: S::f64s) -> Self {
+    pub fn new(simd: S, value: T::Register<S>) -> Self {
         Self { simd, value }
     }
 
     /// The sum of the lanes.
     #[inline(always)]
-    pub fn sum(self) -> f64 {
-        self.simd.reduce_sum_f64s(self.value)
+    pub fn sum(self) -> T {
+        T::lanes_sum(self.simd, self.value)
     }
-
-    /// How many registers make a block.
-    pub const PARTS: usize = LANES / S::F64_LANES;
 
     /// The same number in all lanes.
     #[inline(always)]
-    pub fn splat(simd: S, value: f64) -> Self {
-        let value = simd.splat_f64s(value);
-        Self { simd, value }
+    pub fn splat(simd: S, value: T) -> Self {
+        Self::new(simd, T::lanes_splat(simd, value))
     }
+
+    #[inline(always)]
+    fn with(self, value: T::Register<S>) -> Self {
+        Self {
+            simd: self.simd,
+            value,
+        }
+    }
+}
+
+impl<S: Simd> Lanes<S> {
+    /// How many registers make a block.
+    pub const PARTS: usize = LANES / S::F64_LANES;
 
     /// The next lanes of a slice that holds at least as many.
     #[inline(always)]
@@ -93,143 +105,146 @@ impl<S: Simd> Lanes<S> {
     pub fn store(self, block: &mut Block, part: usize) {
         S::as_mut_simd_f64s(block).0[part] = self.value;
     }
-
-    #[inline(always)]
-    fn with(self, value: S::f64s) -> Self {
-        Self {
-            simd: self.simd,
-            value,
-        }
-    }
 }
 
-impl<S: Simd> Add for Lanes<S> {
+impl<S: Simd, T: Element> Add for Vector<S, T> {
     type Output = Self;
     #[inline(always)]
     fn add(self, other: Self) -> Self {
-        self.with(self.simd.add_f64s(self.value, other.value))
+        self.with(T::lanes_add(self.simd, self.value, other.value))
     }
 }
 
-impl<S: Simd> Sub for Lanes<S> {
+impl<S: Simd, T: Element> Sub for Vector<S, T> {
     type Output = Self;
     #[inline(always)]
     fn sub(self, other: Self) -> Self {
-        self.with(self.simd.sub_f64s(self.value, other.value))
+        self.with(T::lanes_sub(self.simd, self.value, other.value))
     }
 }
 
-impl<S: Simd> Mul for Lanes<S> {
+impl<S: Simd, T: Element> Mul for Vector<S, T> {
     type Output = Self;
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
-        self.with(self.simd.mul_f64s(self.value, other.value))
+        self.with(T::lanes_mul(self.simd, self.value, other.value))
     }
 }
 
-impl<S: Simd> Div for Lanes<S> {
+impl<S: Simd, T: Element> Div for Vector<S, T> {
     type Output = Self;
     #[inline(always)]
     fn div(self, other: Self) -> Self {
-        self.with(self.simd.div_f64s(self.value, other.value))
+        self.with(T::lanes_div(self.simd, self.value, other.value))
     }
 }
 
-impl<S: Simd> Neg for Lanes<S> {
+impl<S: Simd, T: Element> Neg for Vector<S, T> {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
-        self.with(self.simd.neg_f64s(self.value))
+        self.with(T::lanes_neg(self.simd, self.value))
     }
 }
 
-impl<S: Simd> Lane for Lanes<S> {
+impl<S: Simd, T: Element> Lane for Vector<S, T> {
     #[inline(always)]
     fn splat(self, value: f64) -> Self {
-        Self::splat(self.simd, value)
+        Self::splat(self.simd, T::of(value))
     }
     #[inline(always)]
     fn mul_add(self, factor: Self, term: Self) -> Self {
-        let simd = self.simd;
-        self.with(simd.mul_add_e_f64s(self.value, factor.value, term.value))
+        self.with(T::lanes_mul_add(
+            self.simd,
+            self.value,
+            factor.value,
+            term.value,
+        ))
     }
     #[inline(always)]
     fn negate_mul_add(self, factor: Self, term: Self) -> Self {
-        let simd = self.simd;
-        self.with(simd.negate_mul_add_e_f64s(self.value, factor.value, term.value))
+        self.with(T::lanes_negate_mul_add(
+            self.simd,
+            self.value,
+            factor.value,
+            term.value,
+        ))
     }
     #[inline(always)]
     fn times(self, factor: f64) -> Self {
-        self * Self::splat(self.simd, factor)
+        self * Self::splat(self.simd, T::of(factor))
     }
     #[inline(always)]
     fn abs(self) -> Self {
-        self.with(self.simd.abs_f64s(self.value))
+        self.with(T::lanes_abs(self.simd, self.value))
     }
     #[inline(always)]
     fn min(self, other: Self) -> Self {
-        self.with(self.simd.min_f64s(self.value, other.value))
+        self.with(T::lanes_min(self.simd, self.value, other.value))
     }
     #[inline(always)]
     fn max(self, other: Self) -> Self {
-        self.with(self.simd.max_f64s(self.value, other.value))
+        self.with(T::lanes_max(self.simd, self.value, other.value))
     }
     #[inline(always)]
     fn sqrt(self) -> Self {
-        self.with(self.simd.sqrt_f64s(self.value))
+        self.with(T::lanes_sqrt(self.simd, self.value))
     }
     #[inline(always)]
     fn hypot(self, other: Self) -> Self {
-        self.mul_add(self, other * other).sqrt()
+        Lane::sqrt(Lane::mul_add(self, self, other * other))
     }
     #[inline(always)]
     fn inverted([x, y]: [Self; 2], scale: Self) -> [Self; 2] {
-        let inverse = (x.mul_add(x, y * y) * scale).recip();
+        let inverse = Lane::recip(Lane::mul_add(x, x, y * y) * scale);
         [x * inverse, y * inverse]
     }
     #[inline(always)]
     fn recip(self) -> Self {
-        Self::splat(self.simd, 1.0) / self
+        Self::splat(self.simd, T::one()) / self
     }
     #[inline(always)]
     fn recip_or_zero(self) -> Self {
         let simd = self.simd;
-        let tiny = simd.less_than_or_equal_f64s(self.value, simd.splat_f64s(1.0 / f64::MAX));
-        let inverse = simd.div_f64s(simd.splat_f64s(1.0), self.value);
-        self.with(simd.select_f64s(tiny, simd.splat_f64s(0.0), inverse))
+        let tiny = T::lanes_splat(simd, T::one() / T::MAX);
+        let (zero, inverse) = (T::lanes_splat(simd, T::zero()), Lane::recip(self).value);
+        self.with(T::lanes_select_at_most(
+            simd, self.value, tiny, zero, inverse,
+        ))
     }
     #[inline(always)]
     fn sin_cos(self) -> (Self, Self) {
-        let (sine, cosine) = simd::sin_cos(self.simd, self.value);
+        let (sine, cosine) = T::lanes_sin_cos(self.simd, self.value);
         (self.with(sine), self.with(cosine))
     }
     #[inline(always)]
     fn atan2(self, x: Self) -> Self {
-        self.with(simd::atan2(self.simd, self.value, x.value))
+        self.with(T::lanes_atan2(self.simd, self.value, x.value))
     }
     #[inline(always)]
     fn ln(self) -> Self {
-        self.with(simd::ln(self.simd, self.value))
+        self.with(T::lanes_ln(self.simd, self.value))
     }
     #[inline(always)]
     fn round(self) -> Self {
-        // Adding 1.5 * 2^52 leaves no digits behind the point.
-        let shifter = Self::splat(self.simd, 6_755_399_441_055_744.0);
+        // Adding 1.5 * 2^52 (2^22) leaves no digits behind the point.
+        let shifter = Self::splat(self.simd, T::of(1.5) / T::EPSILON);
         self + shifter - shifter
     }
     #[inline(always)]
     fn remainder(self, divisor: Self) -> Self {
-        self.with(simd::remainder(self.simd, self.value, divisor.value))
+        self.with(T::lanes_remainder(self.simd, self.value, divisor.value))
     }
     #[inline(always)]
     fn select_greater(self, other: Self, yes: Self, no: Self) -> Self {
-        let mask = self.simd.greater_than_f64s(self.value, other.value);
-        self.with(self.simd.select_f64s(mask, yes.value, no.value))
+        let (a, b) = (self.value, other.value);
+        self.with(T::lanes_select_greater(
+            self.simd, a, b, yes.value, no.value,
+        ))
     }
     #[inline(always)]
     fn any_greater(self, other: Self) -> bool {
-        let mask = self.simd.greater_than_f64s(self.value, other.value);
-        self.simd.first_true_m64s(mask) < S::F64_LANES
+        T::lanes_any_greater(self.simd, self.value, other.value)
     }
 }
 

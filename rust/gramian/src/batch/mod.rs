@@ -6,6 +6,7 @@
 //! and in the same order of operations on any number of threads, so results do
 //! not depend on it.
 
+pub mod element;
 pub(crate) mod lanes;
 pub mod moments;
 mod random;
@@ -20,15 +21,16 @@ pub use threads::in_pool;
 
 /// One input of a batch: `size` numbers for each trial, or the same for all.
 #[derive(Clone, Copy, Debug)]
-pub struct Items<'a> {
-    data: &'a [f64],
+pub struct Items<'a, T = f64> {
+    data: &'a [T],
     size: usize,
     step: usize,
 }
 
-impl<'a> Items<'a> {
+impl<'a, T> Items<'a, T> {
     /// `size` numbers for each trial, one trial after the other.
-    pub fn each(data: &'a [f64], size: usize) -> Self {
+    #[inline]
+    pub fn each(data: &'a [T], size: usize) -> Self {
         Self {
             data,
             size,
@@ -37,7 +39,8 @@ impl<'a> Items<'a> {
     }
 
     /// The same numbers for every trial.
-    pub fn shared(data: &'a [f64]) -> Self {
+    #[inline]
+    pub fn shared(data: &'a [T]) -> Self {
         Self {
             data,
             size: data.len(),
@@ -46,11 +49,13 @@ impl<'a> Items<'a> {
     }
 
     /// Whether all trials share this input.
+    #[inline]
     pub fn is_shared(&self) -> bool {
         self.step == 0
     }
 
     /// The same input counted from trial `first` on.
+    #[inline]
     #[must_use]
     pub fn skip(self, first: usize) -> Self {
         Self {
@@ -67,7 +72,7 @@ impl<'a> Items<'a> {
 
     /// The numbers of one trial.
     #[inline]
-    pub fn get(&self, trial: usize) -> &'a [f64] {
+    pub fn get(&self, trial: usize) -> &'a [T] {
         &self.data[trial * self.step..trial * self.step + self.size]
     }
 }

@@ -4,6 +4,8 @@
 //! NEON or plain scalars, whichever this CPU has. Tests run a kernel on every
 //! path of the machine they are on ([`Path::available`]) and compare.
 
+use super::element::{Element, MOST_LANES};
+
 /// The vector paths a kernel can be run on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Path {
@@ -120,59 +122,54 @@ fn polynomial<S: pulp::Simd, const N: usize>(simd: S, c: &[f64; N], z: S::f64s) 
 /// By a loop: what is handed to `array::map` is compiled without the CPU features
 /// of the path, and then every vector goes through memory and a call.
 #[inline(always)]
-pub fn lane_sums<S: pulp::Simd, const N: usize>(simd: S, vectors: &[S::f64s; N]) -> [f64; N] {
-    let mut sums = [0.0; N];
+pub fn lane_sums<S: pulp::Simd, T: Element, const N: usize>(
+    simd: S,
+    vectors: &[T::Register<S>; N],
+) -> [T; N] {
+    let mut sums = [T::zero(); N];
     for n in 0..N {
-        sums[n] = simd.reduce_sum_f64s(vectors[n]);
+        sums[n] = T::lanes_sum(simd, vectors[n]);
     }
     sums
 }
 
+/// Two registers.
+pub type Pair<S, T> = [<T as Element>::Register<S>; 2];
+
 /// Vectors of pairs (x, y) that follow each other in memory, from a slice whose
 /// length is even, and the numbers left over.
 #[inline(always)]
-pub fn pairs<S: pulp::Simd>(flat: &[f64]) -> (&[[S::f64s; 2]], &[f64]) {
-    let (vectors, _) = S::as_simd_f64s(flat);
+pub fn pairs<S: pulp::Simd, T: Element>(flat: &[T]) -> (&[Pair<S, T>], &[T]) {
+    let (vectors, _) = T::registers::<S>(flat);
     let (pairs, _) = vectors.as_chunks::<2>();
-    (pairs, &flat[2 * S::F64_LANES * pairs.len()..])
+    (pairs, &flat[2 * T::lanes::<S>() * pairs.len()..])
 }
 
-/// The first numbers of pairs, and the second ones. The lanes are in an order of
-/// their own, the same for both.
+/// The first numbers of the last pairs in `flat`, and the second ones, of whose numbers the
+/// last `rest` are left over (fewer than two vectors take), and a vector that is 1 in the
+/// lanes of those and 0 in the others, which hold other pairs of `flat`. The lanes are in an
+/// order of their own, that of [`Element::lanes_of_pairs`].
 #[inline(always)]
-pub fn deinterleave<S: pulp::Simd>(simd: S, pairs: [S::f64s; 2]) -> [S::f64s; 2] {
-    simd.deinterleave_shfl_f64s(pairs)
-}
-
-/// Zeros, then ones, as many as the widest vector has pairs.
-const NEW: [f64; 32] = {
-    let mut new = [0.0; 32];
-    let mut i = 16;
-    while i < 32 {
-        new[i] = 1.0;
-        i += 1;
-    }
-    new
-};
-
-/// [`deinterleave`] of the last vectors of pairs in `flat`, of whose numbers the last `rest`
-/// are left over (fewer than the vectors take), and a vector that is 1 in the lanes of
-/// those and 0 in the others, which hold other pairs of `flat`.
-#[inline(always)]
-pub fn last_pairs<S: pulp::Simd>(simd: S, flat: &[f64], rest: usize) -> ([S::f64s; 2], S::f64s) {
-    let width = 2 * S::F64_LANES;
+pub fn last_pairs<S: pulp::Simd, T: Element>(
+    simd: S,
+    flat: &[T],
+    rest: usize,
+) -> ([T::Register<S>; 2], T::Register<S>) {
+    let width = 2 * T::lanes::<S>();
     let known = width - rest;
-    let new = deinterleave(simd, pairs::<S>(&NEW[16 - known..32 - known]).0[0])[0];
+    let new = &T::NEW[2 * MOST_LANES - known..2 * MOST_LANES - known + width];
+    let new = T::lanes_of_pairs(simd, pairs::<S, T>(new).0[0])[0];
     if flat.len() >= width {
-        let last = pairs::<S>(&flat[flat.len() - width..]).0[0];
-        return (deinterleave(simd, last), new);
+        let last = pairs::<S, T>(&flat[flat.len() - width..]).0[0];
+        return (T::lanes_of_pairs(simd, last), new);
     }
-    let mut filled = [0.0; 16];
+    let mut filled = [T::zero(); 2 * MOST_LANES];
     for pair in filled[..known].as_chunks_mut::<2>().0 {
         pair.copy_from_slice(&flat[..2]);
     }
     filled[known..width].copy_from_slice(flat);
-    (deinterleave(simd, pairs::<S>(&filled).0[0]), new)
+    let filled = pairs::<S, T>(&filled[..width]).0[0];
+    (T::lanes_of_pairs(simd, filled), new)
 }
 
 /// Sine and cosine of each lane, within 1.5 units in the last place.
@@ -264,31 +261,6 @@ fn by_lane<S: pulp::Simd>(simd: S, angle: S::f64s) -> (S::f64s, S::f64s) {
         simd.partial_load_f64s(&sin[..lanes]),
         simd.partial_load_f64s(&cos[..lanes]),
     )
-}
-
-/// What is left of each lane beside whole multiples of `divisor`, with its sign.
-#[inline(never)]
-pub fn remainder<S: pulp::Simd>(simd: S, x: S::f64s, divisor: S::f64s) -> S::f64s {
-    let (mut left, mut right) = ([0.0; 8], [0.0; 8]);
-    let lanes = S::F64_LANES.min(8);
-    simd.partial_store_f64s(&mut left[..lanes], x);
-    simd.partial_store_f64s(&mut right[..lanes], divisor);
-    for lane in 0..lanes {
-        left[lane] %= right[lane];
-    }
-    simd.partial_load_f64s(&left[..lanes])
-}
-
-/// The natural logarithm of each lane, as the standard library gives it.
-#[inline(never)]
-pub fn ln<S: pulp::Simd>(simd: S, value: S::f64s) -> S::f64s {
-    let mut values = [1.0_f64; 8];
-    let lanes = S::F64_LANES.min(8);
-    simd.partial_store_f64s(&mut values[..lanes], value);
-    for value in &mut values[..lanes] {
-        *value = value.ln();
-    }
-    simd.partial_load_f64s(&values[..lanes])
 }
 
 /// The angle of (x, y) against the x axis in (-pi, pi], lane by lane, within 2

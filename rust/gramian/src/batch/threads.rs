@@ -27,12 +27,12 @@ impl Threads {
     ///
     /// # Errors
     /// The error of the first trial (by index) that fails.
-    pub fn over<E: Send>(
+    pub fn over<T: Send, E: Send>(
         self,
-        out: &mut [f64],
+        out: &mut [T],
         size: usize,
         cost: f64,
-        each: impl Fn(usize, &mut [f64]) -> Result<(), E> + Sync,
+        each: impl Fn(usize, &mut [T]) -> Result<(), E> + Sync,
     ) -> Result<(), E> {
         self.over_with(out, size, cost, || (), |(), trial, out| each(trial, out))
     }
@@ -43,13 +43,13 @@ impl Threads {
     ///
     /// # Errors
     /// The error of the first group that fails.
-    pub fn over_groups<E: Send>(
+    pub fn over_groups<T: Send, E: Send>(
         self,
-        out: &mut [f64],
+        out: &mut [T],
         size: usize,
         group: usize,
         cost: f64,
-        each: impl Fn(usize, &mut [f64]) -> Result<(), E> + Sync,
+        each: impl Fn(usize, &mut [T]) -> Result<(), E> + Sync,
     ) -> Result<(), E> {
         if size == 0 || group == 0 {
             return Ok(());
@@ -69,13 +69,13 @@ impl Threads {
     ///
     /// # Errors
     /// The error of the first trial (by index) that fails.
-    pub fn over_with<S, E: Send>(
+    pub fn over_with<S, T: Send, E: Send>(
         self,
-        out: &mut [f64],
+        out: &mut [T],
         size: usize,
         cost: f64,
         scratch: impl Fn() -> S + Sync,
-        each: impl Fn(&mut S, usize, &mut [f64]) -> Result<(), E> + Sync,
+        each: impl Fn(&mut S, usize, &mut [T]) -> Result<(), E> + Sync,
     ) -> Result<(), E> {
         if size == 0 {
             return Ok(());
@@ -116,12 +116,12 @@ pub fn in_pool<R>(pool: alloc::sync::Arc<rayon::ThreadPool>, work: impl FnOnce()
 /// The work of [`Threads::over_with`] on all threads of the pool. The calling thread does not
 /// wait for the others to wake: it takes piece after piece, and so does each that has come.
 #[cfg(feature = "parallel")]
-fn shared_out<S, E: Send>(
-    out: &mut [f64],
+fn shared_out<S, T: Send, E: Send>(
+    out: &mut [T],
     size: usize,
     cost: f64,
     scratch: &(impl Fn() -> S + Sync),
-    each: &(impl Fn(&mut S, usize, &mut [f64]) -> Result<(), E> + Sync),
+    each: &(impl Fn(&mut S, usize, &mut [T]) -> Result<(), E> + Sync),
 ) -> Result<(), E> {
     use std::sync::{Mutex, PoisonError};
 
@@ -171,12 +171,12 @@ fn beside<'scope>(scope: &rayon::Scope<'scope>, others: usize, work: &'scope (im
     work();
 }
 
-fn run<S, E>(
-    out: &mut [f64],
+fn run<S, T, E>(
+    out: &mut [T],
     size: usize,
     first: usize,
     space: &mut S,
-    each: &impl Fn(&mut S, usize, &mut [f64]) -> Result<(), E>,
+    each: &impl Fn(&mut S, usize, &mut [T]) -> Result<(), E>,
 ) -> Result<(), (usize, E)> {
     for (i, item) in out.chunks_exact_mut(size).enumerate() {
         each(space, first + i, item).map_err(|error| (first + i, error))?;

@@ -1,28 +1,30 @@
 //! sum of w row^T row, trial by trial.
 
+use crate::batch::element::Element;
 use crate::batch::simd::{Path, lane_sums};
 use crate::batch::{Items, Threads};
 use crate::numbers::algebra::add_square;
+use crate::scalar::Real;
 
 /// Gram matrices (trials, n, n) of rows (trials, K, n), with a weight for each
 /// row if given. `out` holds n x n entries for each trial.
-pub fn gram(
-    rows: Items<'_>,
-    weights: Option<Items<'_>>,
+pub fn gram<T: Element>(
+    rows: Items<'_, T>,
+    weights: Option<Items<'_, T>>,
     n: usize,
     threads: Threads,
     path: Path,
-    out: &mut [f64],
+    out: &mut [T],
 ) {
     let count = rows.size().checked_div(n).unwrap_or(0);
     let cost = 0.3 * (count * n * n) as f64;
-    let each = |trial: usize, out: &mut [f64]| -> Result<(), core::convert::Infallible> {
+    let each = |trial: usize, out: &mut [T]| -> Result<(), core::convert::Infallible> {
         let rows = rows.get(trial);
         let weights = weights.map(|w| w.get(trial));
         match n {
             4 if weights.is_none() => path.run(Four { rows, out }),
-            4 => path.run(Fixed::<4> { rows, weights, out }),
-            9 => path.run(Fixed::<9> { rows, weights, out }),
+            4 => path.run(Fixed::<T, 4> { rows, weights, out }),
+            9 => path.run(Fixed::<T, 9> { rows, weights, out }),
             _ => any_size(rows, weights, n, out),
         }
         Ok(())
@@ -36,46 +38,46 @@ pub fn is_fast(n: usize) -> bool {
     matches!(n, 4 | 9)
 }
 
-fn any_size(rows: &[f64], weights: Option<&[f64]>, n: usize, out: &mut [f64]) {
-    out.fill(0.0);
+fn any_size<T: Real>(rows: &[T], weights: Option<&[T]>, n: usize, out: &mut [T]) {
+    out.fill(T::zero());
     add(rows, weights, n, out);
 }
 
 /// Adds the squares of further rows, one after the other, to a matrix (n, n) that was
 /// filled with zeros: the same to the last bit as all rows at once, but where [`is_fast`].
-pub fn add(rows: &[f64], weights: Option<&[f64]>, n: usize, out: &mut [f64]) {
+pub fn add<T: Real>(rows: &[T], weights: Option<&[T]>, n: usize, out: &mut [T]) {
     for (k, row) in rows.chunks_exact(n).enumerate() {
-        add_square(row, weights.map_or(1.0, |w| w[k]), out);
+        add_square(row, weights.map_or(T::one(), |w| w[k]), out);
     }
 }
 
 /// Four columns, the commonest case: blocks of rows are turned into one vector a
 /// column, and the ten sums run down the lanes.
-struct Four<'a> {
-    rows: &'a [f64],
-    out: &'a mut [f64],
+struct Four<'a, T> {
+    rows: &'a [T],
+    out: &'a mut [T],
 }
 
-impl pulp::WithSimd for Four<'_> {
+impl<T: Element> pulp::WithSimd for Four<'_, T> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, simd: S) {
-        let (vectors, _) = S::as_simd_f64s(self.rows);
+        let (vectors, _) = T::registers::<S>(self.rows);
         let (blocks, _) = vectors.as_chunks::<4>();
-        let mut sums = [simd.splat_f64s(0.0); 10];
+        let mut sums = [T::lanes_splat(simd, T::zero()); 10];
         for block in blocks {
-            let columns = simd.deinterleave_shfl_f64s(*block);
+            let columns = T::lanes_of_fours(simd, *block);
             let mut k = 0;
             for i in 0..4 {
                 for j in i..4 {
-                    sums[k] = simd.mul_add_e_f64s(columns[i], columns[j], sums[k]);
+                    sums[k] = T::lanes_mul_add(simd, columns[i], columns[j], sums[k]);
                     k += 1;
                 }
             }
         }
-        let mut sums = lane_sums(simd, &sums);
-        let (rest, _) = self.rows[blocks.len() * 4 * S::F64_LANES..].as_chunks::<4>();
+        let mut sums = lane_sums::<S, T, 10>(simd, &sums);
+        let (rest, _) = self.rows[blocks.len() * 4 * T::lanes::<S>()..].as_chunks::<4>();
         for row in rest {
             let mut k = 0;
             for i in 0..4 {
@@ -96,20 +98,20 @@ impl pulp::WithSimd for Four<'_> {
     }
 }
 
-struct Fixed<'a, const N: usize> {
-    rows: &'a [f64],
-    weights: Option<&'a [f64]>,
-    out: &'a mut [f64],
+struct Fixed<'a, T, const N: usize> {
+    rows: &'a [T],
+    weights: Option<&'a [T]>,
+    out: &'a mut [T],
 }
 
-impl<const N: usize> pulp::WithSimd for Fixed<'_, N> {
+impl<T: Element, const N: usize> pulp::WithSimd for Fixed<'_, T, N> {
     type Output = ();
 
     // The width comes from the target features of the path this is inlined
     // into: N is fixed, so the inner loops become vectors.
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _simd: S) {
-        let mut sums = [[0.0_f64; N]; N];
+        let mut sums = [[T::zero(); N]; N];
         let (rows, _) = self.rows.as_chunks::<N>();
         match self.weights {
             None => {
@@ -163,6 +165,37 @@ mod tests {
                         );
                         for (f, e) in found.iter().zip(&expected) {
                             assert!((f - e).abs() < 1e-12, "{path:?} {n} {count}: {f} {e}");
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// In single precision each sum is off by what its products and additions round.
+    #[test]
+    fn single_precision_keeps_its_digits_on_every_path() {
+        let mut random = Stream::new(2, 0);
+        for n in [2, 4, 9] {
+            for count in [1_u16, 15, 16, 33, 100] {
+                let size = usize::from(count) * n;
+                #[allow(clippy::cast_possible_truncation)]
+                let rows: alloc::vec::Vec<f32> =
+                    (0..size).map(|_| random.normal() as f32).collect();
+                let double: alloc::vec::Vec<f64> = rows.iter().map(|&x| f64::from(x)).collect();
+                let mut expected = alloc::vec![0.0; n * n];
+                any_size(&double, None, n, &mut expected);
+                for path in Path::available() {
+                    let mut found = alloc::vec![f32::NAN; n * n];
+                    let items = Items::each(&rows, size);
+                    gram(items, None, n, Threads::One, path, &mut found);
+                    for i in 0..n {
+                        for j in 0..n {
+                            let wanted = expected[i * n + j];
+                            let scale = (expected[i * n + i] * expected[j * n + j]).sqrt();
+                            let bound = (f64::from(count) + 2.0) * 0.5 * f64::from(f32::EPSILON);
+                            let off = (f64::from(found[i * n + j]) - wanted).abs();
+                            assert!(off <= bound * scale, "{path:?} {n} {count}: {off}");
                         }
                     }
                 }

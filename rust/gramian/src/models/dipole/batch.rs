@@ -439,7 +439,7 @@ impl pulp::WithSimd for Moments<'_> {
             sums[5] = simd.mul_add_e_f64s(w4, t, sums[5]);
             sums[6] = simd.mul_add_e_f64s(w4, squared, sums[6]);
         }
-        let mut out = lane_sums(simd, &sums);
+        let mut out = lane_sums::<S, f64, _>(simd, &sums);
         let first = self.times.len() - rest.len();
         for k in first..self.times.len() {
             let weight = if common {

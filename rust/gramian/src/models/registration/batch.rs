@@ -4,8 +4,9 @@ use alloc::vec;
 use alloc::vec::Vec;
 use core::convert::Infallible;
 
+use crate::batch::element::Element;
 use crate::batch::lanes::Lanes;
-use crate::batch::simd::{Path, deinterleave, last_pairs, pairs};
+use crate::batch::simd::{Path, last_pairs, pairs};
 use crate::batch::{Items, Stream, Threads};
 use crate::numbers::lane::Lane;
 use crate::registration::estimate::{Answer, Estimator, Question, Status};
@@ -333,14 +334,14 @@ impl pulp::WithSimd for Sum<'_> {
                     offsets.extend(looks.flat_map(|look| pair.offset(look, sensor)));
                 }
                 let [a, b] = &offsets;
-                let ((whole, rest), (others, _)) = (pairs::<S>(a), pairs::<S>(b));
+                let ((whole, rest), (others, _)) = (pairs::<S, f64>(a), pairs::<S, f64>(b));
                 for (&a, &b) in whole.iter().zip(others) {
-                    let [a, b] = [a, b].map(|pair| lanes(deinterleave(simd, pair)));
+                    let [a, b] = [a, b].map(|pair| lanes(f64::lanes_of_pairs(simd, pair)));
                     constants.add(a, b, one, &mut sums);
                 }
                 if !rest.is_empty() {
-                    let (from_a, new) = last_pairs(simd, a, rest.len());
-                    let (from_b, _) = last_pairs(simd, b, rest.len());
+                    let (from_a, new) = last_pairs::<S, f64>(simd, a, rest.len());
+                    let (from_b, _) = last_pairs::<S, f64>(simd, b, rest.len());
                     let weight = Lanes::new(simd, new);
                     constants.add(lanes(from_a), lanes(from_b), weight, &mut sums);
                 }
@@ -349,13 +350,13 @@ impl pulp::WithSimd for Sum<'_> {
                 let from =
                     |[x, y]: [Lanes<S>; 2], [east, north]: [Lanes<S>; 2]| [x - east, y - north];
                 let places = self.scene.positions.get(trial);
-                let (whole, rest) = pairs::<S>(places);
+                let (whole, rest) = pairs::<S, f64>(places);
                 for &pair in whole {
-                    let place = lanes(deinterleave(simd, pair));
+                    let place = lanes(f64::lanes_of_pairs(simd, pair));
                     constants.add(from(place, a), from(place, b), one, &mut sums);
                 }
                 if !rest.is_empty() {
-                    let (place, new) = last_pairs(simd, places, rest.len());
+                    let (place, new) = last_pairs::<S, f64>(simd, places, rest.len());
                     let (place, weight) = (lanes(place), Lanes::new(simd, new));
                     constants.add(from(place, a), from(place, b), weight, &mut sums);
                 }

@@ -11,6 +11,7 @@ use core::convert::Infallible;
 
 use crate::batch::simd::{Path, sin_cos, sin_products};
 use crate::batch::{Items, Threads};
+use crate::scalar::Real;
 
 /// Gram matrices (trials, 4, 4) of unit rows at the first time, each row
 /// weighted if weights are given, and with `determinant` the determinant of each after it:
@@ -275,10 +276,16 @@ fn finish(
 /// det of [[C, -B], [-B, A]], each a 2 x 2 matrix of sums times T^(i + j): of the Gram
 /// matrix of rows (a, b) x (1, T) of sums of a a, a b (of either sign) and b b.
 #[inline(always)]
-pub(crate) fn block_determinant(c: &[f64; 3], b: &[f64; 3], a: &[f64; 3]) -> f64 {
+pub(crate) fn block_determinant<T: Real>(c: &[T; 3], b: &[T; 3], a: &[T; 3]) -> T {
     // One column at a time, the times centred in the sums themselves: what is
     // subtracted then is as small as it can be. A zero pivot makes a zero.
-    let inverse = |x: f64| if x > 0.0 { 1.0 / x } else { 0.0 };
+    let inverse = |x: T| {
+        if x > T::zero() {
+            T::one() / x
+        } else {
+            T::zero()
+        }
+    };
     let g = inverse(c[0]);
     let f = c[1] * g;
     let second = c[2] - f * c[1];

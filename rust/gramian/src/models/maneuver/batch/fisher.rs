@@ -4,8 +4,9 @@ use alloc::vec::Vec;
 
 use pulp::Simd;
 
-use crate::batch::lanes::Lanes;
-use crate::batch::simd::{Path, deinterleave, last_pairs, pairs};
+use crate::batch::element::Element;
+use crate::batch::lanes::Vector;
+use crate::batch::simd::{Path, last_pairs, pairs};
 use crate::batch::{Items, Threads};
 use crate::bearings;
 use crate::bearings::batch::block_determinant;
@@ -20,19 +21,19 @@ const CHUNK: usize = 64;
 
 /// A batch of paths from which bearings of one target each are taken.
 #[derive(Clone, Copy, Debug)]
-pub struct Sightings<'a> {
+pub struct Sightings<'a, T = f64> {
     /// Positions of the observer (m, 2).
-    pub positions: Items<'a>,
+    pub positions: Items<'a, T>,
     /// East and north of a fixed target, or the state (x0, y0, vx, vy) of one at
     /// constant velocity, at the first time.
-    pub target: Items<'a>,
+    pub target: Items<'a, T>,
     /// Times (m); empty for a fixed target.
-    pub times: Items<'a>,
+    pub times: Items<'a, T>,
     /// Standard deviations: one, or one for each bearing.
-    pub sigma: Items<'a>,
+    pub sigma: Items<'a, T>,
 }
 
-impl Sightings<'_> {
+impl<T: Element> Sightings<'_, T> {
     /// Number of states: 2 for a fixed target, 4 for one at constant velocity.
     pub fn states(&self) -> usize {
         self.target.size()
@@ -49,7 +50,7 @@ impl Sightings<'_> {
         }
     }
 
-    fn at(&self, trial: usize) -> Sighting<'_> {
+    fn at(&self, trial: usize) -> Sighting<'_, T> {
         let (positions, _) = self.positions.get(trial).as_chunks::<2>();
         Sighting {
             positions,
@@ -62,17 +63,17 @@ impl Sightings<'_> {
 
 /// One trial of the batch.
 #[derive(Clone, Copy)]
-struct Sighting<'a> {
-    positions: &'a [[f64; 2]],
-    target: &'a [f64],
-    times: &'a [f64],
-    sigma: &'a [f64],
+struct Sighting<'a, T> {
+    positions: &'a [[T; 2]],
+    target: &'a [T],
+    times: &'a [T],
+    sigma: &'a [T],
 }
 
-impl Sighting<'_> {
+impl<T: Element> Sighting<'_, T> {
     /// Time since the first, offset of the target, and sigma of sample `i`.
     #[inline]
-    fn sample(&self, i: usize) -> (f64, f64, f64, f64) {
+    fn sample(&self, i: usize) -> (T, T, T, T) {
         let [x, y] = self.positions[i];
         let sigma = self.sigma[if self.sigma.len() == 1 { 0 } else { i }];
         if let Some(state) = self.target.first_chunk::<4>() {
@@ -80,21 +81,25 @@ impl Sighting<'_> {
             let [east, north] = bearings::moved(state, time);
             (time, east - x, north - y, sigma)
         } else {
-            (0.0, self.target[0] - x, self.target[1] - y, sigma)
+            (T::zero(), self.target[0] - x, self.target[1] - y, sigma)
         }
     }
 
     /// The sum row by row, for what exceeds the numbers of the vectors on its way, or
     /// what is wrong: the first sample that is on the target, or not finite.
-    fn row_by_row(&self, out: &mut [f64]) -> Result<(), Error> {
+    fn row_by_row(&self, out: &mut [T]) -> Result<(), Error> {
         let n = self.target.len();
-        out.fill(0.0);
+        out.fill(T::zero());
         for i in 0..self.positions.len() {
             check_finite("positions", &self.positions[i])
                 .map_err(|error| Error::from(error).at(i))?;
             let (time, east, north, sigma) = self.sample(i);
             let [a, b] = unchecked_row(east, north, sigma).map_err(|error| error.at(i))?;
-            add_square(&[a, b, time * a, time * b][..n], 1.0, &mut out[..n * n]);
+            add_square(
+                &[a, b, time * a, time * b][..n],
+                T::one(),
+                &mut out[..n * n],
+            );
         }
         finish(n, out);
         if all_finite(out) {
@@ -125,12 +130,12 @@ const GROUP: usize = 8;
 ///
 /// # Source
 /// Xu et al. 2009, eqs. (9) and (10).
-pub fn fisher(
-    sightings: Sightings<'_>,
+pub fn fisher<T: Element>(
+    sightings: Sightings<'_, T>,
     determinant: bool,
     threads: Threads,
     path: Path,
-    out: &mut [f64],
+    out: &mut [T],
 ) -> Result<(), (usize, Error)> {
     let n = sightings.states();
     let m = sightings.positions.size() / 2;
@@ -138,7 +143,7 @@ pub fn fisher(
     let moves = n == 4 && even && sightings.times.is_shared();
     let clock = if moves {
         let times = sightings.times.get(0);
-        times.iter().flat_map(|t| [t - times[0]; 2]).collect()
+        times.iter().flat_map(|&t| [t - times[0]; 2]).collect()
     } else {
         Vec::new()
     };
@@ -180,13 +185,13 @@ pub fn fisher(
 
 /// Sums of a a, a b, b b over the rows (a, b) of fixed targets, one deviation for all
 /// bearings of a trial: positions go straight from memory into vectors.
-struct Fixed<'a> {
-    sightings: Sightings<'a>,
+struct Fixed<'a, T> {
+    sightings: Sightings<'a, T>,
     size: usize,
-    out: &'a mut [f64],
+    out: &'a mut [T],
 }
 
-impl pulp::WithSimd for Fixed<'_> {
+impl<T: Element> pulp::WithSimd for Fixed<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -196,16 +201,16 @@ impl pulp::WithSimd for Fixed<'_> {
             let target = splat(simd, target);
             let [sigma] = splat(simd, sigma);
             let places = self.sightings.positions.get(trial);
-            let (whole, rest) = pairs::<S>(places);
-            let mut sums = [Lanes::splat(simd, 0.0); 3];
+            let (whole, rest) = pairs::<S, T>(places);
+            let mut sums = [Vector::splat(simd, T::zero()); 3];
             for &place in whole {
-                let place = pair(simd, deinterleave(simd, place));
+                let place = pair::<S, T>(simd, T::lanes_of_pairs(simd, place));
                 add(row(target, place, sigma), &mut sums);
             }
             if !rest.is_empty() {
-                let (last, new) = last_pairs(simd, places, rest.len());
-                let new = Lanes::new(simd, new);
-                let last = row(target, pair(simd, last), sigma);
+                let (last, new) = last_pairs::<S, T>(simd, places, rest.len());
+                let new = Vector::new(simd, new);
+                let last = row(target, pair::<S, T>(simd, last), sigma);
                 add([last[0] * new, last[1] * new], &mut sums);
             }
             let [xx, xy, yy] = total(&sums);
@@ -217,39 +222,43 @@ impl pulp::WithSimd for Fixed<'_> {
 
 /// The same for targets at constant velocity that are seen at the same times in all
 /// trials: those sums, and the same times time and its square.
-struct Moving<'a> {
-    sightings: Sightings<'a>,
+struct Moving<'a, T> {
+    sightings: Sightings<'a, T>,
     /// Each time since the first, twice: in pairs, as the positions are, and so in the
     /// same order once they are taken apart.
-    clock: &'a [f64],
+    clock: &'a [T],
     size: usize,
-    out: &'a mut [f64],
+    out: &'a mut [T],
 }
 
-impl pulp::WithSimd for Moving<'_> {
+impl<T: Element> pulp::WithSimd for Moving<'_, T> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let (times, _) = pairs::<S>(self.clock);
+        let (times, _) = pairs::<S, T>(self.clock);
         for (trial, out) in self.out.chunks_exact_mut(self.size).enumerate() {
             let Sighting { target, sigma, .. } = self.sightings.at(trial);
             let state = splat(simd, target);
             let [sigma] = splat(simd, sigma);
             let places = self.sightings.positions.get(trial);
-            let (whole, rest) = pairs::<S>(places);
-            let mut sums = [Lanes::splat(simd, 0.0); 9];
+            let (whole, rest) = pairs::<S, T>(places);
+            let mut sums = [Vector::splat(simd, T::zero()); 9];
             for (&place, &time) in whole.iter().zip(times) {
-                let [time, _] = pair(simd, deinterleave(simd, time));
-                let place = pair(simd, deinterleave(simd, place));
+                let [time, _] = pair::<S, T>(simd, T::lanes_of_pairs(simd, time));
+                let place = pair::<S, T>(simd, T::lanes_of_pairs(simd, place));
                 let row = row(bearings::moved(&state, time), place, sigma);
                 add_moved(row, time, &mut sums);
             }
             if !rest.is_empty() {
-                let (last, new) = last_pairs(simd, places, rest.len());
-                let (times, _) = last_pairs(simd, self.clock, rest.len());
-                let ([time, _], new) = (pair(simd, times), Lanes::new(simd, new));
-                let last = row(bearings::moved(&state, time), pair(simd, last), sigma);
+                let (last, new) = last_pairs::<S, T>(simd, places, rest.len());
+                let (times, _) = last_pairs::<S, T>(simd, self.clock, rest.len());
+                let ([time, _], new) = (pair::<S, T>(simd, times), Vector::new(simd, new));
+                let last = row(
+                    bearings::moved(&state, time),
+                    pair::<S, T>(simd, last),
+                    sigma,
+                );
                 add_moved([last[0] * new, last[1] * new], time, &mut sums);
             }
             spread(&total(&sums), 4, out);
@@ -259,13 +268,13 @@ impl pulp::WithSimd for Moving<'_> {
 }
 
 /// Sums of a a, a b, b b over the rows (a, b), times 1, time and its square.
-struct Sums<'a> {
-    sightings: Sightings<'a>,
+struct Sums<'a, T> {
+    sightings: Sightings<'a, T>,
     size: usize,
-    out: &'a mut [f64],
+    out: &'a mut [T],
 }
 
-impl pulp::WithSimd for Sums<'_> {
+impl<T: Element> pulp::WithSimd for Sums<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -278,33 +287,38 @@ impl pulp::WithSimd for Sums<'_> {
     }
 }
 
-impl Sighting<'_> {
+impl<T: Element> Sighting<'_, T> {
     #[inline(always)]
-    fn sums<S: Simd>(self, simd: S) -> [f64; 9] {
+    fn sums<S: Simd>(self, simd: S) -> [T; 9] {
         let sighting = self;
-        let mut sums = [Lanes::splat(simd, 0.0); 9];
+        let mut sums = [Vector::splat(simd, T::zero()); 9];
         // Samples beyond the last: far away, so that they add nothing.
-        let far = [f64::INFINITY; CHUNK];
+        let far = [T::INFINITY; CHUNK];
         let mut start = 0;
         while start < sighting.positions.len() {
             let count = CHUNK.min(sighting.positions.len() - start);
-            let (mut time, mut east, mut north) = ([0.0; CHUNK], [0.0; CHUNK], [0.0; CHUNK]);
-            let mut noise = if count < CHUNK { far } else { [0.0; CHUNK] };
+            let (mut time, mut east, mut north) =
+                ([T::zero(); CHUNK], [T::zero(); CHUNK], [T::zero(); CHUNK]);
+            let mut noise = if count < CHUNK {
+                far
+            } else {
+                [T::zero(); CHUNK]
+            };
             for i in 0..count {
                 let t;
                 (t, east[i], north[i], noise[i]) = sighting.sample(start + i);
                 time[i] = t;
             }
             for i in count..CHUNK {
-                north[i] = 1.0;
+                north[i] = T::one();
             }
-            let (times, _) = S::as_simd_f64s(&time);
-            let (easts, _) = S::as_simd_f64s(&east);
-            let (norths, _) = S::as_simd_f64s(&north);
-            let (noises, _) = S::as_simd_f64s(&noise);
-            for v in 0..count.div_ceil(S::F64_LANES) {
-                let offset = pair(simd, [easts[v], norths[v]]);
-                let [time, sigma] = pair(simd, [times[v], noises[v]]);
+            let (times, _) = T::registers::<S>(&time);
+            let (easts, _) = T::registers::<S>(&east);
+            let (norths, _) = T::registers::<S>(&north);
+            let (noises, _) = T::registers::<S>(&noise);
+            for v in 0..count.div_ceil(T::lanes::<S>()) {
+                let offset = pair::<S, T>(simd, [easts[v], norths[v]]);
+                let [time, sigma] = pair::<S, T>(simd, [times[v], noises[v]]);
                 // Times are zero for a fixed target.
                 add_moved(bearings::gradient(offset, sigma), time, &mut sums);
             }
@@ -316,16 +330,16 @@ impl Sighting<'_> {
 
 /// Two vectors as numbers.
 #[inline(always)]
-fn pair<S: Simd>(simd: S, [a, b]: [S::f64s; 2]) -> [Lanes<S>; 2] {
-    [Lanes::new(simd, a), Lanes::new(simd, b)]
+fn pair<S: Simd, T: Element>(simd: S, [a, b]: [T::Register<S>; 2]) -> [Vector<S, T>; 2] {
+    [Vector::new(simd, a), Vector::new(simd, b)]
 }
 
 /// The same numbers in all lanes.
 #[inline(always)]
-fn splat<S: Simd, const N: usize>(simd: S, numbers: &[f64]) -> [Lanes<S>; N] {
-    let mut all = [Lanes::splat(simd, 0.0); N];
+fn splat<S: Simd, T: Element, const N: usize>(simd: S, numbers: &[T]) -> [Vector<S, T>; N] {
+    let mut all = [Vector::splat(simd, T::zero()); N];
     for i in 0..N {
-        all[i] = Lanes::splat(simd, numbers[i]);
+        all[i] = Vector::splat(simd, numbers[i]);
     }
     all
 }
@@ -358,8 +372,8 @@ fn add_moved<L: Lane>([a, b]: [L; 2], time: L, sums: &mut [L; 9]) {
 
 /// The sum over the lanes of each.
 #[inline(always)]
-fn total<S: Simd, const N: usize>(sums: &[Lanes<S>; N]) -> [f64; N] {
-    let mut out = [0.0; N];
+fn total<S: Simd, T: Element, const N: usize>(sums: &[Vector<S, T>; N]) -> [T; N] {
+    let mut out = [T::zero(); N];
     for n in 0..N {
         out[n] = sums[n].sum();
     }
@@ -368,7 +382,7 @@ fn total<S: Simd, const N: usize>(sums: &[Lanes<S>; N]) -> [f64; N] {
 
 /// The n x n matrix of blocks (xx, xy, yy) times the powers 0, 1, 2 of time.
 #[inline(always)]
-fn spread(sums: &[f64; 9], n: usize, out: &mut [f64]) {
+fn spread<T: Element>(sums: &[T; 9], n: usize, out: &mut [T]) {
     for i in 0..n {
         for j in 0..n {
             out[i * n + j] = sums[i % 2 + j % 2 + 3 * (i / 2 + j / 2)];
@@ -378,7 +392,7 @@ fn spread(sums: &[f64; 9], n: usize, out: &mut [f64]) {
 
 /// The determinant of the n x n matrix in `out`, after it where there is room.
 #[inline(always)]
-fn finish(n: usize, out: &mut [f64]) {
+fn finish<T: Element>(n: usize, out: &mut [T]) {
     let Some((matrix, [det])) = out.split_at_mut_checked(n * n) else {
         return;
     };
@@ -433,7 +447,7 @@ pub fn fisher_det(
     })
 }
 
-fn root_det(sighting: Sighting<'_>) -> Result<f64, Error> {
+fn root_det(sighting: Sighting<'_, f64>) -> Result<f64, Error> {
     let mut root = SquareRootInformation::<f64, 2>::new();
     for i in 0..sighting.positions.len() {
         let (_, east, north, sigma) = sighting.sample(i);
@@ -442,7 +456,7 @@ fn root_det(sighting: Sighting<'_>) -> Result<f64, Error> {
     Ok(root.determinant())
 }
 
-fn root_det_moving(sighting: Sighting<'_>) -> Result<f64, Error> {
+fn root_det_moving(sighting: Sighting<'_, f64>) -> Result<f64, Error> {
     let mut root = SquareRootInformation::<f64, 4>::new();
     for i in 0..sighting.positions.len() {
         let (time, east, north, sigma) = sighting.sample(i);
@@ -453,7 +467,7 @@ fn root_det_moving(sighting: Sighting<'_>) -> Result<f64, Error> {
     Ok(root.determinant())
 }
 
-fn pairs_det(sighting: Sighting<'_>) -> Result<f64, Error> {
+fn pairs_det(sighting: Sighting<'_, f64>) -> Result<f64, Error> {
     let mut sum = 0.0;
     for i in 0..sighting.positions.len() {
         let (_, east, north, sigma) = sighting.sample(i);
@@ -611,6 +625,16 @@ mod tests {
                     }
                 }
             }
+            #[allow(clippy::cast_possible_truncation)]
+            let single = |all: &[f64]| -> Vec<f32> { all.iter().map(|&x| x as f32).collect() };
+            let (places, goal) = (single(&positions), single(&target));
+            let (clock, noise) = (single(&times), single(&sigma));
+            let in_single = Sightings {
+                positions: Items::shared(&places),
+                target: Items::shared(&goal),
+                times: Items::shared(&clock),
+                sigma: Items::shared(&noise),
+            };
             for path in Path::available() {
                 let mut out = vec![0.0; n * n];
                 assert_eq!(
@@ -619,6 +643,15 @@ mod tests {
                 );
                 for (a, b) in out.iter().zip(&plain) {
                     assert!((a - b).abs() <= 1e-12 * plain[0].max(b.abs()), "{a} {b}");
+                }
+                let mut out = vec![0.0_f32; n * n];
+                assert_eq!(
+                    fisher(in_single, false, Threads::One, path, &mut out),
+                    Ok(())
+                );
+                for (a, b) in out.iter().zip(&plain) {
+                    let off = (f64::from(*a) - b).abs();
+                    assert!(off <= 3e-6 * plain[0].max(b.abs()), "{path:?} {a} {b}");
                 }
             }
         }
