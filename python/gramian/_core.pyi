@@ -506,6 +506,7 @@ def dipole_measure(
     moment: ArrayLike,
     sensors: ArrayLike,
     kind: tuple[Sequence[Sequence[float]], tuple[float, float, float] | None],
+    quadrupole: ArrayLike | None,
     one: bool,
     out: _Array | None = None,
 ) -> _Array: ...
@@ -517,6 +518,7 @@ def dipole_rows(
     sigma: ArrayLike,
     sensors: ArrayLike,
     kind: tuple[Sequence[Sequence[float]], tuple[float, float, float] | None],
+    quadrupole: ArrayLike | None,
     out: _Array | None = None,
 ) -> _Array: ...
 def dipole_fisher(
@@ -578,12 +580,14 @@ class DipoleRecord:
         self,
         motion: str,
         sources: int,
+        quadrupole: tuple[bool, bool, bool] | None,
         drift: bool,
         attitude: float | None,
         scale: float | None,
         induced: tuple[float, float, float] | None,
     ) -> DipoleRecord: ...
     def place(self, x: ArrayLike, time: float) -> tuple[_Array, _Array]: ...
+    def quadrupole(self, x: ArrayLike) -> tuple[_Array, _Array]: ...
     def seeds(self, x: ArrayLike, most: int) -> _Array: ...
     def alike(self, x: ArrayLike) -> _Array: ...
     def robust(self, x: ArrayLike, sigma: float | None) -> tuple[_Array, float, float]: ...

@@ -102,6 +102,7 @@ struct PassInputs<'py> {
     sigma: Option<Input<'py>>,
     sensors: Input<'py>,
     kind: Kind,
+    quadrupole: Option<Input<'py>>,
     batch: Batch,
 }
 
@@ -115,6 +116,7 @@ impl<'py> PassInputs<'py> {
         sigma: Option<&Bound<'py, PyAny>>,
         sensors: &Bound<'py, PyAny>,
         kind: Option<Kind>,
+        quadrupole: Option<&Bound<'py, PyAny>>,
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Self> {
         let mut times = Input::new(times, "times", 1)?;
@@ -145,6 +147,12 @@ impl<'py> PassInputs<'py> {
             }
             sigma.refuse(|s| !(s > 0.0), "T", "must be > 0")?;
         }
+        let read = |entries| {
+            let input = Input::new(entries, "quadrupole", 1)?;
+            input.expect(&[Some(5)], "Qxx, Qyy, Qxy, Qxz, Qyz")?;
+            PyResult::Ok(input)
+        };
+        let mut quadrupole = quadrupole.map(read).transpose()?;
         let mut inputs = vec![
             &mut times,
             &mut position,
@@ -153,6 +161,7 @@ impl<'py> PassInputs<'py> {
             &mut sensors,
         ];
         inputs.extend(&mut sigma);
+        inputs.extend(&mut quadrupole);
         let batch = Batch::into(&mut inputs, out)?;
         Ok(Self {
             times,
@@ -162,6 +171,7 @@ impl<'py> PassInputs<'py> {
             sigma,
             sensors,
             kind,
+            quadrupole,
             batch,
         })
     }
@@ -191,6 +201,7 @@ impl<'py> PassInputs<'py> {
             sensors: self.sensors.items()?,
             baselines: &self.kind.0,
             ambient: self.kind.1,
+            quadrupole: self.quadrupole.as_ref().map(Input::items).transpose()?,
         })
     }
 
@@ -214,7 +225,7 @@ impl<'py> PassInputs<'py> {
 /// What the sensors measure (..., K, S, components), without noise: no axis of `one`
 /// sensor, and none of one component.
 #[pyfunction]
-#[pyo3(signature = (times, position, velocity, moment, sensors, kind, one, out=None))]
+#[pyo3(signature = (times, position, velocity, moment, sensors, kind, quadrupole, one, out=None))]
 #[allow(clippy::too_many_arguments)]
 fn dipole_measure<'py>(
     py: Python<'py>,
@@ -224,6 +235,7 @@ fn dipole_measure<'py>(
     moment: &Bound<'py, PyAny>,
     sensors: &Bound<'py, PyAny>,
     kind: Kind,
+    quadrupole: Option<&Bound<'py, PyAny>>,
     one: bool,
     out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
@@ -233,6 +245,7 @@ fn dipole_measure<'py>(
         None,
         sensors,
         Some(kind),
+        quadrupole,
         out,
     )?;
     let mut core = vec![inputs.samples()];
@@ -246,9 +259,9 @@ fn dipole_measure<'py>(
     inputs.run(py, &core, cost, batch::dipole_measure)
 }
 
-/// Whitened rows (..., K * S * components, 9).
+/// Whitened rows (..., K * S * components, 9), or (.., 14) with a quadrupole.
 #[pyfunction]
-#[pyo3(signature = (times, position, velocity, moment, sigma, sensors, kind, out=None))]
+#[pyo3(signature = (times, position, velocity, moment, sigma, sensors, kind, quadrupole, out=None))]
 #[allow(clippy::too_many_arguments)]
 fn dipole_rows<'py>(
     py: Python<'py>,
@@ -259,6 +272,7 @@ fn dipole_rows<'py>(
     sigma: &Bound<'py, PyAny>,
     sensors: &Bound<'py, PyAny>,
     kind: Kind,
+    quadrupole: Option<&Bound<'py, PyAny>>,
     out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let inputs = PassInputs::new(
@@ -267,10 +281,12 @@ fn dipole_rows<'py>(
         Some(sigma),
         sensors,
         Some(kind),
+        quadrupole,
         out,
     )?;
     let samples = inputs.samples() * inputs.sensors();
-    let core = [samples * inputs.components(), 9];
+    let states = if quadrupole.is_some() { 14 } else { 9 };
+    let core = [samples * inputs.components(), states];
     inputs.run(py, &core, (40 * samples) as f64, batch::dipole_rows)
 }
 
@@ -293,6 +309,7 @@ fn dipole_fisher<'py>(
         [position, velocity, moment],
         Some(sigma),
         sensors,
+        None,
         None,
         out,
     )?;
@@ -636,13 +653,16 @@ impl PyRecord {
         Ok(Self { record, samples })
     }
 
-    /// The same record with more to explain it: motion, dipoles, drift, and the deviations of
-    /// the sensors' attitude (rad) and scale.
-    #[pyo3(signature = (motion, sources, drift, attitude, scale, induced))]
+    /// The same record with more to explain it: motion, dipoles, a quadrupole (with the
+    /// components of the place that are the centre's), drift, and the deviations of the sensors'
+    /// attitude (rad) and scale.
+    #[pyo3(signature = (motion, sources, quadrupole, drift, attitude, scale, induced))]
+    #[allow(clippy::too_many_arguments)]
     fn described(
         &self,
         motion: &str,
         sources: usize,
+        quadrupole: Option<[bool; 3]>,
         drift: bool,
         attitude: Option<f64>,
         scale: Option<f64>,
@@ -658,6 +678,7 @@ impl PyRecord {
         let record = self.record.clone().with(Description {
             motion,
             sources,
+            quadrupole,
             drift,
             attitude,
             scale,
@@ -682,6 +703,20 @@ impl PyRecord {
         let flat: Vec<f64> = (0..3 * n).map(|i| by[i % n][i / n]).collect();
         let matrix = PyArray1::from_vec(py, flat).reshape([3, n])?;
         Ok((PyArray1::from_slice(py, &place), matrix))
+    }
+
+    /// The five numbers of the quadrupole, and their derivatives (5, n) by the states (n,).
+    #[allow(clippy::type_complexity)]
+    fn quadrupole<'py>(
+        &self,
+        py: Python<'py>,
+        x: &Bound<'py, PyAny>,
+    ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
+        let (entries, by) = self.record.quadrupole(&self.states(x)?);
+        let n = by.len();
+        let flat: Vec<f64> = (0..5 * n).map(|i| by[i % n][i / n]).collect();
+        let matrix = PyArray1::from_vec(py, flat).reshape([5, n])?;
+        Ok((PyArray1::from_slice(py, &entries), matrix))
     }
 
     /// States with one dipole more, (seeds, n + 6), the most promising first.

@@ -19,30 +19,35 @@ from gramian.models.dipole._answer import Found, localization, states_of
 from gramian.models.dipole._estimate import Description, DipoleModel
 from gramian.models.dipole._result import Localization, Solution
 from gramian.models.dipole._setup import Options, Setup
+from gramian.models.dipole._size import require_size
 
-__all__ = ["Motion", "as_descriptions", "described"]
+__all__ = ["Motion", "Sources", "as_descriptions", "described"]
 
 Array = NDArray[np.float64]
 Motion = Literal["straight", "along", "accelerated", "turning"]
+Sources = int | Literal["quadrupole"]
 
 
 def as_descriptions(
-    sources: int | Sequence[int],
+    sources: Sources | Sequence[Sources],
     motion: str | Sequence[str],
     drift: bool,
     attitude: float | None,
     scale: float | None,
     earth_field: ArrayLike | None,
 ) -> list[Description]:
-    """Return what a record may be explained by, motion after motion, sources ascending."""
-    if isinstance(sources, Sequence) and not isinstance(sources, str):
-        counts = sorted({whole(count, "sources", 1, 4) for count in sources})
+    """Return what a record may be explained by, motion after motion, sources ascending.
+
+    A dipole with a quadrupole stands after one without.
+    """
+    if isinstance(sources, str) or not isinstance(sources, Sequence):
+        kinds = [_as_sources(sources)]
     else:
-        counts = [whole(sources, "sources", 1, 4)]
+        kinds = sorted({_as_sources(one) for one in sources})
     motions = [motion] if isinstance(motion, str) or motion is None else list(motion)
     for one in motions:
         options.choice(one, "motion", ("straight", "along", "accelerated", "turning"))
-    if not counts or not motions:
+    if not kinds or not motions:
         raise InputError("sources and motion must name at least one each")
     deviations = []
     for given, name in ((attitude, "attitude [rad]"), (scale, "scale")):
@@ -57,8 +62,28 @@ def as_descriptions(
             raise InputError(f"earth_field = {values.tolist()}: must be three numbers, not all 0")
         x, y, z = values.tolist()
         ambient = (x, y, z)
+        if any(quadrupole for _, quadrupole in kinds):
+            raise InputError(
+                "a body that earth_field magnetises has a quadrupole that this induces, which is "
+                'not modelled: leave out earth_field, or "quadrupole" in sources'
+            )
     tilt, gain = deviations
-    return [Description(m, n, drift, tilt, gain, ambient) for m in motions for n in counts]
+    return [
+        Description(m, count, quadrupole, drift, tilt, gain, ambient)
+        for m in motions
+        for count, quadrupole in kinds
+    ]
+
+
+def _as_sources(given: object) -> tuple[int, bool]:
+    """Return how many dipoles are given, and whether with a quadrupole."""
+    if not isinstance(given, str):
+        return whole(given, "sources", 1, 4), False
+    if given != "quadrupole":
+        raise InputError(
+            f'sources = {options.given(given)}: must be from 1 to 4 dipoles, or "quadrupole"'
+        )
+    return 1, True
 
 
 @dataclass(frozen=True)
@@ -74,6 +99,12 @@ class _Settled:
     converged: bool
     iterations: int
     bic: float
+
+    def carried(self, about: Description) -> Array:
+        """Return the states of another description here: by their names, and 0 for the rest."""
+        there = dict(zip(self.model.names, self.state, strict=True))
+        names = replace(self.model, description=about).names
+        return np.array([there.get(name, 0.0) for name in names])
 
 
 def _settle(
@@ -97,7 +128,12 @@ def _settle(
         found = handle.minimize(starts, ("squares", 0.0), setup.max_iterations)
         if not found:
             raise InputError("the body meets a sensor at every start")
-        state, before = found[0]["x"], (sigma, inner.correlation)
+        best, before = found[0], (sigma, inner.correlation)
+        if about.quadrupole and not iterations:
+            # From the dipole alone the way often leads to a lesser minimum.
+            searched = handle.others(best["x"], np.zeros((0, len(best["x"]))), None, 0, 0)
+            best = searched if searched["chi2"] < best["chi2"] else best
+        state = best["x"]
         starts, iterations = state[None], iterations + found[0]["iterations"]
         unit = replace(model, weights=(counts * setup.precision).astype(float))
         if correlated:
@@ -131,10 +167,66 @@ def _settle(
         weights,
         efficiency,
         sigma,
-        bool(found[0]["converged"]),
+        bool(best["converged"]),
         iterations,
         float(bic),
     )
+
+
+def _tried(
+    wanted: Sequence[Description],
+    raw: _core._DipoleLocalized,
+    t: Array,
+    y: Array,
+    inner: Options,
+    setup: Setup,
+    correlated: bool,
+) -> list[_Settled]:
+    """Return what descriptions make of a record, that of the least BIC first.
+
+    Dipoles are added one after the other, up to the first that does not lower it.
+    """
+    filled = np.nan_to_num(y)
+    failed: list[str] = []
+
+    def settled(about: Description, starts: Array) -> _Settled | None:
+        try:
+            found = _settle(about, starts, raw, t, y, inner, setup, correlated)
+            # A dipole without a moment, or far away, tells of nothing.
+            _core.Analysis(found.model.handle(filled).linearize(found.state)[1], None)
+        except InputError as error:
+            failed.append(f"{about}: {error}")
+            return None
+        return found
+
+    tried: list[_Settled] = []
+    for motion in dict.fromkeys(about.motion for about in wanted):
+        own = [about for about in wanted if about.motion == motion]
+        counts = {about.sources for about in own if not about.quadrupole}
+        last: _Settled | None = None
+        for count in range(1, max(about.sources for about in own) + 1):
+            about = replace(own[0], sources=count, quadrupole=False)
+            if last is None:
+                model = setup.model(raw, t, inner, np.sqrt(raw["weights"]), about)
+                starts = states_of(model, raw)[None]
+            else:
+                starts = last.model.record(filled).seeds(last.state, 8)
+            found = settled(about, starts)
+            if found is None:
+                break
+            if count in counts:
+                tried.append(found)
+                earlier = last is not None and last.about.sources in counts
+                if last is not None and earlier and found.bic > last.bic:
+                    break
+            for about in own:
+                if about.quadrupole and about.sources == count:
+                    with_it = settled(about, found.carried(about)[None])
+                    tried += [] if with_it is None else [with_it]
+            last = found
+    if not tried:
+        raise InputError(f"no description fits: {'; '.join(failed)}")
+    return sorted(tried, key=lambda one: one.bic)
 
 
 def described(
@@ -150,41 +242,14 @@ def described(
     correlated: bool,
 ) -> Localization:
     """Return the answer of the description that explains the record best."""
-    filled = np.nan_to_num(y)
-    tried: list[_Settled] = []
-    failed: list[str] = []
-    for motion in dict.fromkeys(about.motion for about in wanted):
-        counts = [about.sources for about in wanted if about.motion == motion]
-        last: _Settled | None = None
-        for count in range(1, max(counts) + 1):
-            about = replace(wanted[0], motion=motion, sources=count)
-            if last is None:
-                model = setup.model(raw, t, inner, np.sqrt(raw["weights"]), about)
-                starts = states_of(model, raw)[None]
-            else:
-                starts = last.model.record(filled).seeds(last.state, 8)
-            try:
-                settled = _settle(about, starts, raw, t, y, inner, setup, correlated)
-                # A dipole without a moment, or far away, tells of nothing.
-                _core.Analysis(settled.model.handle(filled).linearize(settled.state)[1], None)
-            except InputError as error:
-                failed.append(f"{about}: {error}")
-                break
-            if count in counts:
-                tried.append(settled)
-                earlier = last is not None and last.about.sources in counts
-                if last is not None and earlier and settled.bic > last.bic:
-                    break
-            last = settled
-    if not tried:
-        raise InputError(f"no description fits: {'; '.join(failed)}")
-    tried.sort(key=lambda one: one.bic)
-    best = tried[0]
+    tried = _tried(wanted, raw, t, y, inner, setup, correlated)
+    best, filled = tried[0], np.nan_to_num(y)
     model, handle = best.model, best.model.handle(filled)
     alike = model.record(filled).alike(best.state)
     searched = handle.others(best.state, alike, None, 0, 0)
     # The best of all that were reached, which may be another than the fit began with.
     state = np.asarray(searched["x"])
+    require_size(model, state, filled)
     found = model.expand(state)[0]
     others, mirror = [], None
     best_bodies = _bodies(model, state, handle)

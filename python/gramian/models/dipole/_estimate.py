@@ -39,6 +39,11 @@ class Description(Value):
         the dipoles with the body.
     sources : int
         Dipoles of the body, 1 to 4; those after the first at an offset from it.
+    quadrupole : bool
+        Whether it has a quadrupole too, at the place of the first dipole, which turns with the
+        body. Where a component of this place has neither a value nor a prior, it is the
+        centre's, about which the quadrupole Q has no part along the moment, (Q m)_i = 0: of
+        its five numbers one less is a state then.
     drift : bool
         Whether a drift of each channel, linear in time, is fitted beside its constant.
     attitude, scale : float or None
@@ -51,6 +56,7 @@ class Description(Value):
 
     motion: str = "straight"
     sources: int = 1
+    quadrupole: bool = False
     drift: bool = False
     attitude: float | None = None
     scale: float | None = None
@@ -59,6 +65,7 @@ class Description(Value):
     def __str__(self) -> str:
         """Return the description in words."""
         dipoles = "1 dipole" if self.sources == 1 else f"{self.sources} dipoles"
+        dipoles += " with a quadrupole" if self.quadrupole else ""
         induced = "" if self.earth_field is None else ", with an induced moment"
         return f"{dipoles}, {self.motion}{induced}"
 
@@ -176,8 +183,15 @@ class DipoleModel(Value):
         if about.earth_field is not None:
             x, y, z = (component / MU0 for component in about.earth_field)
             induced = (x, y, z)
+        x, y, z = (name not in self.known and name not in self.prior for name in NAMES[:3])
         return plain.described(
-            about.motion, about.sources, about.drift, about.attitude, about.scale, induced
+            about.motion,
+            about.sources,
+            (x, y, z) if about.quadrupole else None,
+            about.drift,
+            about.attitude,
+            about.scale,
+            induced,
         )
 
     @cached_property
@@ -258,6 +272,17 @@ class DipoleModel(Value):
                 values[k, i], columns[k, i, j] = state[j], 1.0
         return values, columns
 
+    def quadrupole(self, x: ArrayLike) -> tuple[Array, Array]:
+        """Return the quadrupole (3, 3), A m^3, and its derivatives (3, 3, n) by the states.
+
+        Symmetric, without a trace, in the axes of the sensors at the instant of the state; zeros
+        where the description has none.
+        """
+        (xx, yy, xy, xz, yz), by = self._blank.quadrupole(finite(x, "x"))
+        values = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, -xx - yy]])
+        columns = np.stack([by[0], by[2], by[3], by[2], by[1], by[4], by[3], by[4], -by[0] - by[1]])
+        return values, columns.reshape(3, 3, -1)
+
     def centre(self, x: ArrayLike) -> tuple[Array, Array]:
         """Return the centre of the dipoles, from the first (m), and its derivatives (3, n).
 
@@ -298,7 +323,6 @@ class DipoleModel(Value):
         even = replace(
             self,
             weights=np.ones(self.weights.shape),
-            prior={},
             background=False,
             correlation=0.0,
             description=replace(self.description, drift=False),

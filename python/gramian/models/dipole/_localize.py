@@ -15,7 +15,7 @@ from gramian._arrays import ITERATIONS_MOST, SEED_MOST, as_float_array, finite, 
 from gramian.estimation._knowledge import levels
 from gramian.exceptions import InputError
 from gramian.models.dipole._answer import plain_answer, states_of
-from gramian.models.dipole._described import Motion, as_descriptions, described
+from gramian.models.dipole._described import Motion, Sources, as_descriptions, described
 from gramian.models.dipole._estimate import PLAIN
 from gramian.models.dipole._result import Localization, Localizations
 from gramian.models.dipole._setup import Background, Loss, Options, Setup, as_times
@@ -39,7 +39,7 @@ def localize(
     ambient: ArrayLike | None = None,
     baselines: ArrayLike | None = None,
     background: Background | Literal["drift"] | None = None,
-    sources: int | Sequence[int] = 1,
+    sources: Sources | Sequence[Sources] = 1,
     motion: Motion | Sequence[Motion] = "straight",
     attitude: float | None = None,
     scale: float | None = None,
@@ -84,8 +84,9 @@ def localize(
         of `ambient`): fit a constant to each channel;
         with "median" the median of the whole record is taken off first; with "drift" a
         line in time is fitted beside the constant. Nothing by default.
-    sources : int or sequence of int
-        How many dipoles the body carries, 1 to 4; of several the one of the least BIC. With
+    sources : int or "quadrupole", or a sequence of these
+        How many dipoles the body carries, 1 to 4, or one and a quadrupole at the same place
+        (see Notes); of several the one of the least BIC. With
         more than one r0 and m, known or with a prior too, are those of the first; `moment` and
         `closest` are of all: of the sum of the moments, and of their centre.
     motion : {"straight", "along", "accelerated", "turning"}, or a sequence of these
@@ -132,7 +133,8 @@ def localize(
     ------
     UnobservableError
         The knowledge does not suffice; names the null combinations and what
-        would repair it.
+        would repair it. Also of several heads that see a pass from so far that
+        it fits as well at any larger size: then with the least closest range.
     InputError
         Knowledge that contradicts itself, fewer numbers than unknowns, NaN, a
         field of zeros, shapes and names that do not fit.
@@ -152,6 +154,15 @@ def localize(
     that of the M-estimate; where the model itself is the larger error it is too small.
     Correlated noise is of first order, its parameters by restricted maximum likelihood. Where
     channels have a `sigma` each, `explained` weighs the numbers by it.
+
+    A dipole with a quadrupole Q (symmetric, without a trace, A m^3) has the potential
+    ``mu0/(4 pi) (m . d / d^3 + d . Q d / (2 d^5))`` at d from the body. A dipole that is moved
+    by e has, to first order, the field of one that is not and of the quadrupole
+    ``3 (e m^T + m e^T) - 2 (e . m) 1``: five free numbers of Q cannot be told from a move. Where
+    nothing is known of the place it is therefore that of the centre, with ``Q m = 0``, and Q
+    has two states; each component of r0 that is known, or has a prior, leaves it one
+    more. One sensor of three components cannot tell (r0, v, m, Q) from
+    (u r0, u v, u^3 m, u^4 Q), nor from the mirror image (-r0, -v, m, -Q).
 
     For the total field, the search takes the component along `ambient` for the reading; the
     best of what it finds is fitted with ``|ambient + field|``. Where the dipole's field is far
@@ -256,6 +267,13 @@ def localize_many(
         As for `localize`. Whether the knowledge suffices is not asked: see
         `problem` for that.
 
+    Notes
+    -----
+    The best of the starts, and the mirror image. For sensors of the total field and gradiometers
+    `localize` goes on from there: it looks for passes turned about the ambient field, of
+    other sizes, with other moments that fit as well or better, which takes it many times as
+    long. Here they are not looked for, so the answer may be one of them.
+
     Examples
     --------
     >>> import numpy as np, gramian as gm
@@ -331,7 +349,8 @@ def localize_trials(
     -------
     ndarray, shape (trials, 9)
         The estimates (r0, v, m). Of an answer and its mirror image that fit
-        the same, the one nearer to the truth.
+        the same, the one nearer to the truth. Of sensors of the total field and gradiometers,
+        other passes that fit as well are not looked for, as in `localize_many`.
 
     Examples
     --------

@@ -36,6 +36,9 @@ NAMES = ("x0", "y0", "z0", "vx", "vy", "vz", "mx", "my", "mz")
 #: Their units.
 UNITS = ("m", "m", "m", "m/s", "m/s", "m/s", "A m^2", "A m^2", "A m^2")
 
+#: The five numbers of a quadrupole, A m^3, the last of its diagonal is minus the sum of the others.
+ENTRIES = ("Qxx", "Qyy", "Qxy", "Qxz", "Qyz")
+
 #: The magnetic constant, H/m.
 MU0 = 4e-7 * np.pi
 
@@ -188,6 +191,7 @@ def rows(
     sensors: ArrayLike | None = None,
     ambient: ArrayLike | None = None,
     baselines: ArrayLike | None = None,
+    quadrupole: ArrayLike | None = None,
     out: Array | None = None,
 ) -> Array:
     """Return whitened rows of the field of a dipole at constant velocity.
@@ -214,6 +218,9 @@ def rows(
     baselines : array_like, shape (3,) or (S, 3), optional
         From each sensor to its second head, metres. With it the sensors are gradiometers:
         they measure the difference, that of the second head less that of the first, tesla.
+    quadrupole : array_like, shape (..., 3, 3), optional
+        Of a body that has one too, at the place of its dipole: symmetric, without a trace, A m^3;
+        for its convention see the notes of `localize`.
     out : ndarray, shape of the result, optional
         Where the result is written: float64, C-contiguous, writable; it is returned. It may
         share memory with an argument. Without it a new array is made.
@@ -222,7 +229,8 @@ def rows(
     -------
     ndarray, shape (..., K * S * 3, 9) or (..., K * S, 9)
         Derivatives by (r0, v, m) over sigma: for each time, in it for each
-        sensor, in it for each component. Those of what was not measured are 0.
+        sensor, in it for each component. Those of what was not measured are 0. With
+        `quadrupole` 14 columns, the last by Qxx, Qyy, Qxy, Qxz and Qyz.
 
     Raises
     ------
@@ -238,6 +246,9 @@ def rows(
     about the ambient field. Where the field of the dipole is far weaker than the ambient
     one, two more directions are hardly seen: such a sensor determines five numbers, a time,
     a duration and three sizes. A gradiometer has none in general: its baseline is a length.
+    With a quadrupole Q the null vector is (r0, v, 3 m, 4 Q). A move of the body by d then differs
+    from a change of Q by 3 (d m^T + m d^T) - 2 (d . m) 1 only as far as Q itself moves: at
+    Q = 0 three more directions are not determined, whatever the sensors.
 
     Examples
     --------
@@ -249,8 +260,10 @@ def rows(
     samples = as_float_array(times, "times").shape[-1:]
     count = as_float_array(places, "sensors").shape[-2:-1]
     shape = (*samples, *count, 3 if ambient is None else 1)
+    entries = _entries(quadrupole)
     return require_finite(
-        _core.dipole_rows(times, r0, v, m, _levels(sigma, shape), places, kind, out), "a row"
+        _core.dipole_rows(times, r0, v, m, _levels(sigma, shape), places, kind, entries, out),
+        "a row",
     )
 
 
@@ -263,13 +276,14 @@ def measure(
     sensors: ArrayLike | None = None,
     ambient: ArrayLike | None = None,
     baselines: ArrayLike | None = None,
+    quadrupole: ArrayLike | None = None,
     out: Array | None = None,
 ) -> Array:
     """Return what sensors measure of a dipole at constant velocity, without noise.
 
     Parameters
     ----------
-    r0, v, m, times, sensors, ambient, baselines
+    r0, v, m, times, sensors, ambient, baselines, quadrupole
         As for `rows`.
     out : ndarray, shape of the result, optional
         Where the result is written: float64, C-contiguous, writable; it is returned. It may
@@ -287,8 +301,8 @@ def measure(
     (21, 3)
     """
     kind = _kind(sensors, baselines, ambient)
-    one = sensors is None
-    found = _core.dipole_measure(times, r0, v, m, _sensors(sensors), kind, one, out)
+    one, entries = sensors is None, _entries(quadrupole)
+    found = _core.dipole_measure(times, r0, v, m, _sensors(sensors), kind, entries, one, out)
     return require_finite(found, "the field")
 
 
@@ -303,13 +317,14 @@ def simulate(
     sensors: ArrayLike | None = None,
     ambient: ArrayLike | None = None,
     baselines: ArrayLike | None = None,
+    quadrupole: ArrayLike | None = None,
     trials: int | None = None,
 ) -> Array:
     """Return noisy fields of a pass, the same for the same seed on any machine.
 
     Parameters
     ----------
-    r0, v, m, times, sensors, ambient, baselines
+    r0, v, m, times, sensors, ambient, baselines, quadrupole
         As for `rows`, of one pass.
     sigma : array_like
         As for `rows`, or 0 for all. What was not measured is NaN.
@@ -332,7 +347,16 @@ def simulate(
     seed = whole(seed, "seed", 0, SEED_MOST)
     if trials is not None:
         trials = whole(trials, "trials", 1)
-    exact = measure(r0, v, m, times, sensors=sensors, ambient=ambient, baselines=baselines)
+    exact = measure(
+        r0,
+        v,
+        m,
+        times,
+        sensors=sensors,
+        ambient=ambient,
+        baselines=baselines,
+        quadrupole=quadrupole,
+    )
     if exact.ndim != 1 + (ambient is None) + (sensors is not None):
         raise InputError("simulate takes one pass, without leading axes")
     noise = _core.normals(seed, 0, trials or 1, exact.size).reshape(-1, *exact.shape)
@@ -454,24 +478,27 @@ def problem(
     sensors: ArrayLike | None = None,
     ambient: ArrayLike | None = None,
     baselines: ArrayLike | None = None,
+    quadrupole: ArrayLike | None = None,
     scale: ArrayLike | None = None,
 ) -> Problem:
     """Return the problem of one pass: rows with named states.
 
     Parameters
     ----------
-    r0, v, m, times, sigma, sensors, ambient, baselines
+    r0, v, m, times, sigma, sensors, ambient, baselines, quadrupole
         As for `rows`, without leading axes.
-    scale : array_like, shape (9,), optional
+    scale : array_like, shape (9,) or (14,), optional
         For each state the deviation that would be useless. By default the closest range
         to a sensor for the position, that range over the time of the pass (or the speed, if
-        it is more) for the velocity, and the moment.
+        it is more) for the velocity, the moment, and for the quadrupole that of the moment
+        moved by this range.
 
     Returns
     -------
     Problem
-        States x0, y0, z0, vx, vy, vz, mx, my, mz; combinations "speed", "moment"
-        (its magnitude) and "range" (at the first time), linearised there.
+        States x0, y0, z0, vx, vy, vz, mx, my, mz, with `quadrupole` Qxx, Qyy, Qxy, Qxz, Qyz;
+        combinations "speed", "moment" (its magnitude) and "range" (at the first time),
+        linearised there.
 
     Notes
     -----
@@ -490,7 +517,17 @@ def problem(
     >>> answer.knowing("speed").repairs, answer.knowing("vz").repairs
     (True, False)
     """
-    values = rows(r0, v, m, times, sigma, sensors=sensors, ambient=ambient, baselines=baselines)
+    values = rows(
+        r0,
+        v,
+        m,
+        times,
+        sigma,
+        sensors=sensors,
+        ambient=ambient,
+        baselines=baselines,
+        quadrupole=quadrupole,
+    )
     if values.ndim != 2:
         raise InputError(f"the rows have shape {values.shape}: a problem is one pass")
     combinations = {}
@@ -502,12 +539,16 @@ def problem(
         along = as_float_array(vector, key)
         size = np.linalg.norm(along)
         if size > 0:
-            combinations[name] = np.zeros(9)
+            combinations[name] = np.zeros(values.shape[1])
             combinations[name][first : first + 3] = along / size
     if scale is None:
         scale = _scales(r0, v, m, times, sensors)
-    made = Problem(values, NAMES, units=UNITS, scale=scale, combinations=combinations)
-    if ambient is not None or baselines is not None or np.ndim(sigma) > 1:
+        if quadrupole is not None:
+            scale = np.append(scale, np.repeat(scale[0] * scale[6], len(ENTRIES)))
+    more = () if quadrupole is None else ENTRIES
+    names, units = (*NAMES, *more), (*UNITS, *("A m^3" for _ in more))
+    made = Problem(values, names, units=units, scale=scale, combinations=combinations)
+    if any(x is not None for x in (ambient, baselines, quadrupole)) or np.ndim(sigma) > 1:
         return made
     return made._of("dipole", r0, v, m, times, sigma, sensors)
 
@@ -530,6 +571,23 @@ def _scales(
 
 def _sensors(sensors: ArrayLike | None) -> ArrayLike:
     return _ORIGIN if sensors is None else sensors
+
+
+def _entries(quadrupole: ArrayLike | None) -> Array | None:
+    """Return the five numbers (..., 5) of quadrupoles (..., 3, 3)."""
+    if quadrupole is None:
+        return None
+    given = finite(quadrupole, "quadrupole [A m^3]")
+    if given.shape[-2:] != (3, 3):
+        raise InputError(f"quadrupole has shape {given.shape}: must be (..., 3, 3)")
+    rounding = 1e-9 * np.abs(given).max(initial=0.0)
+    if (np.abs(given - np.swapaxes(given, -1, -2)) > rounding).any():
+        raise InputError(f"quadrupole = {given.tolist()}: must be symmetric")
+    if (np.abs(np.trace(given, axis1=-2, axis2=-1)) > rounding).any():
+        raise InputError(f"quadrupole = {given.tolist()}: must have a trace of 0")
+    rows, columns = (0, 1, 0, 0, 1), (0, 1, 1, 2, 2)
+    entries: Array = given[..., rows, columns]
+    return entries
 
 
 def _kind(

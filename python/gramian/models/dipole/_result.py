@@ -320,6 +320,12 @@ class Localization(Estimate):
         return self._size(self.m, "moment")
 
     @property
+    def quadrupole(self) -> Array:
+        """The quadrupole (3, 3) at the first time, A m^3; zeros where none was fitted."""
+        values: Array = self.model.quadrupole(self.state)[0]
+        return values
+
+    @property
     def direction(self) -> Array:
         """The direction of travel, a unit vector."""
         unit: Array = self.v / np.linalg.norm(self.v)

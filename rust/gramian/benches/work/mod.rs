@@ -575,6 +575,7 @@ fn passing([position, velocity, moment, times]: &[Vec<f64>; 4]) -> Passes<'_> {
         sensors: Items::shared(&[0.0; 3]),
         baselines: &[],
         ambient: None,
+        quadrupole: None,
     }
 }
 
@@ -672,6 +673,7 @@ fn dipole_localize() -> Work {
         sensors: Items::shared(&[0.0; 3]),
         baselines: &[],
         ambient: None,
+        quadrupole: None,
     };
     let done = dipole_batch::dipole_measure(&passes, Threads::One, &mut field);
     assert!(done.is_ok());

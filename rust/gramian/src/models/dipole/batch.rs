@@ -29,6 +29,8 @@ pub struct Passes<'a> {
     pub baselines: &'a [[f64; 3]],
     /// See there.
     pub ambient: Option<[f64; 3]>,
+    /// The five numbers of a [`quadrupole`](crate::dipole::quadrupole), A m^3, of bodies that have one.
+    pub quadrupole: Option<Items<'a>>,
 }
 
 impl Passes<'_> {
@@ -42,6 +44,7 @@ impl Passes<'_> {
             times: self.times.skip(first),
             sigma: self.sigma.skip(first),
             sensors: self.sensors.skip(first),
+            quadrupole: self.quadrupole.map(|items| items.skip(first)),
             ..self
         }
     }
@@ -102,6 +105,10 @@ impl Passes<'_> {
         }
     }
 
+    fn quadrupole(&self, trial: usize) -> Option<&[f64; 5]> {
+        self.quadrupole.as_ref()?.get(trial).first_chunk()
+    }
+
     fn sensors(&self, trial: usize) -> Sensors<'_> {
         Sensors {
             places: self.sensors.get(trial).as_chunks::<3>().0,
@@ -125,12 +132,14 @@ pub fn dipole_measure(
     let size = samples * passes.components();
     threads.over(out, size, 10.0 * samples as f64, |trial, out| {
         let (sensors, times) = (passes.sensors(trial), passes.times.get(trial));
-        let measured = sensors.measure(times, &passes.pass(trial), out);
+        let (pass, quadrupole) = (passes.pass(trial), passes.quadrupole(trial));
+        let measured = sensors.measure_body(times, &pass, quadrupole, out);
         measured.map_err(|error| (trial, error))
     })
 }
 
-/// Whitened rows (trials, K * S * components, 9) of (r0, v, m).
+/// Whitened rows (trials, K * S * components, 9) of (r0, v, m), or (.., 14) with the five numbers
+/// of a quadrupole.
 ///
 /// # Errors
 /// As [`Sensors::push_rows`], with the trial.
@@ -140,20 +149,31 @@ pub fn dipole_rows(
     out: &mut [f64],
 ) -> Result<(), (usize, Error)> {
     let samples = passes.times.size() * passes.sensors.size() / 3;
-    let size = 9 * samples * passes.components();
+    let states = if passes.quadrupole.is_some() { 14 } else { 9 };
+    let size = states * samples * passes.components();
     threads.over(out, size, 30.0 * samples as f64, |trial, out| {
         let (sensors, times) = (passes.sensors(trial), passes.times.get(trial));
-        let sink = &mut Writer(out.as_chunks_mut::<9>().0.iter_mut());
-        let pushed = sensors.push_rows(times, &passes.pass(trial), passes.sigma.get(trial), sink);
+        let (pass, sigma) = (passes.pass(trial), passes.sigma.get(trial));
+        let pushed = match passes.quadrupole(trial) {
+            None => sensors.push_rows(times, &pass, sigma, &mut writer(out)),
+            Some(quadrupole) => {
+                let sink = &mut writer(out);
+                sensors.push_rows_with_quadrupole(times, &pass, quadrupole, sigma, sink)
+            }
+        };
         pushed.map_err(|error| (trial, error))
     })
 }
 
 /// Writes rows one after the other into a slice.
-struct Writer<'a>(core::slice::IterMut<'a, [f64; 9]>);
+struct Writer<'a, const N: usize>(core::slice::IterMut<'a, [f64; N]>);
 
-impl RowSink<f64, 9> for Writer<'_> {
-    fn push(&mut self, row: &[f64; 9]) -> Result<(), NumberError> {
+fn writer<const N: usize>(out: &mut [f64]) -> Writer<'_, N> {
+    Writer(out.as_chunks_mut().0.iter_mut())
+}
+
+impl<const N: usize> RowSink<f64, N> for Writer<'_, N> {
+    fn push(&mut self, row: &[f64; N]) -> Result<(), NumberError> {
         if let Some(place) = self.0.next() {
             *place = *row;
         }
@@ -684,6 +704,7 @@ mod tests {
                     sensors: Items::shared(&sensors),
                     baselines: &[],
                     ambient: None,
+                    quadrupole: None,
                 };
                 dipole_fisher(&passes, Threads::One, path, &mut out).unwrap();
                 worst = worst.max(far(&wanted, &out));
@@ -707,6 +728,7 @@ mod tests {
                 sensors: Items::shared(&[0.0, 0.0, 0.0]),
                 baselines: &[],
                 ambient: None,
+                quadrupole: None,
             };
             dipole_fisher(&passes, Threads::One, Path::Best, &mut out).map(|()| out)
         };

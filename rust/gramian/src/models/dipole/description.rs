@@ -43,6 +43,17 @@ impl Step {
         [x * cos + y * sin, y * cos - x * sin, z]
     }
 
+    /// A symmetric tensor of the body as it lies now, and its derivative by the rate.
+    pub fn turn_tensor(&self, tensor: &[[f64; 3]; 3]) -> [[[f64; 3]; 3]; 2] {
+        let half = tensor.map(|row| self.turn(&row));
+        let columns: [[f64; 3]; 3] = core::array::from_fn(|j| half.map(|row| row[j]));
+        let by_rate = columns.map(|column| self.turn_by_rate(&column));
+        [
+            columns.map(|column| self.turn(&column)),
+            core::array::from_fn(|i| core::array::from_fn(|j| by_rate[i][j] + by_rate[j][i])),
+        ]
+    }
+
     /// The derivative of [`turn`](Self::turn) by the rate.
     pub fn turn_by_rate(&self, vector: &[f64; 3]) -> [f64; 3] {
         let [x, y, _] = self.turn(vector);
@@ -153,6 +164,10 @@ pub struct Description {
     pub motion: Motion,
     /// How many dipoles it carries, 1 to [`MOST`]: those after the first at an offset from it.
     pub sources: usize,
+    /// Whether it has a [quadrupole](super::quadrupole) too, at the place of the first dipole, which
+    /// turns with the body. Of the components of the place those that are told are the centre's:
+    /// Q m has no part along them, so that the quadrupole has a state less for each.
+    pub quadrupole: Option<[bool; 3]>,
     /// Whether a drift of each channel, linear in time, is fitted beside its constant.
     pub drift: bool,
     /// Standard deviation of the attitude of each sensor, rad; exact if `None`.
@@ -173,6 +188,7 @@ impl Default for Description {
         Self {
             motion: Motion::Straight,
             sources: 1,
+            quadrupole: None,
             drift: false,
             attitude: None,
             scale: None,

@@ -11,8 +11,9 @@ use alloc::vec::Vec;
 
 use super::description::{Description, MOST, Step};
 use super::localize::{Knowledge, MOMENT, SPEED, huber, robust_sigma};
+use super::quadrupole::{Entries, Whole};
 use super::sensors::{Head, Sensors, excess};
-use super::{Error, Jacobian, Pass, jacobian};
+use super::{Error, Jacobian, Pass, jacobian, quadrupole};
 use crate::numbers::algebra::dot;
 use crate::numbers::angle::wrapped;
 use crate::solve::Model;
@@ -69,7 +70,11 @@ pub struct Measured {
     knowledge: Knowledge,
     /// Of position, velocity and moment.
     parts: [Part; 3],
+    /// A pass near the one looked for.
+    near: [f64; 9],
     description: Description,
+    /// Of a quadrupole.
+    entries: Entries,
 }
 
 /// Where the states of each kind begin.
@@ -77,6 +82,7 @@ pub struct Measured {
 struct Layout {
     motion: usize,
     sources: usize,
+    quadrupole: usize,
     induced: usize,
     attitude: usize,
     scale: usize,
@@ -101,6 +107,9 @@ struct Sight {
     jacobians: [Jacobian<f64>; MOST],
     /// By the place of the body, of all dipoles.
     by_place: [[f64; 3]; 3],
+    /// By the five numbers of the quadrupole in the body's axes, and by the rate of its turn.
+    by_quadrupole: [[f64; 3]; 5],
+    by_turn: [f64; 3],
 }
 
 impl Sight {
@@ -194,7 +203,9 @@ impl Measured {
                 part(3, knowledge.exact[SPEED]),
                 part(6, knowledge.exact[MOMENT]),
             ],
+            near: *near,
             description: Description::default(),
+            entries: Entries::default(),
         }
     }
 
@@ -217,6 +228,9 @@ impl Measured {
     pub fn with(mut self, description: Description) -> Self {
         self.description = description;
         self.description.sources = description.sources.clamp(1, MOST);
+        if let Some(centre) = description.quadrupole {
+            self.entries = Entries::new(centre, &three(&self.near[6..]));
+        }
         self
     }
 
@@ -232,7 +246,8 @@ impl Measured {
         let (about, sensors) = (&self.description, self.places.len());
         let motion = own.sum();
         let sources = motion + about.motion.states();
-        let induced = sources + 6 * (about.sources - 1);
+        let quadrupole = sources + 6 * (about.sources - 1);
+        let induced = quadrupole + about.quadrupole.map_or(0, |_| self.entries.free().len());
         let attitude = induced + usize::from(about.induced.is_some());
         let scale = attitude
             + if about.attitude.is_some() {
@@ -246,6 +261,7 @@ impl Measured {
         Layout {
             motion,
             sources,
+            quadrupole,
             induced,
             attitude,
             scale,
@@ -264,6 +280,29 @@ impl Measured {
         (three(&x[first..]), three(&x[first + 3..]))
     }
 
+    /// The five numbers of the quadrupole, in the body's axes, and their derivatives by each
+    /// state; zeros without one.
+    pub fn quadrupole(&self, x: &[f64]) -> ([f64; 5], Vec<[f64; 5]>) {
+        let (state, columns) = self.expand(x);
+        let mut by = vec![[0.0; 5]; x.len()];
+        let Some(whole) = self.whole(&state, x) else {
+            return ([0.0; 5], by);
+        };
+        let at = self.layout();
+        for (by, column) in by.iter_mut().zip(&columns[..at.motion]) {
+            *by = whole.along(&three(&column[6..]));
+        }
+        by[at.quadrupole..at.induced].copy_from_slice(&whole.by_free[..at.induced - at.quadrupole]);
+        (whole.entries, by)
+    }
+
+    fn whole(&self, state: &[f64; 9], x: &[f64]) -> Option<Whole> {
+        self.description.quadrupole?;
+        let at = self.layout();
+        let moment = three(&state[6..]);
+        Some(self.entries.whole(&moment, &x[at.quadrupole..at.induced]))
+    }
+
     /// Where the body is at a time since the instant of the state, and the derivatives of that
     /// by each state.
     pub fn place(&self, x: &[f64], t: f64) -> ([f64; 3], Vec<[f64; 3]>) {
@@ -280,7 +319,14 @@ impl Measured {
         (step.place, by)
     }
 
-    fn sight(&self, state: &[f64; 9], x: &[f64], t: f64, head: &Head<f64>) -> Result<Sight, Error> {
+    fn sight(
+        &self,
+        state: &[f64; 9],
+        x: &[f64],
+        whole: Option<&Whole>,
+        t: f64,
+        head: &Head<f64>,
+    ) -> Result<Sight, Error> {
         let at = self.layout();
         let step = self
             .description
@@ -299,6 +345,8 @@ impl Measured {
             field: [0.0; 3],
             jacobians: [none; MOST],
             by_place: [[0.0; 3]; 3],
+            by_quadrupole: [[0.0; 3]; 5],
+            by_turn: [0.0; 3],
         };
         for index in 0..self.description.sources {
             let (offset, moment) = self.source(state, x, index);
@@ -318,6 +366,25 @@ impl Measured {
                 }
             }
             sight.jacobians[index] = own;
+        }
+        if let Some(whole) = whole {
+            let [lies, turns] = step.turn_tensor(&quadrupole::tensor(&whole.entries));
+            let (lies, turns) = (quadrupole::entries(&lies), quadrupole::entries(&turns));
+            let own = quadrupole::jacobian(&sight.place, &lies)?;
+            let of = |entries: &[f64; 5]| weighed(&own.quadrupole, entries);
+            for (i, h) in of(&lies).into_iter().enumerate() {
+                sight.field[i] += h;
+                for k in 0..3 {
+                    sight.by_place[i][k] += own.position[i][k];
+                }
+            }
+            sight.by_turn = of(&turns);
+            for (k, by) in sight.by_quadrupole.iter_mut().enumerate() {
+                let mut unit = [0.0; 5];
+                unit[k] = 1.0;
+                let [lies, _] = step.turn_tensor(&quadrupole::tensor(&unit));
+                *by = of(&quadrupole::entries(&lies));
+            }
         }
         if let Some(ambient) = &self.ambient {
             let (beside, along) = excess(ambient, &sight.field)?;
@@ -375,6 +442,10 @@ impl Measured {
         for index in 1..about.sources {
             names.extend(Description::source(index).map(|(name, _)| name));
         }
+        if about.quadrupole.is_some() {
+            let free = self.entries.free().iter();
+            names.extend(free.map(|&k| quadrupole::NAMES[k].to_string()));
+        }
         if about.induced.is_some() {
             names.push("induced volume".to_string());
         }
@@ -419,6 +490,7 @@ impl Measured {
             name if self.description.motion.names().0.contains(&name) => {
                 self.description.motion.names().1
             }
+            name if name.starts_with('Q') => "A m^3",
             name if name.contains(' ') => "rad",
             name if name.ends_with('0') => "m",
             name if name.starts_with('v') => "m/s",
@@ -517,12 +589,14 @@ impl Measured {
         mut each: impl FnMut(usize, f64, usize, &Sight),
     ) -> Result<(), Error> {
         let (state, _) = self.expand(x);
+        let whole = self.whole(&state, x);
         let sensors = self.sensors();
         let mut first = 0;
         for (k, &t) in self.times.iter().enumerate() {
             for s in 0..self.places.len() {
                 for (index, head) in sensors.heads(s).enumerate() {
-                    let mut sight = self.sight(&state, x, t, &head).map_err(|e| e.at(k))?;
+                    let sight = self.sight(&state, x, whole.as_ref(), t, &head);
+                    let mut sight = sight.map_err(|e| e.at(k))?;
                     sight.first = index == 0;
                     each(first, t, s, &sight);
                 }
@@ -542,6 +616,7 @@ impl Measured {
         let n = x.len();
         let (state, columns) = self.expand(x);
         let (at, about) = (self.layout(), self.description);
+        let whole = self.whole(&state, x);
         let mut constant = vec![None; self.channels()];
         for (k, &channel) in self.constants.iter().enumerate() {
             constant[channel] = Some(k);
@@ -590,7 +665,12 @@ impl Measured {
             for (k, column) in columns[..at.motion].iter().enumerate() {
                 let by_place = through(&sight.by_place, &moved(step, column));
                 let turned = through(&own[0].moment, &step.turn(&three(&column[6..])));
-                put(k, &seen(&sum(by_place, turned)));
+                let mut by = sum(by_place, turned);
+                if let Some(whole) = &whole {
+                    let more = whole.along(&three(&column[6..]));
+                    by = sum(by, weighed(&sight.by_quadrupole, &more));
+                }
+                put(k, &seen(&by));
             }
             for k in at.motion..at.sources {
                 let mut by = through(&sight.by_place, &step.by_more[k - at.motion]);
@@ -600,7 +680,12 @@ impl Measured {
                     let turned = through(&own[index].moment, &step.turn_by_rate(&moment));
                     by = sum(by, sum(place, turned));
                 }
-                put(k, &seen(&by));
+                put(k, &seen(&sum(by, sight.by_turn)));
+            }
+            if let Some(whole) = &whole {
+                for (k, by) in (at.quadrupole..at.induced).zip(&whole.by_free) {
+                    put(k, &seen(&weighed(&sight.by_quadrupole, by)));
+                }
             }
             for index in 1..about.sources {
                 let column = at.sources + 6 * (index - 1);
@@ -686,10 +771,10 @@ impl Measured {
                 }
                 self.noise.apply_rows(&mut columns[..3 * m], 3);
                 let score = fit.score(&columns, 3, 1e-3, 0.8);
-                let mut start = x[..at.induced].to_vec();
+                let mut start = x[..at.quadrupole].to_vec();
                 start.extend(offset);
                 start.extend(score.size);
-                start.extend(&x[at.induced..]);
+                start.extend(&x[at.quadrupole..]);
                 found.push((score.statistic, start));
             }
         }
@@ -860,6 +945,11 @@ impl Measured {
         }
         Ok(found)
     }
+}
+
+/// A sum of vectors.
+fn weighed(vectors: &[[f64; 3]; 5], weights: &[f64; 5]) -> [f64; 3] {
+    core::array::from_fn(|i| (0..5).map(|k| weights[k] * vectors[k][i]).sum())
 }
 
 /// How far the body moves with a state, of which these are the derivatives of (r0, v, m).

@@ -26,6 +26,7 @@ pub mod description;
 pub mod localize;
 #[cfg(feature = "std")]
 pub mod measured;
+pub mod quadrupole;
 #[cfg(feature = "std")]
 pub mod record;
 pub mod sensors;

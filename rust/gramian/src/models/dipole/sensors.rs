@@ -1,7 +1,7 @@
 //! Sensors, and what each of them measures of the field.
 
-use super::{Error, Pass, field, jacobian};
-use crate::numbers::algebra::{dot, multiply};
+use super::{Error, Pass, field, jacobian, quadrupole};
+use crate::numbers::algebra::dot;
 use crate::numbers::lane::Lane;
 use crate::rows::RowSink;
 use crate::scalar::{NumberError, Real, all_finite, check_finite, check_length};
@@ -114,6 +114,20 @@ impl<'a, T: Real> Sensors<'a, T> {
     /// # Source
     /// Dai et al. 2020, eq. (2), along a straight pass.
     pub fn measure(&self, times: &[T], pass: &Pass<T>, out: &mut [T]) -> Result<(), Error> {
+        self.measure_body(times, pass, None, out)
+    }
+
+    /// [`measure`](Self::measure) of a body that may have a [`quadrupole`] too, at the same place.
+    ///
+    /// # Errors
+    /// As [`measure`](Self::measure).
+    pub fn measure_body(
+        &self,
+        times: &[T],
+        pass: &Pass<T>,
+        quadrupole: Option<&[T; 5]>,
+        out: &mut [T],
+    ) -> Result<(), Error> {
         let wanted = times.len().saturating_mul(self.channels());
         check_length("out", out.len(), wanted)?;
         self.check(times, pass)?;
@@ -124,7 +138,7 @@ impl<'a, T: Real> Sensors<'a, T> {
                 let Some(out) = places.next() else { break };
                 for head in self.heads(sensor) {
                     let place = pass.offset(&head.place, time - times[0]);
-                    let h = field(&place, &pass.moment).map_err(|error| error.at(k))?;
+                    let h = seen(&place, pass, quadrupole).map_err(|error| error.at(k))?;
                     match &self.ambient {
                         None => (0..3).for_each(|i| out[i] += head.sign * h[i]),
                         Some(ambient) => out[0] += head.sign * excess(ambient, &h)?.0,
@@ -167,6 +181,34 @@ impl<'a, T: Real> Sensors<'a, T> {
         sigma: &[T],
         sink: &mut impl RowSink<T, 9>,
     ) -> Result<(), Error> {
+        self.rows_of(times, pass, None, sigma, sink)
+    }
+
+    /// [`push_rows`](Self::push_rows) of a body that has a [`quadrupole`] too, at the same place: by
+    /// the pass and by its five numbers.
+    ///
+    /// # Errors
+    /// As [`push_rows`](Self::push_rows).
+    pub fn push_rows_with_quadrupole(
+        &self,
+        times: &[T],
+        pass: &Pass<T>,
+        quadrupole: &[T; 5],
+        sigma: &[T],
+        sink: &mut impl RowSink<T, 14>,
+    ) -> Result<(), Error> {
+        self.rows_of(times, pass, Some(quadrupole), sigma, sink)
+    }
+
+    /// The first `N` of the derivatives by pass and quadrupole.
+    fn rows_of<const N: usize>(
+        &self,
+        times: &[T],
+        pass: &Pass<T>,
+        quadrupole: Option<&[T; 5]>,
+        sigma: &[T],
+        sink: &mut impl RowSink<T, N>,
+    ) -> Result<(), Error> {
         let numbers = times.len().saturating_mul(self.channels());
         let by_sample = sigma.len() == times.len();
         if sigma.len() != 1 && !by_sample {
@@ -182,22 +224,21 @@ impl<'a, T: Real> Sensors<'a, T> {
         for (k, &time) in times.iter().enumerate() {
             let time = time - times[0];
             for sensor in 0..self.places.len() {
-                // By place and by moment, of each component.
-                let mut by = [[[T::zero(); 3]; 2]; 3];
+                // By place, moment and quadrupole, of each component.
+                let mut by = [[T::zero(); BODY]; 3];
                 for head in self.heads(sensor) {
                     let place = pass.offset(&head.place, time);
-                    let j = jacobian(&place, &pass.moment).map_err(|error| error.at(k))?;
-                    let own = [j.position, j.moment];
+                    let own = changes(&place, pass, quadrupole).map_err(|error| error.at(k))?;
                     match &self.ambient {
                         None => {
                             for (i, by) in by.iter_mut().enumerate() {
-                                add(by, head.sign, &own.map(|j| j[i]));
+                                add(by, head.sign, &own.map(|h| h[i]));
                             }
                         }
                         Some(ambient) => {
-                            let h = field(&place, &pass.moment).map_err(|error| error.at(k))?;
+                            let h = seen(&place, pass, quadrupole).map_err(|error| error.at(k))?;
                             let (_, u) = excess(ambient, &h)?;
-                            add(&mut by[0], head.sign, &own.map(|j| multiply(&j, &u)));
+                            add(&mut by[0], head.sign, &own.map(|h| dot(&h, &u)));
                         }
                     }
                 }
@@ -226,17 +267,67 @@ impl<'a, T: Real> Sensors<'a, T> {
     }
 }
 
+/// Of place, moment and quadrupole.
+const BODY: usize = 11;
+
+/// The field of a body at a place.
 #[inline]
-fn add<T: Real>(sum: &mut [[T; 3]; 2], sign: T, more: &[[T; 3]; 2]) {
-    for (sum, more) in sum.as_flattened_mut().iter_mut().zip(more.as_flattened()) {
+fn seen<T: Real>(
+    place: &[T; 3],
+    pass: &Pass<T>,
+    quadrupole: Option<&[T; 5]>,
+) -> Result<[T; 3], Error> {
+    let h = field(place, &pass.moment)?;
+    Ok(match quadrupole {
+        None => h,
+        Some(quadrupole) => {
+            let more = quadrupole::field(place, quadrupole)?;
+            core::array::from_fn(|i| h[i] + more[i])
+        }
+    })
+}
+
+/// What changes of place, moment and quadrupole change of that field.
+#[inline]
+fn changes<T: Real>(
+    place: &[T; 3],
+    pass: &Pass<T>,
+    quadrupole: Option<&[T; 5]>,
+) -> Result<[[T; 3]; BODY], Error> {
+    let mut out = [[T::zero(); 3]; BODY];
+    // Both are symmetric.
+    let j = jacobian(place, &pass.moment)?;
+    out[..3].copy_from_slice(&j.position);
+    out[3..6].copy_from_slice(&j.moment);
+    if let Some(quadrupole) = quadrupole {
+        let j = quadrupole::jacobian(place, quadrupole)?;
+        for (out, more) in out[..3]
+            .as_flattened_mut()
+            .iter_mut()
+            .zip(j.position.as_flattened())
+        {
+            *out += *more;
+        }
+        out[6..].copy_from_slice(&j.quadrupole);
+    }
+    Ok(out)
+}
+
+#[inline]
+fn add<T: Real>(sum: &mut [T; BODY], sign: T, more: &[T; BODY]) {
+    for (sum, more) in sum.iter_mut().zip(more) {
         *sum += sign * *more;
     }
 }
 
+/// The first of the derivatives by position, velocity, moment and quadrupole, whitened.
 #[inline]
-fn row<T: Real>(by: &[[T; 3]; 2], time: T, sigma: T) -> [T; 9] {
-    let [[a, b, c], [d, e, f]] = by.map(|by| by.map(|x| x / sigma));
-    [a, b, c, time * a, time * b, time * c, d, e, f]
+fn row<T: Real, const N: usize>(by: &[T; BODY], time: T, sigma: T) -> [T; N] {
+    core::array::from_fn(|i| match i {
+        0..3 => by[i] / sigma,
+        3..6 => time * (by[i - 3] / sigma),
+        _ => by[i - 3] / sigma,
+    })
 }
 
 fn length<T: Real>(vector: &[T; 3]) -> T {
@@ -334,18 +425,36 @@ mod tests {
     #[test]
     fn rows_are_the_derivatives_of_the_readings_of_every_kind() {
         for sensors in kinds() {
-            let mut rows = Vec::<[f64; 9]>::new();
-            let pass = Pass::of(&STATE);
+            let (pass, quadrupole) = (Pass::of(&STATE), [40.0, -70.0, 30.0, 90.0, -20.0]);
+            let mut rows = Vec::<[f64; 14]>::new();
             sensors
-                .push_rows(&TIMES, &pass, &[1e-9], &mut rows)
+                .push_rows_with_quadrupole(&TIMES, &pass, &quadrupole, &[1e-9], &mut rows)
                 .unwrap();
             assert_eq!(rows.len(), TIMES.len() * sensors.channels());
-            for k in 0..9 {
+            // Without a quadrupole they are those of the pass.
+            let mut plain = (Vec::<[f64; 14]>::new(), Vec::<[f64; 9]>::new());
+            sensors
+                .push_rows_with_quadrupole(&TIMES, &pass, &[0.0; 5], &[1e-9], &mut plain.0)
+                .unwrap();
+            sensors
+                .push_rows(&TIMES, &pass, &[1e-9], &mut plain.1)
+                .unwrap();
+            assert!(plain.0.iter().zip(&plain.1).all(|(a, b)| a[..9] == *b));
+            let whole: Vec<f64> = STATE.iter().chain(&quadrupole).copied().collect();
+            let read = |x: &[f64]| {
+                let mut out = alloc::vec![0.0; TIMES.len() * sensors.channels()];
+                let (state, quadrupole) = (x.first_chunk().unwrap(), x.last_chunk());
+                sensors
+                    .measure_body(&TIMES, &Pass::of(state), quadrupole, &mut out)
+                    .unwrap();
+                out
+            };
+            for k in 0..14 {
                 let difference = |step: f64| -> Vec<f64> {
-                    let (mut up, mut down) = (STATE, STATE);
+                    let (mut up, mut down) = (whole.clone(), whole.clone());
                     up[k] += step;
                     down[k] -= step;
-                    let (a, b) = (read(&sensors, &up), read(&sensors, &down));
+                    let (a, b) = (read(&up), read(&down));
                     a.iter()
                         .zip(&b)
                         .map(|(a, b)| (a - b) / (2e-9 * step))

@@ -75,8 +75,10 @@ pub struct Fitter<'a> {
     /// Whitened field, centred where offsets are fitted.
     data: Vec<f64>,
     data_size: f64,
-    /// Three columns of the moment and one of the field.
+    /// Three columns of the moment and one of the field, and the position and velocity that
+    /// they are of.
     linear: Columns,
+    filled: Option<[f64; 6]>,
     /// Moment, position and velocity, residual.
     system: Columns,
     by_position: Columns,
@@ -95,6 +97,7 @@ impl<'a> Fitter<'a> {
             data: vec![0.0; rows],
             data_size: 0.0,
             linear: Columns::new(rows, 4),
+            filled: None,
             system: Columns::new(rows + PRIOR_ROWS, 10),
             by_position: Columns::new(rows, 6),
             directions: Vec::new(),
@@ -121,6 +124,7 @@ impl<'a> Fitter<'a> {
     }
 
     fn weigh(&mut self) {
+        self.filled = None;
         let channels = self.record.channels();
         self.constant.fill(1.0);
         self.noise.apply(&mut self.constant);
@@ -183,6 +187,11 @@ impl<'a> Fitter<'a> {
 
     /// Columns of the moment and the field, weighted and centred.
     fn fill_linear(&mut self, place: &[f64; 6]) {
+        // A step that was just taken was evaluated before.
+        if self.filled.as_ref() == Some(place) {
+            return;
+        }
+        self.filled = Some(*place);
         if self.record.sensors.plain() {
             self.fill_moments::<true>(place);
         } else {

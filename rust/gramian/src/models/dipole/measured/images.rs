@@ -59,6 +59,10 @@ impl Measured {
                 *moment *= sign;
             }
         }
+        // Its field is odd where that of a dipole is even.
+        for entry in &mut image[at.quadrupole..at.induced] {
+            *entry *= -sign;
+        }
         if self.description.induced.is_some() {
             image[at.induced] *= sign;
         }
@@ -74,19 +78,24 @@ impl Measured {
             (Some(ambient), [center], []) => self.turned(x, center, ambient),
             _ => self.sized(x),
         };
-        let motion = self.layout().motion;
-        let states = passes.into_iter().map(|pass| {
+        let at = self.layout();
+        let states = passes.into_iter().map(|(pass, by)| {
             let mut image = self.coordinates(&pass.state());
-            image[motion..].copy_from_slice(&x[motion..]);
+            image[at.motion..].copy_from_slice(&x[at.motion..]);
+            for entry in &mut image[at.quadrupole..at.induced] {
+                *entry *= by;
+            }
             image
         });
         states.collect()
     }
 
+    /// Each is a pass, and by what a quadrupole grows with it.
+    ///
     /// One sensor of the total field reads the same of a pass that is turned about the ambient
     /// field, or reflected in a plane through that; and where this field is far the stronger
     /// one, nearly the same of one turned about its track, with another moment.
-    fn turned(&self, x: &[f64], center: &[f64; 3], ambient: &[f64; 3]) -> Vec<Pass<f64>> {
+    fn turned(&self, x: &[f64], center: &[f64; 3], ambient: &[f64; 3]) -> Vec<(Pass<f64>, f64)> {
         let (state, _) = self.expand(x);
         let seen: [f64; 3] = core::array::from_fn(|i| state[i] - center[i]);
         let (velocity, moment) = (three(&state[3..]), three(&state[6..]));
@@ -101,11 +110,12 @@ impl Measured {
                         if reflected { across(&v, &axis) } else { v }
                     };
                     let r = moved(&seen);
-                    passes.push(Pass {
+                    let pass = Pass {
                         position: core::array::from_fn(|i| center[i] + side * r[i]),
                         velocity: moved(&velocity).map(|v| side * v),
                         moment: moved(&moment),
-                    });
+                    };
+                    passes.push((pass, side));
                 }
             }
         }
@@ -114,7 +124,7 @@ impl Measured {
 
     /// Several of them read nearly the same of a pass of another size, with the moment that has
     /// as strong a field, and of one turned about the ambient field by a quarter.
-    fn sized(&self, x: &[f64]) -> Vec<Pass<f64>> {
+    fn sized(&self, x: &[f64]) -> Vec<(Pass<f64>, f64)> {
         let (state, _) = self.expand(x);
         let count = self.places.len() as f64;
         let center: [f64; 3] =
@@ -132,11 +142,12 @@ impl Measured {
             for k in -DOUBLINGS..=DOUBLINGS {
                 let size = 2.0_f64.powi(k);
                 if k != 0 || quarter != 0 {
-                    passes.push(Pass {
+                    let pass = Pass {
                         position: core::array::from_fn(|i| center[i] + size * seen[i]),
                         velocity: velocity.map(|v| size * v),
                         moment: moment.map(|m| size.powi(power) * m),
-                    });
+                    };
+                    passes.push((pass, size.powi(power + 1)));
                 }
             }
         }

@@ -78,11 +78,39 @@ fn rows_are_derivatives_whatever_is_known() {
 #[test]
 fn rows_are_derivatives_whatever_is_described() {
     let ambient = Some([16.0, 5.0, -36.0]);
-    for (motion, sources, drift, errors, induced, states) in [
-        (Motion::Along, 2, true, None, None, 9 + 1 + 6 + 12),
+    for (motion, sources, quadrupole, drift, errors, induced, states) in [
+        (Motion::Along, 2, None, true, None, None, 9 + 1 + 6 + 12),
+        (
+            Motion::Straight,
+            1,
+            Some([true; 3]),
+            false,
+            None,
+            None,
+            9 + 2 + 6,
+        ),
+        (
+            Motion::Turning,
+            2,
+            Some([true, false, true]),
+            false,
+            Some(0.02),
+            ambient,
+            9 + 1 + 6 + 3 + 1 + 8 + 6,
+        ),
+        (
+            Motion::Accelerated,
+            1,
+            Some([false; 3]),
+            false,
+            None,
+            None,
+            9 + 3 + 5 + 6,
+        ),
         (
             Motion::Turning,
             3,
+            None,
             false,
             Some(0.02),
             ambient,
@@ -91,6 +119,7 @@ fn rows_are_derivatives_whatever_is_described() {
         (
             Motion::Accelerated,
             1,
+            None,
             false,
             Some(0.02),
             None,
@@ -100,6 +129,7 @@ fn rows_are_derivatives_whatever_is_described() {
         let record = record(&[], &[0, SPEED], true).with(Description {
             motion,
             sources,
+            quadrupole,
             drift,
             attitude: errors,
             scale: errors,
@@ -115,6 +145,9 @@ fn rows_are_derivatives_whatever_is_described() {
         for index in 1..sources {
             let first = at.sources + 6 * (index - 1);
             x[first..first + 6].copy_from_slice(&[1.0, -0.5, 0.7, 3.0, -8.0, 4.0]);
+        }
+        for (k, value) in x[at.quadrupole..at.induced].iter_mut().enumerate() {
+            *value = [30.0, -50.0, 20.0, 70.0, -10.0][k];
         }
         let (mut residuals, mut rows) = (vec![0.0; m], vec![0.0; m * n]);
         record
@@ -229,6 +262,98 @@ fn rows_are_derivatives_whatever_the_sensors_measure() {
         for (a, b) in left.iter().zip(&wanted) {
             assert!((a - b).abs() < 1e-9);
         }
+    }
+}
+
+/// Where the place is free, the quadrupole that a moved dipole has is not told from a move.
+#[test]
+fn a_place_and_a_whole_quadrupole_are_told_apart_by_what_is_left_at_the_centre() {
+    let moment = three(&NEAR[6..]);
+    for motion in [Motion::Straight, Motion::Accelerated, Motion::Turning] {
+        let about = |centre| Description {
+            motion,
+            quadrupole: Some(centre),
+            ..Description::default()
+        };
+        let record = record(&[], &[], false).with(about([false; 3]));
+        let (m, n) = (record.measurements(), record.states());
+        let mut x = record.coordinates(&NEAR);
+        let at = record.layout();
+        x[at.motion..at.sources].fill(0.02);
+        let rows = |record: &Measured, x: &[f64]| {
+            let (mut left, mut rows) = (vec![0.0; m], vec![0.0; m * x.len()]);
+            record.linearize(x, &mut left, Some(&mut rows)).unwrap();
+            rows
+        };
+        let here = rows(&record, &x);
+        for (k, unit) in UNITS.iter().enumerate() {
+            let mut null = vec![0.0; n];
+            null[k] = 1.0;
+            if motion == Motion::Turning {
+                // The place of the body that was moved is elsewhere on the same circle, or beside.
+                let rate = x[at.motion];
+                match k {
+                    0 => null[4] = -rate,
+                    1 => null[3] = rate,
+                    _ => {}
+                }
+            }
+            for (out, q) in null[at.quadrupole..]
+                .iter_mut()
+                .zip(quadrupole::moved(&moment, unit))
+            {
+                *out = -q;
+            }
+            for row in here.chunks(n) {
+                let terms = row.iter().zip(&null).map(|(a, b)| a * b);
+                let size: f64 = terms.clone().map(f64::abs).sum();
+                assert!(terms.sum::<f64>().abs() <= 1e-12 * size, "{motion:?} {k}");
+            }
+        }
+        // And none of them is left where the place is the centre.
+        let record = record.with(about([true; 3]));
+        let x: Vec<f64> = [&x[..at.quadrupole], &[0.0; 2]].concat();
+        assert_eq!(
+            Fit::new(&record, &x).unwrap().dof(),
+            m - x.len(),
+            "{motion:?}"
+        );
+    }
+}
+
+#[test]
+fn the_mirror_image_of_a_quadrupole_has_the_opposite_one() {
+    for (baselines, sign) in [(&[][..], -1.0), (&[[0.0, 0.0, 2.0]][..], 1.0)] {
+        let sensors = Sensors {
+            places: &[[0.0; 3]],
+            baselines,
+            ambient: None,
+        };
+        let record = Measured::new(
+            &[0.0, 4.0, 8.0, 12.0],
+            &sensors,
+            &[0.0; 12],
+            Whitening::white(vec![1e9; 12], 3),
+            false,
+            Knowledge::default(),
+            &NEAR,
+        )
+        .with(Description {
+            motion: Motion::Turning,
+            quadrupole: Some([true; 3]),
+            ..Description::default()
+        });
+        let mut x = record.coordinates(&NEAR);
+        x[9..].copy_from_slice(&[0.05, 30.0, -40.0]);
+        let mut count = 0;
+        record.symmetries(&x, &mut |image| {
+            let mut difference = vec![0.0; 12];
+            record.difference(&x, image, &mut difference).unwrap();
+            assert!(difference.iter().all(|d| d.abs() < 1e-9), "{difference:?}");
+            assert_eq!(image[10], sign * x[10]);
+            count += 1;
+        });
+        assert_eq!(count, 1);
     }
 }
 
