@@ -60,7 +60,7 @@ def together(
     times: np.ndarray,
     field: np.ndarray,
     use: np.ndarray | None = None,
-    sources: int | tuple[int, ...] = 1,
+    sources: int | str | tuple[int | str, ...] = 1,
 ) -> gm.dipole.Localization:
     """Locate from both sensors, nothing known: the time between them gives the speed."""
     return gm.dipole.localize(
@@ -166,7 +166,10 @@ def main(path: Path) -> None:
                 tell(each[-1], None)
         if len(each) == 2:
             print(f"  the two directions differ by {angle(*each):.1f} deg")
-        for sources, text in ((1, "one dipole"), ((1, 2, 3), "as many dipoles as explain it")):
+        for sources, text in (
+            (1, "one dipole"),
+            ((1, "quadrupole", 2, 3), "what explains it best"),
+        ):
             print(f"  both sensors, the speed unknown, {text}")
             try:
                 both = together(times, field, use, sources)

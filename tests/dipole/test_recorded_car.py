@@ -92,6 +92,22 @@ def test_spikes_of_the_recorder_are_rejected(passes):
     assert kept.closest.range == pytest.approx(1.5, abs=0.3)
 
 
+def test_a_car_so_near_is_several_dipoles_and_no_quadrupole(passes):
+    """The sensors are nearer than half its length, where the multipoles do not converge."""
+    _, speed, times, field = passes[1]
+    found = {}
+    for sources in ("quadrupole", (1, "quadrupole", 2)):
+        found[sources] = gm.dipole.localize(
+            times, field[:, 0], {"speed": speed}, background="fit", loss="huber", window="pass",
+            sources=sources,
+        )  # fmt: skip
+    several, one = found[1, "quadrupole", 2], found["quadrupole"]
+    assert [about.sources for about, _ in several.candidates] == [2, 1, 1]
+    assert [about.quadrupole for about, _ in several.candidates] == [False, True, False]
+    assert one.quadrupole.any()
+    assert 0.9 < one.explained < several.explained
+
+
 def test_nothing_known_at_one_sensor_is_refused(passes):
     _, _, times, field = passes[1]
     with pytest.raises(gm.UnobservableError, match="speed"):
