@@ -14,7 +14,7 @@ use super::localize::{Knowledge, MOMENT, SPEED, huber, robust_sigma};
 use super::quadrupole::{Entries, Whole};
 use super::sensors::{Head, Sensors, excess};
 use super::{Error, Jacobian, Pass, jacobian, quadrupole};
-use crate::numbers::algebra::dot;
+use crate::numbers::algebra::{dot, multiply};
 use crate::numbers::angle::wrapped;
 use crate::solve::Model;
 use crate::solve::fit::Fit;
@@ -656,15 +656,10 @@ impl Measured {
                     *out = if sight.first { value } else { *out + value };
                 });
             };
-            let through = |matrix: &[[f64; 3]; 3], v: &[f64; 3]| -> [f64; 3] {
-                core::array::from_fn(|i| dot(&matrix[i], v))
-            };
-            let sum =
-                |a: [f64; 3], b: [f64; 3]| -> [f64; 3] { core::array::from_fn(|i| a[i] + b[i]) };
             let (step, own) = (&sight.step, &sight.jacobians);
             for (k, column) in columns[..at.motion].iter().enumerate() {
-                let by_place = through(&sight.by_place, &moved(step, column));
-                let turned = through(&own[0].moment, &step.turn(&three(&column[6..])));
+                let by_place = multiply(&sight.by_place, &moved(step, column));
+                let turned = multiply(&own[0].moment, &step.turn(&three(&column[6..])));
                 let mut by = sum(by_place, turned);
                 if let Some(whole) = &whole {
                     let more = whole.along(&three(&column[6..]));
@@ -673,11 +668,11 @@ impl Measured {
                 put(k, &seen(&by));
             }
             for k in at.motion..at.sources {
-                let mut by = through(&sight.by_place, &step.by_more[k - at.motion]);
+                let mut by = multiply(&sight.by_place, &step.by_more[k - at.motion]);
                 for index in 0..about.sources {
                     let (offset, moment) = self.source(&state, x, index);
-                    let place = through(&own[index].position, &step.turn_by_rate(&offset));
-                    let turned = through(&own[index].moment, &step.turn_by_rate(&moment));
+                    let place = multiply(&own[index].position, &step.turn_by_rate(&offset));
+                    let turned = multiply(&own[index].moment, &step.turn_by_rate(&moment));
                     by = sum(by, sum(place, turned));
                 }
                 put(k, &seen(&sum(by, sight.by_turn)));
@@ -691,15 +686,15 @@ impl Measured {
                 let column = at.sources + 6 * (index - 1);
                 for (axis, unit) in UNITS.iter().enumerate() {
                     let unit = step.turn(unit);
-                    put(column + axis, &seen(&through(&own[index].position, &unit)));
+                    put(column + axis, &seen(&multiply(&own[index].position, &unit)));
                     put(
                         column + 3 + axis,
-                        &seen(&through(&own[index].moment, &unit)),
+                        &seen(&multiply(&own[index].moment, &unit)),
                     );
                 }
             }
             if let Some(ambient) = about.induced {
-                put(at.induced, &seen(&through(&own[0].moment, &ambient)));
+                put(at.induced, &seen(&multiply(&own[0].moment, &ambient)));
             }
             for k in at.attitude..at.constants {
                 put(k, &[0.0; 3]);
@@ -715,15 +710,20 @@ impl Measured {
             }
             for i in 0..components {
                 let row = &mut rows[(first + i) * n..][..n];
-                row[at.constants..].fill(0.0);
-                if let Some(k) = constant[components * s + i] {
-                    row[at.constants + k] = 1.0;
-                    if about.drift {
-                        row[at.drifts + k] = t - middle;
-                    }
-                }
+                self.put_level(&at, constant[components * s + i], t - middle, row);
             }
         })
+    }
+
+    /// The columns of a constant and a drift of a channel, if they are states.
+    fn put_level(&self, at: &Layout, constant: Option<usize>, since: f64, row: &mut [f64]) {
+        row[at.constants..].fill(0.0);
+        if let Some(k) = constant {
+            row[at.constants + k] = 1.0;
+            if self.description.drift {
+                row[at.drifts + k] = since;
+            }
+        }
     }
 
     /// From where drifts count.
@@ -945,6 +945,10 @@ impl Measured {
         }
         Ok(found)
     }
+}
+
+fn sum(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    core::array::from_fn(|i| a[i] + b[i])
 }
 
 /// A sum of vectors.

@@ -2,9 +2,9 @@
 //! distance further down.
 //!
 //! With d from the body to the sensor, the potential of a dipole m and a quadrupole Q is
-//! (mu0 / 4 pi) (m . d / d^3 + 1/2 sum Q_ij d_i d_j / d^5), and the field is minus its gradient.
+//! (mu0 / 4 pi) (m . d / d^3 + d . Q d / (2 d^5)), and the field is minus its gradient.
 //! Q is symmetric and has no trace, in A m^3: of magnetic charges q at places x it is the sum of
-//! q (3 x_i x_j - x^2 delta_ij). Five numbers make it, [`ENTRIES`].
+//! q (3 x x^T - x^2 1). Five numbers make it, [`ENTRIES`].
 //!
 //! A dipole that is off by d has, to first order in d, the field of one that is not and of the
 //! quadrupole of [`moved`], 3 (d m^T + m d^T) - 2 (d . m) 1. These are the derivatives of the
