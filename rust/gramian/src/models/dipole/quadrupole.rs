@@ -182,7 +182,7 @@ pub struct Whole {
 
 impl Whole {
     /// What a change of the moment changes of them.
-    pub(crate) fn along(&self, change: &[f64; 3]) -> [f64; 5] {
+    pub fn along(&self, change: &[f64; 3]) -> [f64; 5] {
         core::array::from_fn(|k| (0..3).map(|j| change[j] * self.by_moment[j][k]).sum())
     }
 }
