@@ -21,7 +21,7 @@ use std::time::Duration;
 use gramian::bearings::{self, Form, Monitor};
 use gramian::bound;
 use gramian::chi_square;
-use gramian::dipole::{self, Accumulator, Pass, Sensors};
+use gramian::dipole::{self, Accumulator, Pass, Sensors, quadrupole};
 use gramian::inertial::{
     self, Group, Leg, Motion, Output, Recorded, Sample, Segments, Start, Sway,
 };
@@ -800,6 +800,35 @@ fn bodies<T: Number>(draw: &mut Draw<T>) {
         );
     }
     assert_eq!(Description::source(1)[3].0, "mx of dipole 2");
+    let q: [T; 5] = draw.array();
+    let [moment, change]: [[T; 3]; 2] = draw.arrays();
+    let (q, moment) = (q.map(Real::double), moment.map(Real::double));
+    let step = Motion::Turning.at(&state, &more[..Motion::Turning.states()], t.double());
+    let _ = step.turn_tensor(&quadrupole::tensor(&q));
+    let centre = [0, 1, 2].map(|_| draw.below(2) == 0);
+    let entries = quadrupole::Entries::new(centre, &moment);
+    let count = entries.free().len();
+    assert_eq!(count, 5 - centre.iter().filter(|c| **c).count());
+    // What does not follow is not finite, and is told by the rows made of it.
+    let whole = entries.whole(&moment, &q[..count]);
+    let _ = whole.along(&change.map(Real::double));
+}
+
+/// The field of a quadrupole, and its five numbers.
+fn quadrupoles<T: Number>(draw: &mut Draw<T>) {
+    let (position, q): ([T; 3], [T; 5]) = (draw.array(), draw.array());
+    if let Some(field) = draw.taken(quadrupole::field(&position, &q)) {
+        draw.finite(&field);
+    }
+    if let Some(jacobian) = draw.taken(quadrupole::jacobian(&position, &q)) {
+        draw.finite(jacobian.position.as_flattened());
+        draw.finite(jacobian.quadrupole.as_flattened());
+    }
+    if all_finite(&q) {
+        assert_eq!(quadrupole::entries(&quadrupole::tensor(&q)), q);
+    }
+    let [moment, offset]: [[T; 3]; 2] = draw.arrays();
+    let _ = quadrupole::moved(&moment, &offset);
 }
 
 /// What sensors of every kind read of a pass, and the rows of it.
@@ -825,6 +854,17 @@ fn sensors<T: Number>(draw: &mut Draw<T>) {
     draw.sound = sound && sigma.iter().all(|&s| s > T::zero());
     let mut root = SquareRootInformation::new();
     draw.taken(kind.push_rows(&times, &pass, &sigma, &mut root));
+    draw.finite(root.factor().as_flattened());
+    draw.sound = sound;
+    let body: [T; 5] = draw.array();
+    let result = kind.measure_body(&times, &pass, Some(&body), &mut out);
+    if draw.taken(result).is_some() {
+        draw.finite(&out);
+    }
+    draw.sound &= sigma.iter().all(|&s| s > T::zero());
+    let mut root = SquareRootInformation::new();
+    let result = kind.push_rows_with_quadrupole(&times, &pass, &body, &sigma, &mut root);
+    draw.taken(result);
     draw.finite(root.factor().as_flattened());
     let heads = kind.heads(0).count();
     assert_eq!(heads, 1 + kind.baselines.len() / 2);
@@ -1550,6 +1590,7 @@ cases![
     motions,
     bearing_rows,
     fields,
+    quadrupoles,
     passes,
     #[cfg(feature = "std")]
     bodies,
