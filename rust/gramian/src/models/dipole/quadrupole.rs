@@ -208,7 +208,8 @@ impl Entries {
     /// Those that tell the others best for a moment near this one.
     pub fn new(centre: [bool; 3], moment: &[f64; 3]) -> Self {
         let follow = centre.iter().filter(|c| **c).count();
-        let (mut best, mut most) = (Self::default(), f64::NEG_INFINITY);
+        // As many follow of a moment that is not finite, whose sizes are no numbers.
+        let (mut best, mut most) = (Self::default(), f64::NAN);
         // Every choice of as many of five.
         for choice in (0_u32..32).filter(|c| c.count_ones() as usize == follow) {
             let chosen = |k: &usize| choice >> k & 1 == 1;
@@ -220,8 +221,7 @@ impl Entries {
             let split = (0..5).filter(|k| !chosen(k)).chain((0..5).filter(chosen));
             own.order.iter_mut().zip(split).for_each(|(at, k)| *at = k);
             let (_, size) = own.inverse(&told(centre, moment));
-            // As many follow of a moment that is not finite.
-            if !(size <= most) {
+            if size > most || most.is_nan() {
                 (best, most) = (own, size);
             }
         }
