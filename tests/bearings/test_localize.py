@@ -305,6 +305,19 @@ def test_bad_input_of_trials():
         localize_trials(times, observer, np.ones((3, 4)), 0.1, trials=5, seed=1)
 
 
+def test_bearings_in_degrees_are_a_misfit_that_says_what_it_may_be(recwarn):
+    times, observer = circling()
+    z = simulate(times, observer, [2000.0, 6000.0, 3.0, -1.0], 1e-3, seed=2)
+    with pytest.warns(UserWarning, match=r"bearings reach .* rad and do not fit.*degrees\?"):
+        answer = localize(times, np.degrees(z), observer, 1e-3)
+    assert answer.status == "misfit"
+    # Whole turns are bearings all the same.
+    recwarn.clear()
+    plain, turned = (localize(times, z + turns, observer, 1e-3) for turns in (0.0, 4 * np.pi))
+    assert plain.status == turned.status == "determined"
+    assert not recwarn.list
+
+
 def test_a_target_that_turned_is_a_misfit_and_not_a_position():
     """The kind that began this: a confident position of a track that turned once."""
     t = np.arange(0.0, 1200.0, 30.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -216,7 +217,8 @@ def localize(
     times : array_like, shape (m,)
         Increasing, seconds.
     bearings : array_like, shape (m,)
-        Clockwise from north, radians; whole turns do not matter.
+        Clockwise from north, radians; whole turns do not matter. Where some are beyond 2 pi and
+        the model does not fit, a warning asks whether they are degrees.
     observer : array_like, shape (m, 2)
         Observer positions (east, north), metres.
     sigma : array_like, shape () or (m,)
@@ -280,7 +282,15 @@ def localize(
     deviations = np.atleast_1d(finite(sigma, "sigma [rad]"))
     model = BearingsModel(when, path, deviations, order, index)
     model.handle(z)
-    return estimate(model, z, prior=prior, **options)
+    answer = estimate(model, z, prior=prior, **options)
+    if answer.status == "misfit" and (largest := float(np.abs(z).max())) > 2 * np.pi:
+        warnings.warn(
+            f"bearings reach {brief(largest, 4)} rad and do not fit: they must be in radians; "
+            "are these degrees?",
+            UserWarning,
+            stacklevel=2,
+        )
+    return answer
 
 
 def localize_many(

@@ -17,7 +17,7 @@ from gramian.exceptions import UnobservableError
 from gramian.models.dipole._estimate import KNOWABLE, PLAIN, Description, DipoleModel
 from gramian.models.dipole._model import NAMES, Pass, problem
 from gramian.models.dipole._result import ClosestPoint, Localization, Solution, root
-from gramian.models.dipole._setup import Options, Setup
+from gramian.models.dipole._setup import Record, Setup
 
 __all__ = ["Found", "localization", "plain_answer", "states_of"]
 
@@ -42,20 +42,11 @@ class Found:
     iterations: int
 
 
-def plain_answer(
-    raw: _core._DipoleLocalized,
-    t: Array,
-    y: Array,
-    offsets: Array,
-    inner: Options,
-    dropped: int,
-    setup: Setup,
-    limits: tuple[float, float, float],
-    correlation_given: bool,
-) -> Localization:
+def plain_answer(raw: _core._DipoleLocalized, record: Record) -> Localization:
+    """Return the answer of one dipole on a straight pass, with its mirror image."""
     mirror, sigma = raw["mirror"], float(raw["sigma"])
     mirror_cost = float(raw["mirror_cost"])
-    model = setup.model(raw, t, inner, np.sqrt(raw["weights"] * raw["efficiency"]) / sigma)
+    model = record.model(raw, np.sqrt(raw["weights"] * raw["efficiency"]) / sigma)
     state = states_of(model, raw)
     others: tuple[Other, ...] = ()
     if np.isfinite(mirror_cost):
@@ -63,7 +54,7 @@ def plain_answer(
         image = model.coordinates(mirror)
         image[len(state) - constants :] = state[len(state) - constants :]
         # Priors tell the two apart too.
-        handle = model.handle(np.nan_to_num(y))
+        handle = model.handle(record.filled)
         apart = handle.linearize(image)[0] - handle.linearize(state)[0]
         distance = float(np.linalg.norm(apart))
         half = 0.5 * math.erfc(distance / math.sqrt(8.0))
@@ -85,33 +76,17 @@ def plain_answer(
             converged=bool(raw["converged"]),
             iterations=int(raw["rounds"]),
         ),
-        t,
-        y,
-        offsets,
-        inner,
-        dropped,
-        setup,
-        limits,
-        correlation_given=correlation_given,
+        record,
     )
 
 
 def localization(
-    fit: Found,
-    t: Array,
-    y: Array,
-    offsets: Array,
-    inner: Options,
-    dropped: int,
-    setup: Setup,
-    limits: tuple[float, float, float],
-    correlation_given: bool,
-    candidates: tuple[tuple[Description, float], ...] = (),
+    fit: Found, record: Record, candidates: tuple[tuple[Description, float], ...] = ()
 ) -> Localization:
+    """Return the answer that follows from a fit."""
     model, state, found, weights = fit.model, fit.state, fit.found, fit.weights
-    origin = float(t[0]) if inner.origin is None else inner.origin
-    absent = np.isnan(y)
-    y = np.where(absent, 0.0, y)
+    t, y, setup, origin = record.times, record.filled, record.setup, record.origin
+    absent = np.isnan(record.field)
     sigmas = setup.deviations(fit.sigma, y.shape)
     covariance = _covariance(model, model.handle(y), state, t, sigmas, setup)
     signal = y - setup.heads.quiet - fit.fitted
@@ -130,9 +105,9 @@ def localization(
         known=setup.known,
         others=fit.others,
         unseen=1.0,
-        alpha=limits[0],
-        chance=limits[1],
-        weak_ratio=limits[2],
+        alpha=record.limits[0],
+        chance=record.limits[1],
+        weak_ratio=record.limits[2],
         _loss=("squares", 0.0) if setup.loss == "gaussian" else ("huber", 1.345),
         r0=found[:3],
         v=found[3:6],
@@ -145,20 +120,20 @@ def localization(
         times=t,
         residuals=np.where(absent, np.nan, residuals),
         predicted=signal - residuals,
-        background=offsets + fit.fitted,
+        background=record.offsets + fit.fitted,
         weights=weights,
         sigma=fit.sigma,
         sigmas=sigmas,
         sigma_given=setup.sigma is not None,
         explained=float(1 - ((share * residuals) ** 2).sum() / ((share * signal) ** 2).sum()),
         spikes=int((~(weights > 0) & ~absent).any(axis=-1).sum()),
-        dropped=dropped,
+        dropped=record.dropped,
         closest=_closest(found, covariance, origin, setup.sensors[0])
         if model.description.motion == "straight" and model.description.sources == 1
         else _nearest(model, state, model.handle(y), origin),
         sensors=setup.sensors,
-        correlation=inner.correlation,
-        correlation_given=correlation_given,
+        correlation=record.options.correlation,
+        correlation_given=not record.correlated,
         candidates=candidates,
     )
 

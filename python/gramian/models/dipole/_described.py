@@ -18,7 +18,7 @@ from gramian.exceptions import InputError
 from gramian.models.dipole._answer import Found, localization, states_of
 from gramian.models.dipole._estimate import Description, DipoleModel
 from gramian.models.dipole._result import Localization, Solution
-from gramian.models.dipole._setup import Options, Setup
+from gramian.models.dipole._setup import Record
 from gramian.models.dipole._size import require_size
 
 __all__ = ["Motion", "Sources", "as_descriptions", "described"]
@@ -100,35 +100,23 @@ class _Settled:
     iterations: int
     bic: float
 
-    def carried(self, about: Description) -> Array:
-        """Return the states of another description here: by their names, and 0 for the rest."""
-        there = dict(zip(self.model.names, self.state, strict=True))
-        names = replace(self.model, description=about).names
-        return np.array([there.get(name, 0.0) for name in names])
-
 
 def _settle(
-    about: Description,
-    starts: Array,
-    raw: _core._DipoleLocalized,
-    t: Array,
-    y: Array,
-    inner: Options,
-    setup: Setup,
-    correlated: bool,
+    about: Description, starts: Array, raw: _core._DipoleLocalized, record: Record
 ) -> _Settled:
     """Fit a description from some starts, until noise and weights settle."""
-    filled, counts = np.nan_to_num(y), (raw["weights"] > 0) & ~np.isnan(y)
+    filled, setup = record.filled, record.setup
+    counts = (raw["weights"] > 0) & ~np.isnan(record.field)
     weights, efficiency = raw["weights"] * counts, float(raw["efficiency"])
     sigma, count = float(raw["sigma"]), int(counts.sum())
     iterations = 0
     for _ in range(20):
-        model = setup.model(raw, t, inner, np.sqrt(weights * efficiency) / sigma, about)
+        model = record.model(raw, np.sqrt(weights * efficiency) / sigma, about)
         handle = model.handle(filled)
         found = handle.minimize(starts, ("squares", 0.0), setup.max_iterations)
         if not found:
             raise InputError("the body meets a sensor at every start")
-        best, before = found[0], (sigma, inner.correlation)
+        best, before = found[0], (sigma, record.options.correlation)
         if about.quadrupole and not iterations:
             # From the dipole alone the way often leads to a lesser minimum.
             searched = handle.others(best["x"], np.zeros((0, len(best["x"]))), None, 0, 0)
@@ -136,10 +124,10 @@ def _settle(
         state = best["x"]
         starts, iterations = state[None], iterations + found[0]["iterations"]
         unit = replace(model, weights=(counts * setup.precision).astype(float))
-        if correlated:
+        if record.correlated:
             even = replace(unit, correlation=0.0)
             rho, _ = even.record(filled).noise(state, model.spacing, setup.sigma)
-            inner = replace(inner, correlation=rho)
+            record = record.with_correlation(rho)
         if setup.loss == "huber":
             flat, efficiency, sigma = unit.record(filled).robust(state, setup.sigma)
             weights = flat.reshape(counts.shape)
@@ -147,8 +135,8 @@ def _settle(
             left = unit.residuals(state, filled)
             sigma = float(np.sqrt(left @ left / max(count - len(state), 1)))
             sigma = max(sigma, 1e-12 * before[0])
-        settled = abs(sigma - before[0]) < 1e-4 * sigma
-        if settled and abs(inner.correlation - before[1]) < 1e-2 * (1 - inner.correlation):
+        settled, correlation = abs(sigma - before[0]) < 1e-4 * sigma, record.options.correlation
+        if settled and abs(correlation - before[1]) < 1e-2 * (1 - correlation):
             break
     left = unit.residuals(state, filled) / sigma
     size = np.abs(left)
@@ -156,13 +144,13 @@ def _settle(
     if setup.loss == "huber":
         loss = np.where(size > 1.345, 1.345 * (2 * size - 1.345), loss)
     # Twice the log likelihood, less a constant; with the variances of the innovations.
-    steps = np.diff(t) / model.spacing
-    share = inner.correlation ** (2 * steps) if inner.correlation > 0 else np.zeros(len(steps))
+    steps = np.diff(record.times) / model.spacing
+    share = correlation ** (2 * steps) if correlation > 0 else np.zeros(len(steps))
     log_variance = setup.used * float(np.log1p(-share).sum())
     bic = loss.sum() + 2 * count * np.log(sigma) + log_variance + len(state) * np.log(count)
     return _Settled(
         about,
-        setup.model(raw, t, inner, np.sqrt(weights * efficiency) / sigma, about),
+        record.model(raw, np.sqrt(weights * efficiency) / sigma, about),
         state,
         weights,
         efficiency,
@@ -174,24 +162,18 @@ def _settle(
 
 
 def _tried(
-    wanted: Sequence[Description],
-    raw: _core._DipoleLocalized,
-    t: Array,
-    y: Array,
-    inner: Options,
-    setup: Setup,
-    correlated: bool,
+    wanted: Sequence[Description], raw: _core._DipoleLocalized, record: Record
 ) -> list[_Settled]:
     """Return what descriptions make of a record, that of the least BIC first.
 
     Dipoles are added one after the other, up to the first that does not lower it.
     """
-    filled = np.nan_to_num(y)
+    filled = record.filled
     failed: list[str] = []
 
     def settled(about: Description, starts: Array) -> _Settled | None:
         try:
-            found = _settle(about, starts, raw, t, y, inner, setup, correlated)
+            found = _settle(about, starts, raw, record)
             # A dipole without a moment, or far away, tells of nothing.
             _core.Analysis(found.model.handle(filled).linearize(found.state)[1], None)
         except InputError as error:
@@ -207,7 +189,7 @@ def _tried(
         for count in range(1, max(about.sources for about in own) + 1):
             about = replace(own[0], sources=count, quadrupole=False)
             if last is None:
-                model = setup.model(raw, t, inner, np.sqrt(raw["weights"]), about)
+                model = record.model(raw, np.sqrt(raw["weights"]), about)
                 starts = states_of(model, raw)[None]
             else:
                 starts = last.model.record(filled).seeds(last.state, 8)
@@ -221,7 +203,8 @@ def _tried(
                     break
             for about in own:
                 if about.quadrupole and about.sources == count:
-                    with_it = settled(about, found.carried(about)[None])
+                    own_model = replace(found.model, description=about)
+                    with_it = settled(about, found.model.carry(found.state, own_model)[None])
                     tried += [] if with_it is None else [with_it]
             last = found
     if not tried:
@@ -230,20 +213,11 @@ def _tried(
 
 
 def described(
-    wanted: Sequence[Description],
-    raw: _core._DipoleLocalized,
-    t: Array,
-    y: Array,
-    offsets: Array,
-    inner: Options,
-    dropped: int,
-    setup: Setup,
-    limits: tuple[float, float, float],
-    correlated: bool,
+    wanted: Sequence[Description], raw: _core._DipoleLocalized, record: Record
 ) -> Localization:
     """Return the answer of the description that explains the record best."""
-    tried = _tried(wanted, raw, t, y, inner, setup, correlated)
-    best, filled = tried[0], np.nan_to_num(y)
+    tried = _tried(wanted, raw, record)
+    best, filled = tried[0], record.filled
     model, handle = best.model, best.model.handle(filled)
     alike = model.record(filled).alike(best.state)
     searched = handle.others(best.state, alike, None, 0, 0)
@@ -264,9 +238,9 @@ def described(
             image = model.expand(other["x"])[0]
             mirror = Solution(image[:3], image[3:6], image[6:], other["chi2"])
     left = handle.linearize(state)[0]
-    exact = model.h(state).reshape(y.shape)
+    exact = model.h(state).reshape(filled.shape)
     names = [name for name in model.names if name.startswith("background")]
-    levels = np.zeros(offsets.shape)
+    levels = np.zeros(record.offsets.shape)
     if names:
         first = model.names.index(names[0])
         levels[model.used.reshape(levels.shape)] = state[first : first + len(names)]
@@ -285,14 +259,7 @@ def described(
             converged=best.converged,
             iterations=best.iterations,
         ),
-        t,
-        y,
-        offsets,
-        replace(inner, correlation=model.correlation),
-        dropped,
-        setup,
-        limits,
-        correlation_given=not correlated,
+        record.with_correlation(model.correlation),
         candidates=tuple((one.about, one.bic) for one in tried),
     )
 

@@ -313,6 +313,14 @@ class DipoleModel(Value):
         """Return the states (n,) of a pass (9,)."""
         return self._blank.coordinates(finite(state, "state").tolist())
 
+    def carry(self, x: Array, other: DipoleModel) -> Array:
+        """Return states here as those of another model of the body: 0 for what is not here."""
+        there, own = other.coordinates(self.expand(x)[0]), dict(zip(self.names, x, strict=True))
+        for k, name in enumerate(other.names):
+            if name not in NAMES:
+                there[k] = own.get(name, there[k])
+        return there
+
     def handle(self, z: Array) -> _core.Model:
         """Return the extension's model of these fields; its priors are part of it."""
         return self.record(z).model()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -18,7 +17,7 @@ from gramian.models.dipole._answer import plain_answer, states_of
 from gramian.models.dipole._described import Motion, Sources, as_descriptions, described
 from gramian.models.dipole._estimate import PLAIN
 from gramian.models.dipole._result import Localization, Localizations
-from gramian.models.dipole._setup import Background, Loss, Options, Setup, as_times
+from gramian.models.dipole._setup import Background, Loss, Record, Setup, as_times
 
 __all__ = ["localize", "localize_many", "localize_trials"]
 
@@ -206,30 +205,26 @@ def localize(
         y = y - offsets
     fixed = 0.0 if fitted else float(correlation)
     inner = setup.options("none" if background is None else "fit", origin, fixed)
+    record = Record(t, y, offsets, dropped, setup, inner, fitted, limits)
     if isinstance(window, tuple):
         start, end = window
-        keep = (t >= start) & (t <= end)
-        t, y = t[keep], y[keep]
-        setup.keep(keep)
+        record = record.of((t >= start) & (t <= end))
     elif window is not None and not (isinstance(window, str) and window == "pass"):
         raise InputError(f'window = {options.given(window)}: must be "pass", (start, end) or None')
-    setup.enough(y, "in the window" if window is not None else "")
-    raw = setup.run(t, y, inner)
+    setup.enough(record.field, "in the window" if window is not None else "")
+    raw = record.run()
     if window == "pass":
         keep = _of_the_pass(raw["state"], t - origin, setup.sensors)
         if (~np.isnan(y[keep])).sum() >= 4 * setup.unknowns:
-            t, y = t[keep], y[keep]
-            setup.keep(keep)
-            raw = setup.run(t, y, inner)
+            record = record.of(keep)
+            raw = record.run()
     # Few numbers of each sample leave other passes that fit as well.
     few = ambient is not None or baselines is not None
     if few or wanted != [PLAIN]:
-        return described(wanted, raw, t, y, offsets, inner, dropped, setup, limits, fitted)
+        return described(wanted, raw, record)
     if fitted:
-        inner, raw = _with_correlation(raw, t, y, inner, setup)
-    return plain_answer(
-        raw, t, y, offsets, inner, dropped, setup, limits, correlation_given=not fitted
-    )
+        record, raw = _with_correlation(record, raw)
+    return plain_answer(raw, record)
 
 
 def localize_many(
@@ -386,18 +381,20 @@ def localize_trials(
 
 
 def _with_correlation(
-    raw: _core._DipoleLocalized, t: Array, y: Array, inner: Options, setup: Setup
-) -> tuple[Options, _core._DipoleLocalized]:
-    """Return the answer with the correlation of the noise that fits, and the options for it."""
+    record: Record, raw: _core._DipoleLocalized
+) -> tuple[Record, _core._DipoleLocalized]:
+    """Return the record with the correlation of the noise that fits, and its answer."""
     for _ in range(8):
-        model = setup.model(raw, t, inner, np.sqrt(raw["weights"]))
+        model = record.model(raw, np.sqrt(raw["weights"]))
         state = states_of(model, raw)
-        found, _ = model.record(np.nan_to_num(y)).noise(state, model.spacing, setup.sigma)
-        moved, inner = abs(found - inner.correlation), replace(inner, correlation=found)
-        raw = setup.run(t, y, inner)
+        noise = model.record(record.filled)
+        found, _ = noise.noise(state, model.spacing, record.setup.sigma)
+        moved = abs(found - record.options.correlation)
+        record = record.with_correlation(found)
+        raw = record.run()
         if moved < 1e-2 * (1 - found):
             break
-    return inner, raw
+    return record, raw
 
 
 def _of_the_pass(state: Array, t: Array, sensors: Array) -> NDArray[np.bool_]:

@@ -20,7 +20,7 @@ from gramian.exceptions import InputError
 from gramian.models.dipole._estimate import KNOWABLE, PLAIN, Description, DipoleModel, Heads
 from gramian.models.dipole._model import UNITS, as_ambient, as_baselines, as_deviations
 
-__all__ = ["Background", "Loss", "Options", "Setup", "as_times"]
+__all__ = ["Background", "Loss", "Options", "Record", "Setup", "as_times"]
 
 Array = NDArray[np.float64]
 
@@ -37,6 +37,8 @@ _UNITS = dict(zip(KNOWABLE, (*UNITS, "m/s", "A m^2"), strict=True))
 
 @dataclass(frozen=True)
 class Options:
+    """What the search of the crate is told."""
+
     background: str
     loss: str
     sigma: float | None
@@ -137,31 +139,6 @@ class Setup:
             correlation,
         )
 
-    def model(
-        self,
-        raw: _core._DipoleLocalized,
-        t: Array,
-        inner: Options,
-        weights: Array,
-        about: Description = PLAIN,
-    ) -> DipoleModel:
-        """Return the model of a record at the pass that was found."""
-        origin = t[0] if inner.origin is None else inner.origin
-        return DipoleModel(
-            t - origin,
-            self.sensors,
-            weights * self.precision,
-            raw["state"],
-            self.known,
-            self.prior,
-            self.background is not None,
-            inner.correlation,
-            float(np.median(np.diff(t))) if len(t) > 1 else 1.0,
-            about,
-            self.baselines,
-            self.ambient,
-        )
-
     def samples(
         self, times: ArrayLike, field: ArrayLike, missing: str, use: ArrayLike | None
     ) -> tuple[Array, Array, int]:
@@ -244,6 +221,68 @@ class Setup:
         if not isinstance(self.precision, np.ndarray):
             return options
         return replace(options, levels=self.deviations(1.0, self.precision.shape).ravel().tolist())
+
+
+@dataclass(frozen=True)
+class Record:
+    """A record as it is fitted: what is left of the samples, and how they are gone about."""
+
+    times: Array
+    #: (K, S, components); NaN for what is missing or not used.
+    field: Array
+    #: What was taken off each channel.
+    offsets: Array
+    #: Numbers that were dropped since they are missing.
+    dropped: int
+    setup: Setup
+    options: Options
+    #: Whether the correlation of the noise is fitted too.
+    correlated: bool
+    #: Of the answer's status: alpha, chance, weak_ratio.
+    limits: tuple[float, float, float]
+
+    @property
+    def origin(self) -> float:
+        """The instant of the state."""
+        given = self.options.origin
+        return float(self.times[0]) if given is None else given
+
+    @property
+    def filled(self) -> Array:
+        """The field, 0 for what is missing or not used."""
+        return np.nan_to_num(self.field)
+
+    def of(self, samples: NDArray[np.bool_]) -> Record:
+        """Return the record of some of the samples."""
+        self.setup.keep(samples)
+        return replace(self, times=self.times[samples], field=self.field[samples])
+
+    def with_correlation(self, correlation: float) -> Record:
+        """Return the record with noise of this correlation."""
+        return replace(self, options=replace(self.options, correlation=correlation))
+
+    def run(self) -> _core._DipoleLocalized:
+        """Return the pass of one dipole that fits best."""
+        return self.setup.run(self.times, self.field, self.options)
+
+    def model(
+        self, raw: _core._DipoleLocalized, weights: Array, about: Description = PLAIN
+    ) -> DipoleModel:
+        """Return the model at the pass that was found."""
+        return DipoleModel(
+            self.times - self.origin,
+            self.setup.sensors,
+            weights * self.setup.precision,
+            raw["state"],
+            self.setup.known,
+            self.setup.prior,
+            self.setup.background is not None,
+            self.options.correlation,
+            float(np.median(np.diff(self.times))) if len(self.times) > 1 else 1.0,
+            about,
+            self.setup.baselines,
+            self.setup.ambient,
+        )
 
 
 def _require_tesla(largest: float, what: str) -> None:

@@ -45,24 +45,17 @@ def require_size(model: DipoleModel, state: Array, z: Array) -> None:
 
     def fitted(start: Array, size: float, held: float) -> tuple[Array, float, float]:
         """Return the states of the pass of a size, its chi2 and its range."""
-        near = model.expand(start * size ** np.array(powers, dtype=float))[0]
-        known = {name: value for name, value in model.known.items() if name != "speed"}
-        other = replace(model, near=near, known=known | {"speed": held})
+        scaled = start * size ** np.array(powers, dtype=float)
+        near = model.expand(scaled)[0]
+        other = replace(model, near=near, known=dict(model.known) | {"speed": held})
         handle = other.handle(z)
-        named = dict(zip(model.names, start * size ** np.array(powers, dtype=float), strict=True))
-        x = other.coordinates(near)
-        for k, name in enumerate(other.names):
-            if name not in NAMES and name in named:
-                x[k] = named[name]
-        found = np.asarray(handle.minimize(x[None], ("squares", 0.0), 100)[0]["x"])
-        pass_found = other.expand(found)[0]
-        back = model.coordinates(pass_found)
-        there = dict(zip(other.names, found, strict=True))
-        for k, name in enumerate(model.names):
-            if name not in NAMES and name in there:
-                back[k] = there[name]
-        value = float((handle.linearize(found)[0] ** 2).sum())
-        return back, value, other.functions["range"][0](found)[0]
+        reached = handle.minimize(model.carry(scaled, other)[None], ("squares", 0.0), 100)
+        if not reached:
+            # It meets a sensor.
+            return start, np.inf, 0.0
+        found = np.asarray(reached[0]["x"])
+        chi2 = float((handle.linearize(found)[0] ** 2).sum())
+        return other.carry(found, model), chi2, other.functions["range"][0](found)[0]
 
     at = _FAR * extent / reach
     x, far, _ = fitted(state, at, at * speed)
@@ -82,8 +75,8 @@ def require_size(model: DipoleModel, state: Array, z: Array) -> None:
     null = np.concatenate([full[:6], power * full[6:]])
     directions = describe_null_space((null / np.linalg.norm(null))[:, None], NAMES)
     raise UnobservableError(
-        f"too far to tell: the pass fits as well at any larger size, its closest range is at "
-        f"least {brief(limit, 3)} m (95 %) without an upper limit; "
+        f"too far to tell: the pass fits as well at any larger size: its closest range is at "
+        f"least {brief(limit, 3)} m (95 %), without an upper limit; "
         f"{'; '.join(directions)} is not determined, any one of these would do: speed, moment",
         directions,
     )
