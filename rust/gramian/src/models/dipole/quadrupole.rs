@@ -303,7 +303,8 @@ fn inverse(mut matrix: [[f64; 3]; 3]) -> ([[f64; 3]; 3], f64) {
     (inverse, size)
 }
 
-#[cfg(test)]
+// The numbers that know their derivatives are std's.
+#[cfg(all(test, feature = "std"))]
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
