@@ -1,6 +1,6 @@
 //! Bearings-only target motion.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use gramian::batch::Items;
 use gramian::batch::simd::Path;
@@ -350,13 +350,13 @@ fn bearing_test<'py>(
 
 /// Observability while the bearings arrive.
 #[pyclass(subclass, module = "gramian._core")]
-struct BearingMonitor(Monitor<f64>);
+struct BearingMonitor(Arc<Monitor<f64>>);
 
 #[pymethods]
 impl BearingMonitor {
     #[new]
     fn new() -> Self {
-        Self(Monitor::new())
+        Self(Arc::new(Monitor::new()))
     }
 
     /// Take in a bearing and return what all so far say.
@@ -398,8 +398,9 @@ impl BearingMonitor {
             .map(|distance| real(distance, "distance"))
             .transpose()?;
         let (time, bearing) = (real(time, "time")?, real(bearing, "bearing")?);
-        self.0
-            .push(time, bearing, real(sigma, "sigma [rad]")?, distance)
+        let sigma = real(sigma, "sigma [rad]")?;
+        Arc::make_mut(&mut self.0)
+            .push(time, bearing, sigma, distance)
             .map_err(|error| errors::input_at("", error))?;
         Bound::new(py, self.answer())
     }
@@ -407,7 +408,7 @@ impl BearingMonitor {
     /// Return what the bearings so far say.
     fn answer(&self) -> MonitorAnswer {
         MonitorAnswer {
-            monitor: self.0,
+            monitor: Arc::clone(&self.0),
             found: OnceLock::new(),
         }
     }
@@ -431,7 +432,8 @@ impl BearingMonitor {
             counts,
             ranged,
         };
-        self.0 = Monitor::from_kept(&kept).map_err(|error| errors::input_at("", error))?;
+        let monitor = Monitor::from_kept(&kept).map_err(|error| errors::input_at("", error))?;
+        self.0 = Arc::new(monitor);
         Ok(())
     }
 
@@ -465,7 +467,9 @@ impl BearingMonitor {
 ///     The relative motion that fits best, at unit range at the first time.
 #[pyclass(frozen, module = "gramian._core")]
 struct MonitorAnswer {
-    monitor: Monitor<f64>,
+    /// The monitor's own until it takes in another bearing: a push of which nobody keeps the
+    /// answer copies nothing.
+    monitor: Arc<Monitor<f64>>,
     /// Apart, since it is as large again, and few look.
     found: OnceLock<Box<Answer<f64>>>,
 }
@@ -538,7 +542,7 @@ impl MonitorAnswer {
         py: Python<'py>,
     ) -> PyResult<(Bound<'py, PyAny>, (Py<BearingMonitor>,))> {
         let made = py.get_type::<BearingMonitor>().getattr("answer")?;
-        Ok((made, (Py::new(py, BearingMonitor(self.monitor))?,)))
+        Ok((made, (Py::new(py, BearingMonitor(Arc::clone(&self.monitor)))?,)))
     }
 
     fn __str__(&self) -> String {

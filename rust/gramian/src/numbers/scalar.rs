@@ -58,6 +58,11 @@ impl Real for f64 {
 /// sqrt(a^2 + b^2) without overflow or underflow on the way.
 #[inline]
 pub(crate) fn hypot<T: Real>(a: T, b: T) -> T {
+    let squares = a * a + b * b;
+    // No square overflows, and one that vanishes is nothing beside the other.
+    if squares > T::one() / (T::MAX * T::EPSILON) && squares <= T::MAX {
+        return squares.sqrt();
+    }
     let (a, b) = (a.abs(), b.abs());
     let (large, small) = if a >= b { (a, b) } else { (b, a) };
     // What is infinite stays so, instead of becoming inf / inf.

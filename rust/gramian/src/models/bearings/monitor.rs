@@ -262,10 +262,15 @@ impl<T: Real> Monitor<T> {
         let span = (self.last - self.first).max(T::one());
         let limit = T::MAX / T::of(128.0) / span;
         let most = T::MAX / T::of(4.0);
+        // All are compared, without a branch: one that is too large is rare.
+        let within = |numbers: &[T], most: T| {
+            let held = |held: bool, x: &T| held & (x.abs() <= most);
+            numbers.iter().fold(true, held)
+        };
         let held = |sums: &Sums<T>| {
-            let mut moments = sums.second.iter().chain(&sums.fourth);
-            let mut factor = sums.root.factor().as_flattened().iter();
-            factor.all(|x| x.abs() <= limit) && moments.all(|x| x.abs() <= most)
+            within(sums.root.factor().as_flattened(), limit)
+                & within(&sums.second, most)
+                & within(&sums.fourth, most)
         };
         let squares = self.whole.fourth[0] + self.block.fourth[0];
         held(&self.whole) && held(&self.block) && (T::one() / squares).is_finite()
