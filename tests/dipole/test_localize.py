@@ -358,3 +358,34 @@ def test_times_whose_steps_are_lost_in_them_do_not_hang():
     field = 1e-9 * np.random.default_rng(0).normal(size=(2, 40, 3))
     for times in (1e17 + 16.0 * np.arange(40), 5e-324 * np.arange(40)):
         gm.dipole.localize_many(times, field, {"vz": 0.0}, sigma=1e-9)
+
+
+def test_deviations_with_an_estimated_noise_are_those_of_students_t():
+    t, known = np.linspace(0.0, 20.0, 7), {"z": 5.0, "vz": 0.0}
+    y = simulate(*TABLE_1, t, 1e-9, 3, trials=1)[0]
+    free = localize(t, y, known)
+    given = localize(t, y, known, sigma=free.sigma)
+    assert free.freedom == 21 - 7
+    assert given.freedom == np.inf
+    growth = np.sqrt(14 / 12)
+    wanted = [
+        (free.pass_std, growth * given.pass_std),
+        (free.std, growth * given.std),
+        (free.closest.range_std, growth * given.closest.range_std),
+        (free.closest.time_std, growth * given.closest.time_std),
+    ]
+    for found, expected in wanted:
+        np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+def test_a_prior_is_not_widened_by_an_estimated_noise():
+    t, known, prior = np.linspace(0.0, 20.0, 7), {"vz": 0.0}, {"z": (5.0, 1e-3)}
+    y = simulate(*TABLE_1, t, 1e-9, 3, trials=1)[0]
+    free = localize(t, y, known, prior=prior)
+    given = localize(t, y, known, prior=prior, sigma=free.sigma)
+    z = free.names.index("z0")
+    # The field says nothing of the size of the pass: z is what the prior says.
+    assert given.std[z] == pytest.approx(1e-3, rel=1e-9)
+    assert free.std[z] == pytest.approx(1e-3, rel=1e-9)
+    assert np.all(free.std >= given.std * (1 - 1e-9))
+    assert free.std[free.names.index("mx")] > 1.05 * given.std[free.names.index("mx")]

@@ -542,7 +542,10 @@ impl MonitorAnswer {
         py: Python<'py>,
     ) -> PyResult<(Bound<'py, PyAny>, (Py<BearingMonitor>,))> {
         let made = py.get_type::<BearingMonitor>().getattr("answer")?;
-        Ok((made, (Py::new(py, BearingMonitor(Arc::clone(&self.monitor)))?,)))
+        Ok((
+            made,
+            (Py::new(py, BearingMonitor(Arc::clone(&self.monitor)))?,),
+        ))
     }
 
     fn __str__(&self) -> String {

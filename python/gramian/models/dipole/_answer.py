@@ -16,7 +16,13 @@ from gramian.estimation import Solution as Other
 from gramian.exceptions import UnobservableError
 from gramian.models.dipole._estimate import KNOWABLE, PLAIN, Description, DipoleModel
 from gramian.models.dipole._model import NAMES, Pass, problem
-from gramian.models.dipole._result import ClosestPoint, Localization, Solution, root
+from gramian.models.dipole._result import (
+    ClosestPoint,
+    Localization,
+    Solution,
+    information,
+    root,
+)
 from gramian.models.dipole._setup import Record, Setup
 
 __all__ = ["Found", "localization", "plain_answer", "states_of"]
@@ -88,7 +94,9 @@ def localization(
     t, y, setup, origin = record.times, record.filled, record.setup, record.origin
     absent = np.isnan(record.field)
     sigmas = setup.deviations(fit.sigma, y.shape)
-    covariance = _covariance(model, model.handle(y), state, t, sigmas, setup)
+    handle = model.handle(y)
+    freedom = _freedom(float(handle.fit(state)["dof"]), record)
+    covariance = _covariance(model, handle, state, freedom, t, sigmas, setup)
     signal = y - setup.heads.quiet - fit.fitted
     residuals = fit.residuals
     # What does not count explains nothing.
@@ -130,10 +138,11 @@ def localization(
         dropped=record.dropped,
         closest=_closest(found, covariance, origin, setup.sensors[0])
         if model.description.motion == "straight" and model.description.sources == 1
-        else _nearest(model, state, model.handle(y), origin),
+        else _nearest(model, handle, state, freedom, origin),
         sensors=setup.sensors,
         correlation=record.options.correlation,
         correlation_given=not record.correlated,
+        freedom=freedom,
         candidates=candidates,
     )
 
@@ -148,10 +157,26 @@ def states_of(model: DipoleModel, raw: _core._DipoleLocalized) -> Array:
     return state
 
 
+def _freedom(dof: float, record: Record) -> float:
+    """Return the degrees of freedom of Student's t, `inf` where the noise is known.
+
+    Of a noise that was estimated they are those of the fit. What a fitted correlation leaves
+    open is the power of the slow part of the noise, sigma^2 (1 + r) / (1 - r), of variance
+    4 (1 + r) / (1 - r) / dof beside that of its level.
+    """
+    if (record.setup.sigma is not None and not record.correlated) or dof < 1:
+        return math.inf
+    if record.correlated:
+        r = record.options.correlation
+        dof /= 1 + 2 * (1 + r) / (1 - r)
+    return dof
+
+
 def _covariance(
     model: DipoleModel,
     handle: _core.Model,
     state: Array,
+    freedom: float,
     t: Array,
     sigma: Array,
     setup: Setup,
@@ -160,8 +185,7 @@ def _covariance(
     if not len(state):
         return np.zeros((9, 9))
     found, columns = model.expand(state)
-    lines = handle.linearize(state)[1]
-    analysis = _core.Analysis(lines, None)
+    analysis = information(model, handle, state, freedom)
     bound = analysis.crlb()
     if bound is None and model.description != PLAIN:
         directions = describe_null_space(analysis.null_space(), model.names)
@@ -173,6 +197,7 @@ def _covariance(
     if bound is None:
         null = columns @ analysis.null_space()
         # What rounding left in a state that has no part in it.
+        lines = handle.linearize(state)[1]
         size = np.linalg.norm(lines @ np.linalg.pinv(columns), axis=0)
         part = np.abs(null) * size[:, None]
         null[part < 1e-9 * part.max(axis=0)] = 0.0
@@ -232,10 +257,12 @@ def _closest(state: Array, covariance: Array, origin: float, sensor: Array) -> C
     )
 
 
-def _nearest(model: DipoleModel, state: Array, handle: _core.Model, origin: float) -> ClosestPoint:
+def _nearest(
+    model: DipoleModel, handle: _core.Model, state: Array, freedom: float, origin: float
+) -> ClosestPoint:
     """Return the closest approach of a body that does not pass straight, or of its centre."""
     time, by_time, place, by = model.nearest(state)
-    covariance = _core.Analysis(handle.linearize(state)[1], None).crlb()
+    covariance = information(model, handle, state, freedom).crlb()
     distance = float(np.linalg.norm(place))
     by_range = place / (distance or 1.0) @ by
     if covariance is None:

@@ -102,7 +102,8 @@ def localize(
     sigma : array_like, shape (), (K,), (S, 3) or (K, S, 3), optional
         Standard deviation of the noise, tesla (for gradiometers that of the difference): of
         all, of each time, channel or number, `inf` for what is not to be used; with `ambient`
-        (S, 1) or (K, S, 1). Estimated from the residuals, one for all, by default.
+        (S, 1) or (K, S, 1). Estimated from the residuals, one for all, by default; deviations
+        and intervals are then those of Student's t.
     window : "pass" or (start, end), optional
         Use only these times; "pass" finds the pass first and keeps four times
         the time from its closest point to 45 degrees on both sides.

@@ -18,13 +18,13 @@ from gramian._text import brief
 from gramian.estimation import Estimate, Fit
 from gramian.estimation import Solution as Other
 from gramian.exceptions import InputError
-from gramian.models.dipole._estimate import PARTS, Description
+from gramian.models.dipole._estimate import PARTS, Description, DipoleModel
 from gramian.models.dipole._model import NAMES, UNITS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["ClosestPoint", "Localization", "Localizations", "Solution", "root"]
+__all__ = ["ClosestPoint", "Localization", "Localizations", "Solution", "information", "root"]
 
 Array = NDArray[np.float64]
 
@@ -48,10 +48,15 @@ class Localization(Estimate):
     r0, v, m : ndarray, shape (3,)
         Position at the first time (m), velocity (m/s), moment (A m^2).
     pass_std : ndarray, shape (9,)
-        Standard deviations of (r0, v, m) at the constrained bound; 0 for what is known.
+        Standard deviations of (r0, v, m); 0 for what is known.
         `names`, `state` and `std` are of what was estimated: see `DipoleModel`.
     pass_covariance : ndarray, shape (9, 9)
-        The constrained Cramer-Rao bound at the answer.
+        The constrained Cramer-Rao bound at the answer. Where the noise was estimated too, the
+        part of the field in it is that of Student's t: its noise counts
+        ``freedom / (freedom - 2)`` times, with 3 for what is less.
+    freedom : float
+        Degrees of freedom of Student's t, which `interval`, `std` and `pass_std` follow where
+        sigma or the correlation was estimated; `inf` where both were given.
     cost : float
         Sum of squared residuals over sigma^2, priors included.
     mirror : Solution or None
@@ -116,6 +121,7 @@ class Localization(Estimate):
     sensors: Array
     correlation: float = 0.0
     correlation_given: bool = True
+    freedom: float = math.inf
     candidates: tuple[tuple[Description, float], ...] = ()
     #: Of one that is widened: why the answer that it comes from does not fit.
     _misfit_before: str = ""
@@ -145,18 +151,16 @@ class Localization(Estimate):
         # Where the noise was estimated from the residuals they tell nothing of it.
         return found if self.sigma_given else replace(found, p_value=np.nan)
 
+    @cached_property
+    def _analysis(self) -> _core.Analysis:
+        return information(self.model, self._handle, self.state, self.freedom)
+
     def _rise(self, level: float, dof: int) -> float:
-        rise, freedom = super()._rise(level, dof), float(self.fit.dof)
-        if (self.sigma_given and self.correlation_given) or freedom < 1:
-            return rise
-        # The noise was estimated too: Student's t in place of the normal distribution. What
-        # a fitted correlation leaves open is the power of the slow part of the noise, sigma^2
-        # (1 + r) / (1 - r), of variance 4 (1 + r) / (1 - r) / dof beside that of its level.
-        if not self.correlation_given:
-            freedom /= 1 + 2 * (1 + self.correlation) / (1 - self.correlation)
+        if math.isinf(self.freedom):
+            return super()._rise(level, dof)
         from scipy.special import fdtri
 
-        return dof * float(fdtri(dof, max(freedom, 1.0), level))
+        return dof * float(fdtri(dof, max(self.freedom, 1.0), level))
 
     def sample_passes(self, count: int = 256, seed: int = 0) -> Array:
         """Return passes (count, 9) spread as the likelihood is: `sample`, as (r0, v, m)."""
@@ -469,6 +473,20 @@ def _nearer(other: Other, factor: float) -> Other:
     distance = other.distance / factor
     half = 0.5 * math.erfc(distance / math.sqrt(8.0))
     return replace(other, chi2=other.chi2 / factor**2, distance=distance, chance=half)
+
+
+def information(
+    model: DipoleModel, handle: _core.Model, state: Array, freedom: float
+) -> _core.Analysis:
+    """Return what the rows of an answer determine, the noise being that of Student's t.
+
+    Its variance is freedom / (freedom - 2); below three degrees, where it grows without
+    limit, that of three. Priors keep theirs: they are the last rows.
+    """
+    rows: Array = handle.linearize(state)[1]
+    if math.isfinite(freedom):
+        rows[: model.weights.size] *= math.sqrt(1 - 2 / max(freedom, 3.0))
+    return _core.Analysis(rows, None)
 
 
 def root(variance: float | Array) -> float:

@@ -3,7 +3,7 @@
 
 use core::ops::{Add, Div, Mul, Neg, Sub};
 
-use super::scalar::Real;
+use super::scalar::{Real, hypot, is_ordinary};
 
 /// A number, or a vector of independent numbers.
 ///
@@ -119,11 +119,17 @@ impl<T: Real> Lane for T {
     }
     #[inline(always)]
     fn hypot(self, other: Self) -> Self {
-        super::scalar::hypot(self, other)
+        hypot(self, other)
     }
     #[inline(always)]
     fn inverted([x, y]: [Self; 2], scale: Self) -> [Self; 2] {
-        let range = super::scalar::hypot(x, y);
+        let squares = x * x + y * y;
+        let product = squares * scale;
+        if is_ordinary(squares) && is_ordinary(product) {
+            let inverse = T::one() / product;
+            return [x * inverse, y * inverse];
+        }
+        let range = hypot(x, y);
         let weight = T::one() / (range * scale);
         [x / range * weight, y / range * weight]
     }

@@ -55,12 +55,19 @@ impl Real for f64 {
     }
 }
 
+/// Whether neither a sum of squares nor its inverse overflows, and a square that vanishes
+/// is nothing beside it.
+#[inline(always)]
+pub(crate) fn is_ordinary<T: Real>(squares: T) -> bool {
+    let most = T::MAX * T::EPSILON;
+    squares > T::one() / most && squares < most
+}
+
 /// sqrt(a^2 + b^2) without overflow or underflow on the way.
 #[inline]
 pub(crate) fn hypot<T: Real>(a: T, b: T) -> T {
     let squares = a * a + b * b;
-    // No square overflows, and one that vanishes is nothing beside the other.
-    if squares > T::one() / (T::MAX * T::EPSILON) && squares <= T::MAX {
+    if is_ordinary(squares) {
         return squares.sqrt();
     }
     let (a, b) = (a.abs(), b.abs());
