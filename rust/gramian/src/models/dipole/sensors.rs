@@ -132,10 +132,20 @@ impl<'a, T: Real> Sensors<'a, T> {
         check_length("out", out.len(), wanted)?;
         self.check(times, pass)?;
         out.fill(self.quiet());
+        let plain = self.plain();
         let mut places = out.chunks_exact_mut(self.components());
         for (k, &time) in times.iter().enumerate() {
             for sensor in 0..self.places.len() {
                 let Some(out) = places.next() else { break };
+                if plain {
+                    let place = pass.offset(&self.places[sensor], time - times[0]);
+                    let h = seen(&place, pass, quadrupole).map_err(|error| error.at(k))?;
+                    // Not as a slice: its length would be asked for.
+                    if let [x, y, z] = out {
+                        (*x, *y, *z) = (h[0], h[1], h[2]);
+                    }
+                    continue;
+                }
                 for head in self.heads(sensor) {
                     let place = pass.offset(&head.place, time - times[0]);
                     let h = seen(&place, pass, quadrupole).map_err(|error| error.at(k))?;
@@ -220,36 +230,54 @@ impl<'a, T: Real> Sensors<'a, T> {
             let given = sigma[index].double();
             return Err(Error::Sigma { index, given });
         }
+        let (plain, components) = (self.plain(), self.components());
         let mut number = 0;
+        let mut push = |by: &[T; BODY], k: usize, time: T| {
+            let which = if by_sample { k } else { number };
+            number += 1;
+            sink.push(&row(by, time, T::one() / sigma[which.min(sigma.len() - 1)]))
+        };
         for (k, &time) in times.iter().enumerate() {
             let time = time - times[0];
-            for sensor in 0..self.places.len() {
-                // By place, moment and quadrupole, of each component.
-                let mut by = [[T::zero(); BODY]; 3];
-                for head in self.heads(sensor) {
-                    let place = pass.offset(&head.place, time);
-                    let own = changes(&place, pass, quadrupole).map_err(|error| error.at(k))?;
-                    match &self.ambient {
-                        None => {
-                            for (i, by) in by.iter_mut().enumerate() {
-                                add(by, head.sign, &own.map(|h| h[i]));
-                            }
-                        }
-                        Some(ambient) => {
-                            let h = seen(&place, pass, quadrupole).map_err(|error| error.at(k))?;
-                            let (_, u) = excess(ambient, &h)?;
-                            add(&mut by[0], head.sign, &own.map(|h| dot(&h, &u)));
-                        }
+            for (sensor, place) in self.places.iter().enumerate() {
+                if plain {
+                    let changes = changes(&pass.offset(place, time), pass, quadrupole);
+                    for by in &changes.map_err(|error| error.at(k))? {
+                        push(by, k, time)?;
                     }
-                }
-                for by in &by[..self.components()] {
-                    let which = if by_sample { k } else { number };
-                    sink.push(&row(by, time, sigma[which.min(sigma.len() - 1)]))?;
-                    number += 1;
+                } else {
+                    let changes = self.changes(sensor, time, pass, quadrupole);
+                    for by in &changes.map_err(|error| error.at(k))?[..components] {
+                        push(by, k, time)?;
+                    }
                 }
             }
         }
         Ok(())
+    }
+
+    /// The derivatives of what a sensor reads by place, moment and quadrupole: of each component,
+    /// of a sensor of the total field the first.
+    fn changes(
+        &self,
+        sensor: usize,
+        time: T,
+        pass: &Pass<T>,
+        quadrupole: Option<&[T; 5]>,
+    ) -> Result<[[T; BODY]; 3], Error> {
+        let mut sum = [[T::zero(); BODY]; 3];
+        for head in self.heads(sensor) {
+            let place = pass.offset(&head.place, time);
+            let mut own = changes(&place, pass, quadrupole)?;
+            if let Some(ambient) = &self.ambient {
+                let (_, u) = excess(ambient, &seen(&place, pass, quadrupole)?)?;
+                own[0] = core::array::from_fn(|j| dot(&own.map(|by| by[j]), &u));
+            }
+            for (sum, own) in sum.as_flattened_mut().iter_mut().zip(own.as_flattened()) {
+                *sum += head.sign * *own;
+            }
+        }
+        Ok(sum)
     }
 
     /// Refuses what is not finite, and baselines that are not as many as places.
@@ -271,7 +299,7 @@ impl<'a, T: Real> Sensors<'a, T> {
 const BODY: usize = 11;
 
 /// The field of a body at a place.
-#[inline]
+#[inline(always)]
 fn seen<T: Real>(
     place: &[T; 3],
     pass: &Pass<T>,
@@ -287,46 +315,42 @@ fn seen<T: Real>(
     })
 }
 
-/// What changes of place, moment and quadrupole change of that field.
-#[inline]
+/// The derivatives of the components of that field by place, moment and quadrupole.
+#[inline(always)]
 fn changes<T: Real>(
     place: &[T; 3],
     pass: &Pass<T>,
     quadrupole: Option<&[T; 5]>,
-) -> Result<[[T; 3]; BODY], Error> {
-    let mut out = [[T::zero(); 3]; BODY];
-    // Both are symmetric.
+) -> Result<[[T; BODY]; 3], Error> {
+    let mut out = [[T::zero(); BODY]; 3];
+    // Both matrices are symmetric.
     let j = jacobian(place, &pass.moment)?;
-    out[..3].copy_from_slice(&j.position);
-    out[3..6].copy_from_slice(&j.moment);
+    for (i, out) in out.iter_mut().enumerate() {
+        out[..3].copy_from_slice(&j.position[i]);
+        out[3..6].copy_from_slice(&j.moment[i]);
+    }
     if let Some(quadrupole) = quadrupole {
         let j = quadrupole::jacobian(place, quadrupole)?;
-        for (out, more) in out[..3]
-            .as_flattened_mut()
-            .iter_mut()
-            .zip(j.position.as_flattened())
-        {
-            *out += *more;
+        for (i, out) in out.iter_mut().enumerate() {
+            for (out, more) in out.iter_mut().zip(&j.position[i]) {
+                *out += *more;
+            }
+            for (out, by) in out[6..].iter_mut().zip(&j.quadrupole) {
+                *out = by[i];
+            }
         }
-        out[6..].copy_from_slice(&j.quadrupole);
     }
     Ok(out)
 }
 
-#[inline]
-fn add<T: Real>(sum: &mut [T; BODY], sign: T, more: &[T; BODY]) {
-    for (sum, more) in sum.iter_mut().zip(more) {
-        *sum += sign * *more;
-    }
-}
-
 /// The first of the derivatives by position, velocity, moment and quadrupole, whitened.
-#[inline]
-fn row<T: Real, const N: usize>(by: &[T; BODY], time: T, sigma: T) -> [T; N] {
+#[inline(always)]
+fn row<T: Real, const N: usize>(by: &[T; BODY], time: T, weight: T) -> [T; N] {
+    let by = by.map(|x| x * weight);
     core::array::from_fn(|i| match i {
-        0..3 => by[i] / sigma,
-        3..6 => time * (by[i - 3] / sigma),
-        _ => by[i - 3] / sigma,
+        0..3 => by[i],
+        3..6 => time * by[i - 3],
+        _ => by[i - 3],
     })
 }
 
