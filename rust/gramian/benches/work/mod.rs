@@ -25,6 +25,9 @@ use gramian::posterior::Form;
 use gramian::registration::batch as biases;
 use gramian::registration::estimate::{self, Question};
 use gramian::registration::{Layout, report};
+use gramian::tracks::carrier::Carrier;
+use gramian::tracks::scene::estimate::{self as tracks, Task};
+use gramian::tracks::scene::{Channel, Kind, Moving, Scene, TurnTimes};
 
 /// A kernel, ready to be called.
 pub type Work = Box<dyn FnMut()>;
@@ -72,6 +75,8 @@ pub const ALL: &[(&str, Make)] = &[
     ("dipole_measure_64x50", dipole_measure),
     ("dipole_localize_21", dipole_localize),
     ("dipole_trials_21", dipole_trials),
+    ("tracks_two_legs_1024x60", tracks_two_legs),
+    ("tracks_rows_120", tracks_rows),
     ("registration_fisher_64x100", registration_fisher),
     ("registration_rows_64x100", registration_rows),
     ("registration_eta_64x100", registration_eta),
@@ -544,6 +549,61 @@ fn flown() -> Work {
         };
         closed_loop::closed_loop(&setting, guide, happens, Threads::One, out);
         true
+    })
+}
+
+/// Sixty times, and an observer that turns three times.
+#[allow(clippy::unwrap_used)] // What is given are constants.
+fn zigzag() -> (Vec<f64>, Carrier) {
+    let times = (0..60).map(|i| 20.0 * f64::from(i)).collect();
+    let turns = [0.0, 300.0, 600.0, 900.0, 1200.0];
+    let path = [
+        0.0, 0.0, 1060.0, 1060.0, 2120.0, 0.0, 3180.0, 1060.0, 4240.0, 0.0,
+    ];
+    (times, Carrier::along(2, &turns, &path, None, None).unwrap())
+}
+
+#[allow(clippy::unwrap_used)] // What is given are constants.
+fn tracks_two_legs() -> Work {
+    let (times, carrier) = zigzag();
+    let seen = carrier.at(&times).unwrap();
+    let bearings = Channel::new(Kind::Bearing, times, Some(seen), 0.005);
+    let motion = Moving::Legs(TurnTimes::Unknown(1));
+    let scene = Scene::new(2, motion, 0.0, 0, vec![bearings]).unwrap();
+    let truth = [1500.0, 3700.0, 3.0, -4.0, -2.0, -4.6, 610.0];
+    let start = [1575.0, 3515.0, 2.4, -4.8, -2.4, -4.1, 640.0];
+    let (n, m) = (scene.states(), scene.measurements());
+    let exact = scene.values(&truth).unwrap();
+    let mut measured = vec![0.0; 1024 * m];
+    for (trial, out) in measured.chunks_exact_mut(m).enumerate() {
+        scene.simulate(&exact, 1, trial as u64, out);
+    }
+    let size = tracks::Layout { states: n }.size();
+    filling(1024 * size, move |out| {
+        let task = Task {
+            scene: &scene,
+            known: &[f64::NAN; 7],
+            mean: &[0.0; 7],
+            sigma: &[f64::INFINITY; 7],
+            options: tracks::Options::default(),
+        };
+        let items = Items::each(&measured, m);
+        tracks::estimate(task, items, Some(Items::shared(&start)), Threads::One, out).is_ok()
+    })
+}
+
+/// Rows of bearings and ranges.
+#[allow(clippy::unwrap_used)] // What is given are constants.
+fn tracks_rows() -> Work {
+    let (times, carrier) = zigzag();
+    let channel = |kind, sigma| {
+        let seen = carrier.at(&times).unwrap();
+        Channel::new(kind, times.clone(), Some(seen), sigma)
+    };
+    let channels = vec![channel(Kind::Bearing, 0.005), channel(Kind::Range, 10.0)];
+    let scene = Scene::new(2, Moving::Polynomial { order: 1 }, 0.0, 0, channels).unwrap();
+    filling(120 * 4, move |out| {
+        scene.rows_into(&[1500.0, 3700.0, 3.0, -4.0], out).is_ok()
     })
 }
 

@@ -40,18 +40,30 @@ impl Columns {
         &mut self.data[j * self.stride..j * self.stride + self.rows]
     }
 
+    /// The first three, at once: what writes to all looks for none of them twice.
+    pub fn first_three_mut(&mut self) -> [&mut [f64]; 3] {
+        let rows = self.rows;
+        let (a, rest) = self.data.split_at_mut(self.stride);
+        let (b, rest) = rest.split_at_mut(self.stride);
+        [&mut a[..rows], &mut b[..rows], &mut rest[..rows]]
+    }
+
     /// Writes the sum of the first columns times `factors`.
     pub fn combine<const N: usize>(&self, factors: &[f64; N], out: &mut [f64]) {
-        out.fill(0.0);
-        for (j, &factor) in factors.iter().enumerate() {
-            if factor == 1.0 {
-                for (x, y) in out.iter_mut().zip(self.column(j)) {
-                    *x += y;
-                }
-            } else if factor != 0.0 {
-                for (x, y) in out.iter_mut().zip(self.column(j)) {
-                    *x += factor * y;
-                }
+        let mut terms = factors
+            .iter()
+            .enumerate()
+            .filter(|(_, factor)| **factor != 0.0);
+        let Some((j, factor)) = terms.next() else {
+            out.fill(0.0);
+            return;
+        };
+        for (x, y) in out.iter_mut().zip(self.column(j)) {
+            *x = factor * y;
+        }
+        for (j, factor) in terms {
+            for (x, y) in out.iter_mut().zip(self.column(j)) {
+                *x += factor * y;
             }
         }
     }

@@ -210,7 +210,7 @@ impl<'a> Fitter<'a> {
 
     fn fill_moments<const PLAIN: bool>(&mut self, place: &[f64; 6]) {
         let (times, sensors) = (self.record.times, self.record.sensors);
-        let (noise, linear) = (&self.noise, &mut self.linear);
+        let (noise, mut columns) = (&self.noise, self.linear.first_three_mut());
         let (along, components) = read_by::<PLAIN>(&sensors);
         let mut row = 0;
         for &t in times {
@@ -221,7 +221,7 @@ impl<'a> Fitter<'a> {
                     let tensor = |i, j| moment_tensor(&n, i, j);
                     read(along.as_ref(), tensor, |i, j, value| {
                         let value = filled_with(noise, row + i) * cube * value;
-                        let out = &mut linear.column_mut(j)[row + i];
+                        let out = &mut columns[j][row + i];
                         *out = if index == 0 { value } else { *out + value };
                     });
                 });

@@ -427,7 +427,7 @@ impl Task<'_> {
 }
 
 /// Trials that are followed together.
-const GROUP: usize = 64;
+const GROUP: usize = 256;
 
 /// Nanoseconds for a trial, roughly.
 pub fn cost(scene: &Scene, starts: usize) -> f64 {
