@@ -52,8 +52,8 @@ class Localization(Estimate):
         `names`, `state` and `std` are of what was estimated: see `DipoleModel`.
     pass_covariance : ndarray, shape (9, 9)
         The constrained Cramer-Rao bound at the answer. Where the noise was estimated too, the
-        part of the field in it is that of Student's t: its noise counts
-        ``freedom / (freedom - 2)`` times, with 3 for what is less.
+        variance of the measured field is that of Student's t, ``freedom / (freedom - 2)``
+        times as large; below three degrees of freedom that of three.
     freedom : float
         Degrees of freedom of Student's t, which `interval`, `std` and `pass_std` follow where
         sigma or the correlation was estimated; `inf` where both were given.

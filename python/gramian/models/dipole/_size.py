@@ -75,7 +75,7 @@ def require_size(model: DipoleModel, state: Array, z: Array) -> None:
     null = np.concatenate([full[:6], power * full[6:]])
     directions = describe_null_space((null / np.linalg.norm(null))[:, None], NAMES)
     raise UnobservableError(
-        f"too far to tell: the pass fits as well at any larger size: its closest range is at "
+        f"too far to tell: the pass fits as well at any larger size. Its closest range is at "
         f"least {brief(limit, 3)} m (95 %), without an upper limit; "
         f"{'; '.join(directions)} is not determined, any one of these would do: speed, moment",
         directions,

@@ -175,3 +175,22 @@ impl<T: Real> Lane for T {
         self > other
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn squares_that_overflow_or_vanish_change_nothing() {
+        for scale in [1e-300, 1e-200, 1e-150, 1.0, 1e150, 1e200, 1e300] {
+            let near = |found: f64, wanted: f64| (found - wanted).abs() <= 1e-15 * wanted;
+            assert!(near(Lane::hypot(3.0 * scale, 4.0 * scale), 5.0 * scale));
+            assert!(near(Lane::hypot(scale, 0.0), scale));
+            let [x, y] = Lane::inverted([3.0 * scale, 4.0 * scale], 1.0);
+            assert!(
+                near(x, 0.12 / scale) && near(y, 0.16 / scale),
+                "{scale}: {x} {y}"
+            );
+        }
+    }
+}

@@ -235,7 +235,11 @@ impl<'a, T: Real> Sensors<'a, T> {
         let mut push = |by: &[T; BODY], k: usize, time: T| {
             let which = if by_sample { k } else { number };
             number += 1;
-            sink.push(&row(by, time, T::one() / sigma[which.min(sigma.len() - 1)]))
+            let weight = T::one() / sigma[which.min(sigma.len() - 1)];
+            if !(weight <= T::MAX) {
+                return Err(NumberError::Overflow { result: "rows" });
+            }
+            sink.push(&row(by, time, weight))
         };
         for (k, &time) in times.iter().enumerate() {
             let time = time - times[0];
@@ -405,6 +409,23 @@ mod tests {
         let mut out = alloc::vec![0.0; TIMES.len() * sensors.channels()];
         sensors.measure(&TIMES, &Pass::of(state), &mut out).unwrap();
         out
+    }
+
+    #[test]
+    fn a_deviation_whose_inverse_overflows_is_refused() {
+        struct Ignored;
+        impl RowSink<f64, 9> for Ignored {
+            fn push(&mut self, _: &[f64; 9]) -> Result<(), NumberError> {
+                Ok(())
+            }
+        }
+        let (pass, result) = (Pass::of(&STATE), "rows");
+        for sensors in kinds() {
+            let rows = |sigma: f64| sensors.push_rows(&TIMES, &pass, &[sigma], &mut Ignored);
+            assert_eq!(rows(1e-310), Err(NumberError::Overflow { result }.into()));
+            assert_eq!(rows(1e-300), Ok(()));
+            assert_eq!(rows(f64::INFINITY), Ok(()));
+        }
     }
 
     #[test]
