@@ -9,7 +9,7 @@ from typing import Any
 import exact
 import numpy as np
 from harness import ALL, FAST, OURS, Case, Contest, Contestant, c_function, main, sizes
-from limits import Limit
+from limits import Limit, reading
 
 import gramian as gm
 
@@ -168,7 +168,7 @@ def matrix_contest(count: int, states: int = STATES, *, peers: bool, series: str
             Contestant("python-control", lambda data: by_control(data, rank=False), part=PART),
         ]
     size = OUTPUTS * states * states
-    kind = "memory" if 8 * size * count > 16e6 else "cache"
+    moved = 8.0 * (2 * size + states * (states + OUTPUTS))
     return Contest(
         f"observability_matrix, {count} systems of {states} states, {OUTPUTS} outputs",
         "system",
@@ -178,7 +178,7 @@ def matrix_contest(count: int, states: int = STATES, *, peers: bool, series: str
         limit=Limit(
             {
                 "fma": (states - 1.0) * size,
-                kind: 8.0 * (2 * size + states * (states + OUTPUTS)),
+                reading(moved * count): moved,
             },
             f"{states - 1} products of ({OUTPUTS}, {states}) by ({states}, {states}); each output "
             "fetched and written, each input read",

@@ -11,7 +11,7 @@ from typing import Any
 import exact
 import numpy as np
 from harness import ALL, FAST, OURS, Case, Contest, Contestant, c_function, grown, main
-from limits import Limit
+from limits import Limit, reading
 
 import gramian as gm
 
@@ -78,15 +78,14 @@ def gram_contest(trials: int, samples: int, *, peers: bool, series: str = "") ->
         rows = data.astype(np.float32)
         return lambda: gm.gram(rows)
 
-    kind = "memory" if trials * samples * 32 > 16e6 else "cache"
-    half = "memory" if trials * samples * 16 > 16e6 else "cache"
+    moved, half = samples * 32.0 + 256, samples * 16.0 + 128
     contestants = [
         Contestant(OURS, ours),
         Contestant(
             "gramian, float32",
             single,
             limit=Limit(
-                {half: samples * 16.0 + 128, "fma": samples * 5.0},
+                {reading(half * trials): half, "fma": samples * 5.0},
                 "16 bytes of each row read, the result fetched and written; twice the lanes",
             ),
         ),
@@ -106,7 +105,7 @@ def gram_contest(trials: int, samples: int, *, peers: bool, series: str = "") ->
         rows_of(trials, samples),
         contestants,
         limit=Limit(
-            {kind: samples * 32.0 + 256, "fma": samples * 10.0},
+            {reading(moved * trials): moved, "fma": samples * 10.0},
             "32 bytes of each row read, the result fetched and written; 10 products a row",
         ),
         cases=gram_cases(),

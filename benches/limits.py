@@ -13,14 +13,24 @@ from dataclasses import dataclass, field
 import numpy as np
 from harness import c_library, pointer
 
+#: Bytes of the arrays that are read, of every level of the memory.
+READS = {
+    "read 32 kB": 2**15,
+    "read 128 kB": 2**17,
+    "read 512 kB": 2**19,
+    "read 2 MB": 2**21,
+    "read 8 MB": 2**23,
+    "read 32 MB": 2**25,
+    "read 128 MB": 2**27,
+}
+
 #: What each rate counts, a second.
 KINDS = {
     "fma": "multiply-adds, in lanes of a vector",
     "divide": "divisions, in lanes",
     "root": "square roots, in lanes",
     "sincos": "pairs of a sine and a cosine, in lanes",
-    "cache": "bytes read of 4 MB",
-    "memory": "bytes read of 128 MB",
+    **dict.fromkeys(READS, "bytes of an array of that size"),
 }
 
 #: Rates by number of threads ("one", "all") and kind.
@@ -52,6 +62,14 @@ def larger(first: Rates, second: Rates) -> Rates:
     }
 
 
+def reading(size: float) -> str:
+    """Return the kind of what reads `size` bytes again and again.
+
+    It is the largest array of `READS` that is no larger, so the limit is never too low.
+    """
+    return [kind for kind, of in READS.items() if of <= max(size, 2**15)][-1]
+
+
 @dataclass
 class Gauge:
     """Rates that are seen in turn with the contestants of a contest.
@@ -67,15 +85,15 @@ class Gauge:
             if kind not in self._works:
                 self._works[kind] = _work(c_library("limits.c", "-fno-math-errno"), kind)
             count = 1 if threads == "one" else os.cpu_count() or 1
-            # Of memory one piece of work takes milliseconds.
-            rate = _best(self._works[kind], 0.0, count, 2 if kind == "memory" else 10)
+            # Of a large array one piece of work takes milliseconds.
+            rate = _best(self._works[kind], 0.0, count, 2 if READS.get(kind, 0) > 2**24 else 10)
             of = rates.setdefault(threads, {})
             of[kind] = max(rate, of.get(kind, 0.0))
 
 
 def _work(library: ctypes.CDLL, kind: str) -> Callable[[], float]:
     """Return what does some of the work and tells how much; threads may call it together."""
-    name = {"cache": "read", "memory": "read"}.get(kind, kind)
+    name = "read" if kind in READS else kind
     function = getattr(library, f"{name}_rate")
     function.restype = ctypes.c_double
     size, many = ctypes.c_size_t, ctypes.c_long
@@ -91,8 +109,8 @@ def _work(library: ctypes.CDLL, kind: str) -> Callable[[], float]:
 
         return sincos
     if name == "read":
-        array = np.ones(2**24 if kind == "memory" else 2**19)
-        repeats = 1 if kind == "memory" else 16
+        array = np.ones(READS[kind] // 8)
+        repeats = max(1, 2**26 // READS[kind])
 
         def read() -> float:
             out = np.zeros(1)
@@ -149,7 +167,7 @@ class Limit:
 
     def best(self, rates: dict[str, float]) -> tuple[float, str]:
         """Return the least seconds a unit, and the kinds that bind."""
-        groups = (("fma", "sincos"), ("divide", "root"), ("cache", "memory"))
+        groups = (("fma", "sincos"), ("divide", "root"), tuple(READS))
         times = []
         for group in groups:
             kinds = [kind for kind in group if self.operations.get(kind)]
@@ -161,4 +179,4 @@ class Limit:
 if __name__ == "__main__":
     for threads, rates in measure().items():
         for kind, rate in rates.items():
-            print(f"{threads:4} {kind:8} {rate / 1e9:8.2f} G/s  {KINDS[kind]}")
+            print(f"{threads:4} {kind:11} {rate / 1e9:8.2f} G/s  {KINDS[kind]}")

@@ -56,7 +56,7 @@ def main() -> None:
             f"{name:40} {one * 1e6:7.0f} us, {ALL} threads {both * 1e6:7.0f} us: {one / both:.2f}"
         )
     if rates := measure(0.2):
-        for kind in ("fma", "memory"):
+        for kind in ("fma", "read 128 MB"):
             print(f"{'the machine, ' + kind:40} {rates['all'][kind] / rates['one'][kind]:.2f}")
 
 

@@ -27,7 +27,7 @@ from harness import (
     pointer,
     run,
 )
-from limits import KINDS, Gauge, Limit, larger, measure
+from limits import KINDS, READS, Gauge, Limit, larger, measure, reading
 
 RATES = {"one": dict.fromkeys(KINDS, 1e9), "all": dict.fromkeys(KINDS, 2e9)}
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
@@ -43,12 +43,21 @@ def test_every_limit_is_measured_however_short_the_time():
 
 
 def test_the_slowest_group_of_operations_binds():
-    rates = {"fma": 10.0, "sincos": 1.0, "divide": 2.0, "root": 1.0, "cache": 5.0, "memory": 1.0}
-    limit = Limit({"fma": 20.0, "sincos": 1.0, "divide": 2.0, "root": 4.0, "memory": 4.5}, "")
+    rates = {"fma": 10.0, "sincos": 1.0, "divide": 2.0, "root": 1.0, "read 32 kB": 5.0,
+             "read 32 MB": 1.0}  # fmt: skip
+    limit = Limit({"fma": 20.0, "sincos": 1.0, "divide": 2.0, "root": 4.0, "read 32 MB": 4.5}, "")
     assert limit.best(rates) == (5.0, "divide + root")
     assert Limit({"fma": 20.0, "sincos": 1.0}, "").best(rates) == (3.0, "fma + sincos")
     better = larger(RATES, {"one": dict.fromkeys(KINDS, 3e9), "all": dict.fromkeys(KINDS, 1e9)})
     assert (better["one"]["fma"], better["all"]["fma"]) == (3e9, 2e9)
+
+
+@pytest.mark.parametrize("size", [0, 1, 2**15, 160e3, 2**21 - 1, 2**21, 3.2e6, 2**27, 1e12])
+def test_what_is_read_is_bound_by_the_largest_array_that_is_no_larger(size):
+    of = READS[reading(size)]
+    larger_ones = [bytes_read for bytes_read in READS.values() if bytes_read > of]
+    assert of <= max(size, 2**15)
+    assert all(bytes_read > size for bytes_read in larger_ones)
 
 
 def test_a_contest_lists_times_errors_and_what_failed():
@@ -66,7 +75,7 @@ def test_a_contest_lists_times_errors_and_what_failed():
             Contestant("wrong", lambda data: lambda: data[0] * np.nan),
             Contestant("missing", fails),
         ],
-        limit=Limit({"cache": 8.0}, "8 bytes each"),
+        limit=Limit({"read 32 kB": 8.0}, "8 bytes each"),
         cases={"well": Case(np.arange(11.0), lambda found: exact.relative(found, 55))},
         size=1000.0,
         series="sums against size",
@@ -107,11 +116,11 @@ def test_limits_take_their_turn_in_each_contest():
             Contestant(OURS, lambda data: data.sum),
             Contestant("two threads", lambda data: data.sum, threads=2, limit=Limit({"fma": 1.0}, "")),
         ],
-        limit=Limit({"cache": 8.0}, "8 bytes each"),
+        limit=Limit({"read 32 kB": 8.0}, "8 bytes each"),
     )  # fmt: skip
     ours, two = run(contest, rounds=3, limits=RATES, gauge=gauge, seconds=1e-3)
-    assert gauge.asked == [[("all", "fma"), ("one", "cache")]] * 3
-    assert (ours.rates, two.rates) == ({"cache": 1e8}, {"fma": 1e8})
+    assert gauge.asked == [[("all", "fma"), ("one", "read 32 kB")]] * 3
+    assert (ours.rates, two.rates) == ({"read 32 kB": 1e8}, {"fma": 1e8})
     assert ours.fraction == pytest.approx(8e-8 / ours.minimum)
 
 
