@@ -131,14 +131,16 @@ def plan_contest(data: tuple[int, float, float]) -> Contest:
         [
             Contestant(OURS, planned),
             Contestant("gramian, one start", one_start),
-            Contestant("SLSQP on numpy, one start", plain),
+            Contestant("SLSQP on numpy, one start", plain, against="gramian, one start"),
             Contestant("law max_det", by_law("max_det")),
             Contestant("law hammel_liu", by_law("hammel_liu")),
         ],
         cases={"well": case(data), "ill": case(FAR)},
         target="under 2 s, within 0.5 % of the best known",
         note="The error is the share of the determinant that is missing to the best known; ill: "
-        "100 km away. The laws heed no stand-off.",
+        "100 km away. The laws heed no stand-off. Local searches are compared with each other. "
+        "What the global one buys: of the ten scenes of plan_scenes.py one start misses 4, 66 and "
+        "69 % of the determinant in three (moving, two legs, four legs), nothing in seven.",
     )
 
 

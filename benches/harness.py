@@ -56,7 +56,8 @@ class Contestant:
     `part` is for a contestant so slow that it is given only so many units of the
     work. `threads` is how many gramian may use. `limit` stands in for the contest's
     where another method is used. One that answers another question is not `asked`
-    for its accuracy.
+    for its accuracy. `against` is which of ours it is compared with: the one that answers
+    the same question.
     """
 
     name: str
@@ -65,6 +66,7 @@ class Contestant:
     threads: int = 1
     limit: Limit | None = None
     asked: bool = True
+    against: str = OURS
 
 
 @dataclass
@@ -94,6 +96,7 @@ class Contest:
     series: str = ""  # contests of one series are drawn as time against size
     target: str = ""  # what was asked for, in words
     note: str = ""
+    why: str = ""  # why others are faster, with the figure that shows it
 
 
 @dataclass
@@ -131,7 +134,8 @@ class Row:
     work: float = 1.0  # units a call
     minimum: float | None = None  # seconds a unit
     median: float | None = None
-    ratio: float | None = None  # median over ours, of the same run
+    ratio: float | None = None  # median over that of `against`, of the same run
+    against: str = OURS
     errors: dict[str, float | None] = field(default_factory=dict)
     operations: dict[str, float] = field(default_factory=dict)  # a unit, by kind
     count: str = ""  # where their numbers come from
@@ -144,6 +148,7 @@ class Row:
     series: str = ""
     target: str = ""
     note: str = ""
+    why: str = ""
 
 
 @cache
@@ -268,7 +273,6 @@ def _rows(
     rates: Rates,
 ) -> list[Row]:
     measured = {one.contestant.name: one.times for one in ready if one.times}
-    ours = statistics.median(measured[OURS]) if OURS in measured else None
     rows = []
     for contestant in contest.contestants:
         times = measured.get(contestant.name)
@@ -283,10 +287,13 @@ def _rows(
             series=contest.series,
             target=contest.target if contestant.name == OURS else "",
             note=contest.note if contestant.name == OURS else "",
+            why=contest.why if contestant.name == OURS else "",
+            against=contestant.against,
         )
         if times:
             row.minimum, row.median = min(times), statistics.median(times)
-            row.ratio = row.median / ours if ours else None
+            if ours := measured.get(contestant.against):
+                row.ratio = row.median / statistics.median(ours)
             if limit := contestant.limit or contest.limit:
                 row.operations, row.count = limit.operations, limit.count
                 row.rates = rates.get("one" if row.threads == 1 else "all", {})
@@ -372,7 +379,8 @@ def _table(name: str, rows: Sequence[Row]) -> str:
             cells += [f"not run: {message}"] + [""] * (len(heads) - len(cells) - 1)
         else:
             cells += [seconds(row.median), seconds(row.minimum)]
-            cells.append(f"{row.ratio:.3g}" if row.ratio else "")
+            to = "" if row.against == OURS else f" ({row.against})"
+            cells.append(f"{row.ratio:.3g}{to}" if row.ratio else "")
             cells += [_digits(row.errors.get(case)) for case in cases]
             cells += [percent(row.fraction)] * limited
         text += f"| {' | '.join(cells)} |\n"

@@ -67,10 +67,10 @@ INTRODUCTION = """# Benchmarks
 
 Written by `{command}`. All contestants of a table take turns within the run, on the same
 data, so the ratios hold where the machine's speed drifts. `x ours` is a contestant's median
-over ours: above 1, ours is faster. Errors are relative if nothing else is said, against
-arithmetic of 30 to 60 digits; *no digit* is an error of one or more. *Of the limit*: the time
-that the operations of the method take at the rates measured in turn with the contestants,
-over the time taken.
+over ours, or over that of ours named beside it: above 1, ours is faster. Errors are relative
+if nothing else is said, against arithmetic of 30 to 60 digits; *no digit* is an error of one
+or more. *Of the limit*: the time that the operations of the method take at the rates measured
+in turn with the contestants, over the time taken.
 """
 
 
@@ -128,6 +128,9 @@ def worst(rows: Sequence[Row]) -> str:
         for row in sorted(same, key=lambda row: row.ratio or 0):
             errors = ", ".join(f"{case} {error:.0e}" for case, error in row.errors.items())
             text += f"| {row.contest} | {row.contestant} | {row.ratio:.2f} | {errors} |\n"
+        why = {row.contest: row.why for row in rows if row.why}
+        for contest in dict.fromkeys(row.contest for row in same if row.contest in why):
+            text += f"\n{contest}: {why[contest]}\n"
     if wrong := impossible(rows):
         text += "\n## Errors of the suite\n\nNothing is faster than what binds it: the operations "
         text += (

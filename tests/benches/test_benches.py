@@ -168,6 +168,36 @@ def test_what_did_not_run_and_who_is_faster_are_named():
     assert "| ImportError: none | JAX | c |" in text
 
 
+def test_why_others_are_faster_is_said_where_they_are():
+    rows = [
+        Row(c, name, "trial", 1, median=1.0, ratio=ratio, why=f"why {c}" if name == OURS else "")
+        for c, ratio in (("behind", 0.5), ("ahead", 2.0))
+        for name in (OURS, "C", "numpy")
+    ]
+    text = report.worst(rows)
+    assert text.count("\nbehind: why behind\n") == 1
+    assert "why ahead" not in text
+
+
+def test_one_start_is_compared_with_one_start():
+    contest = Contest(
+        "sums", "number", 1.0, np.arange(20_000.0),
+        [
+            Contestant(OURS, lambda data: lambda: [data.sum() for _ in range(9)]),
+            Contestant("gramian, once", lambda data: data.sum),
+            Contestant("numpy", lambda data: data.sum, against="gramian, once"),
+            Contestant("lost", lambda data: data.sum, against="gramian, twice"),
+        ],
+        why="nine times the work",
+    )  # fmt: skip
+    ours, once, numpy, lost = run(contest, rounds=3, limits={}, seconds=1e-3)
+    assert once.ratio == pytest.approx(once.median / ours.median)
+    assert numpy.ratio == pytest.approx(numpy.median / once.median)
+    assert lost.ratio is None
+    assert (ours.why, numpy.why) == ("nine times the work", "")
+    assert f"| {numpy.ratio:.3g} (gramian, once) |" in markdown([ours, once, numpy, lost])
+
+
 def test_pictures_are_drawn(tmp_path):
     rows = [
         Row(
