@@ -231,14 +231,25 @@ impl<'a, T: Real> Sensors<'a, T> {
             return Err(Error::Sigma { index, given });
         }
         let (plain, components) = (self.plain(), self.components());
+        let weigh = |sigma: T| {
+            let weight = T::one() / sigma;
+            let result = "rows";
+            let fits = weight <= T::MAX;
+            fits.then_some(weight)
+                .ok_or(NumberError::Overflow { result })
+        };
+        // One for all is divided by once.
+        let common = match *sigma {
+            [sigma] if !times.is_empty() => Some(weigh(sigma)?),
+            _ => None,
+        };
         let mut number = 0;
         let mut push = |by: &[T; BODY], k: usize, time: T| {
-            let which = if by_sample { k } else { number };
+            let weight = match common {
+                Some(weight) => weight,
+                None => weigh(sigma[if by_sample { k } else { number }])?,
+            };
             number += 1;
-            let weight = T::one() / sigma[which.min(sigma.len() - 1)];
-            if !(weight <= T::MAX) {
-                return Err(NumberError::Overflow { result: "rows" });
-            }
             sink.push(&row(by, time, weight))
         };
         for (k, &time) in times.iter().enumerate() {

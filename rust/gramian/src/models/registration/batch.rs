@@ -122,12 +122,14 @@ struct Pair<'a> {
 }
 
 impl Pair<'_> {
+    #[inline]
     fn plane(&self, look: usize, sigma: &[[f64; 2]; 2]) -> Result<Plane<f64>, Error> {
         let [a, b] = [0, 1].map(|sensor| self.offset(look, sensor));
         Plane::new(a, b, &sigma[0], &sigma[1]).map_err(|error| error.at(look))
     }
 
     /// From a sensor to the target of a look.
+    #[inline]
     fn offset(&self, look: usize, sensor: usize) -> [f64; 2] {
         let [x, y] = self.positions[look];
         let at = if self.moves() { 2 * look } else { 0 };
@@ -336,8 +338,9 @@ impl pulp::WithSimd for Sum<'_> {
                 let [a, b] = &offsets;
                 let ((whole, rest), (others, _)) = (pairs::<S, f64>(a), pairs::<S, f64>(b));
                 for (&a, &b) in whole.iter().zip(others) {
-                    let [a, b] = [a, b].map(|pair| lanes(f64::lanes_of_pairs(simd, pair)));
-                    constants.add(a, b, one, &mut sums);
+                    let from_a = lanes(f64::lanes_of_pairs(simd, a));
+                    let from_b = lanes(f64::lanes_of_pairs(simd, b));
+                    constants.add(from_a, from_b, one, &mut sums);
                 }
                 if !rest.is_empty() {
                     let (from_a, new) = last_pairs::<S, f64>(simd, a, rest.len());
@@ -346,7 +349,7 @@ impl pulp::WithSimd for Sum<'_> {
                     constants.add(lanes(from_a), lanes(from_b), weight, &mut sums);
                 }
             } else {
-                let [a, b] = [0, 1].map(|i| pair.sensors[i].map(|x| Lanes::splat(simd, x)));
+                let (a, b) = (both(simd, &pair.sensors[0]), both(simd, &pair.sensors[1]));
                 let from =
                     |[x, y]: [Lanes<S>; 2], [east, north]: [Lanes<S>; 2]| [x - east, y - north];
                 let places = self.scene.positions.get(trial);
@@ -380,6 +383,13 @@ impl pulp::WithSimd for Sum<'_> {
     }
 }
 
+/// Two numbers in all lanes. A map of an array is not always inlined, and is then compiled for
+/// the plainest processor.
+#[inline(always)]
+fn both<S: pulp::Simd>(simd: S, [x, y]: &[f64; 2]) -> [Lanes<S>; 2] {
+    [Lanes::splat(simd, *x), Lanes::splat(simd, *y)]
+}
+
 /// What the looks of a trial have in common, in all lanes.
 struct Constants<S: pulp::Simd> {
     /// Products of two deviations, in the order of the minors.
@@ -389,9 +399,8 @@ struct Constants<S: pulp::Simd> {
 impl<S: pulp::Simd> Constants<S> {
     #[inline(always)]
     fn new(simd: S, sigma: &[[f64; 2]; 2]) -> Self {
-        let deviations = sigma.map(|of| of.map(|x| Lanes::splat(simd, x)));
         Self {
-            scales: products(&deviations[0], &deviations[1]),
+            scales: products(&both(simd, &sigma[0]), &both(simd, &sigma[1])),
         }
     }
 

@@ -135,10 +135,21 @@ impl pulp::WithSimd for Kernel<'_> {
         }
         let mut numbers = [[0.0; GROUP]; GRAM_SIZE];
         finish(&group, &sin, &cos, &mut numbers);
-        for (trial, out) in self.out.chunks_exact_mut(self.size).enumerate() {
-            for (out, number) in out.iter_mut().zip(&numbers) {
-                *out = number[trial];
-            }
+        // Of a length that is known when this is compiled.
+        if self.size == GRAM_SIZE {
+            write::<GRAM_SIZE>(&numbers, self.out);
+        } else {
+            write::<{ GRAM_SIZE - 1 }>(&numbers, self.out);
+        }
+    }
+}
+
+/// Writes the first `N` numbers of each trial.
+#[inline(always)]
+fn write<const N: usize>(numbers: &[[f64; GROUP]; GRAM_SIZE], out: &mut [f64]) {
+    for (trial, out) in out.as_chunks_mut::<N>().0.iter_mut().enumerate() {
+        for (out, number) in out.iter_mut().zip(numbers) {
+            *out = number[trial];
         }
     }
 }

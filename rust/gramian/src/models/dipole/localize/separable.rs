@@ -219,8 +219,9 @@ impl<'a> Fitter<'a> {
                     let (n, inverse) = unit(&seen_from(place, t, &head.place));
                     let cube = head.sign * MU0_OVER_4PI * inverse * inverse * inverse;
                     let tensor = |i, j| moment_tensor(&n, i, j);
+                    let factors = filled_with::<PLAIN>(noise, row, components, cube);
                     read(along.as_ref(), tensor, |i, j, value| {
-                        let value = filled_with(noise, row + i) * cube * value;
+                        let value = factors[i] * value;
                         let out = &mut columns[j][row + i];
                         *out = if index == 0 { value } else { *out + value };
                     });
@@ -471,8 +472,9 @@ impl<'a> Fitter<'a> {
                     let squared = inverse * inverse;
                     let quartic = head.sign * 3.0 * MU0_OVER_4PI * squared * squared;
                     let tensor = |i, j| position_tensor(&n, m, part, i, j);
+                    let factors = filled_with::<PLAIN>(noise, row, components, quartic);
                     read(along.as_ref(), tensor, |i, j, value| {
-                        let value = filled_with(noise, row + i) * quartic * value;
+                        let value = factors[i] * value;
                         let later = t * value;
                         for (column, value) in [(j, value), (3 + j, later)] {
                             let out = &mut columns.column_mut(column)[row + i];
@@ -551,21 +553,31 @@ fn each_head<const PLAIN: bool>(
     }
 }
 
-/// The factor that a number is filled in with: the rest of the whitening follows.
+/// The factors that the numbers of a reading are filled in with, times `scale`: the rest of the
+/// whitening follows.
 #[inline(always)]
-fn filled_with(noise: &Whitening, index: usize) -> f64 {
+fn filled_with<const PLAIN: bool>(
+    noise: &Whitening,
+    row: usize,
+    components: usize,
+    scale: f64,
+) -> [f64; 3] {
+    let mut factors = [scale; 3];
     if noise.is_white() {
-        noise.factors()[index]
-    } else {
-        1.0
+        let components = if PLAIN { 3 } else { components };
+        let of = &noise.factors()[row..row + components];
+        for (factor, of) in factors.iter_mut().zip(of) {
+            *factor = of * scale;
+        }
     }
+    factors
 }
 
 /// The unit vector along r, and 1 / |r|; infinite, and no numbers, where r is 0.
 #[inline(always)]
 fn unit(r: &[f64; 3]) -> ([f64; 3], f64) {
     let inverse = 1.0 / (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]).sqrt();
-    (r.map(|x| x * inverse), inverse)
+    ([r[0] * inverse, r[1] * inverse, r[2] * inverse], inverse)
 }
 
 /// Where the dipole is at a time, seen from a head.
