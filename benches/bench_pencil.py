@@ -99,6 +99,11 @@ def pairs_contest(n: int, turned: bool) -> Contest:
             if turned
             else "The Schur form of a diagonal matrix is the matrix: LAPACK has nothing to do."
         ),
+        why=""
+        if turned
+        else "LAPACK has nothing to do, and tells nothing; ours finds the 50 directions. Of the "
+        "same system in other coordinates (dense) the three forms take 1.5 times as long as the "
+        "answer.",
     )
 
 

@@ -711,12 +711,8 @@ class PlanSearch:
         speeds: Sequence[Sequence[float]],
     ) -> dict[str, Any]: ...
     def gradient(
-        self,
-        counts: Sequence[int],
-        headings: Sequence[Sequence[float]],
-        speeds: Sequence[Sequence[float]],
-        sharpness: float,
-    ) -> tuple[float, list[list[float]], list[list[float]]]: ...
+        self, counts: NDArray[np.int64], headings: _Array, speeds: _Array, sharpness: float
+    ) -> tuple[float, _Array]: ...
 
 def plan_steered(
     start: ArrayLike,

@@ -114,7 +114,7 @@ SENSINGS = {
 @given(seed=st.integers(0, 2**31), moving=st.booleans(), several=st.booleans())
 def test_gradients_agree_with_differences(kind, sensors, seed, moving, several):
     rng = np.random.default_rng(seed)
-    counts = [3, 1, 4, 2, 5, 6]
+    counts = np.array([3, 1, 4, 2, 5, 6])
     targets = rng.uniform(-300, 300, (2 if several else 1, 4 if moving else 2))
     targets[:, 1] = rng.uniform(800, 1500, len(targets))
     targets[:, 2:] /= 40
@@ -123,19 +123,16 @@ def test_gradients_agree_with_differences(kind, sensors, seed, moving, several):
     ask = search(kind, targets, 21, sensors=SENSINGS.get(sensors), starts=((5, -3), (200, 40)))
     headings = rng.uniform(-1.5, 1.5, (2, 6)) + np.array([1.2, -1.2, 0.5, 2.0, -0.5, 1.0])
     speeds = rng.uniform(15, 25, (2, 6))
-    _, by_heading, by_speed = ask.gradient(counts, headings.tolist(), speeds.tolist(), 6.0)
+    _, (by_heading, by_speed) = ask.gradient(counts, headings, speeds, 6.0)
 
     def differences(move):
         h = 1e-5  # edges of fields of view are steep
-        points = [
-            ask.gradient(counts, *(part.tolist() for part in move(step * h)), 6.0)[0]
-            for step in (-3, -2, -1, 1, 2, 3)
-        ]
+        points = [ask.gradient(counts, *move(step * h), 6.0)[0] for step in (-3, -2, -1, 1, 2, 3)]
         return np.dot(points, [-1 / 60, 3 / 20, -3 / 4, 3 / 4, -3 / 20, 1 / 60]) / h
 
     for found, move in (
-        (np.array(by_heading), lambda x, unit: (headings + x * unit, speeds)),
-        (20 * np.array(by_speed), lambda x, unit: (headings, speeds + 20 * x * unit)),
+        (by_heading, lambda x, unit: (headings + x * unit, speeds)),
+        (20 * by_speed, lambda x, unit: (headings, speeds + 20 * x * unit)),
     ):
         for index in [(0, 0), (0, 3), (1, 5)]:
             unit = np.zeros((2, 6))

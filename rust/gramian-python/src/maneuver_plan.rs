@@ -14,7 +14,7 @@ use gramian::maneuver::planner::{
 };
 use gramian::maneuver::steer::Limits;
 use gramian::tracks::scene::Kind;
-use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -171,7 +171,7 @@ impl ProblemGiven {
 pub struct PlanSearch(Mutex<Search>);
 
 type Tried = (&'static str, usize, f64, f64, f64, bool, Vec<Vec<[f64; 2]>>);
-type Gradient = (f64, Vec<Vec<f64>>, Vec<Vec<f64>>);
+type Gradient<'py> = (f64, Bound<'py, PyArray3<f64>>);
 
 // Lists are taken by value: what is extracted from Python is owned.
 #[allow(clippy::needless_pass_by_value)]
@@ -335,17 +335,29 @@ impl PlanSearch {
         as_dict(py, &search, &found)
     }
 
-    /// The cost of a path and its derivatives by headings and speeds.
-    fn gradient(
+    /// The cost of a path and its derivatives (2, observers, legs) by headings and speeds.
+    fn gradient<'py>(
         &self,
-        counts: Vec<usize>,
-        headings: Vec<Vec<f64>>,
-        speeds: Vec<Vec<f64>>,
+        py: Python<'py>,
+        counts: &Bound<'py, PyArray1<i64>>,
+        headings: &Bound<'py, PyArray2<f64>>,
+        speeds: &Bound<'py, PyArray2<f64>>,
         sharpness: f64,
-    ) -> PyResult<Gradient> {
-        self.search()
-            .gradient(&counts, &headings, &speeds, sharpness)
-            .map_err(|error| errors::input_at("", error))
+    ) -> PyResult<Gradient<'py>> {
+        let shape = [2, headings.shape()[0], headings.shape()[1]];
+        let counts: Vec<usize> = counts
+            .to_vec()?
+            .into_iter()
+            .map(|count| usize::try_from(count).unwrap_or(usize::MAX))
+            .collect();
+        let (headings, speeds) = (headings.to_vec()?, speeds.to_vec()?);
+        let mut by = vec![0.0; 2 * headings.len()];
+        let (by_heading, by_speed) = by.split_at_mut(headings.len());
+        let cost = self
+            .search()
+            .gradient(&counts, &headings, &speeds, sharpness, by_heading, by_speed)
+            .map_err(|error| errors::input_at("", error))?;
+        Ok((cost, PyArray1::from_vec(py, by).reshape(shape)?))
     }
 }
 

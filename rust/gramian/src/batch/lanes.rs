@@ -33,6 +33,12 @@ impl<S: Simd, T: Element> Vector<S, T> {
         Self { simd, value }
     }
 
+    /// The register itself.
+    #[inline(always)]
+    pub fn register(self) -> T::Register<S> {
+        self.value
+    }
+
     /// The sum of the lanes.
     #[inline(always)]
     pub fn sum(self) -> T {

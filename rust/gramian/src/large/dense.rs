@@ -3,8 +3,11 @@
 use alloc::vec;
 use alloc::vec::Vec;
 
+use faer::diag::Diag;
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::svd::{ComputeSvdVectors, svd, svd_scratch};
 use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
-use faer::{Mat, MatRef, Par};
+use faer::{Mat, MatRef, Par, Spec};
 
 use super::NoConvergence;
 use crate::observability::Observability;
@@ -64,6 +67,30 @@ fn factor(rows: &[f64], n: usize) -> Result<(Vec<f64>, Vec<f64>), NumberError> {
     Ok((out, scale))
 }
 
+/// Singular values of a square matrix, and the right singular vectors, one after the other.
+/// The left ones would take as long, and nothing follows from them.
+fn right_singular(matrix: MatRef<'_, f64>) -> Result<(Vec<f64>, Vec<f64>), NoConvergence> {
+    let n = matrix.ncols();
+    let mut s = Diag::<f64>::zeros(n);
+    let mut v = Mat::<f64>::zeros(n, n);
+    let (none, full) = (ComputeSvdVectors::No, ComputeSvdVectors::Full);
+    let request = svd_scratch::<f64>(n, n, none, full, Par::Seq, Spec::default());
+    svd(
+        matrix,
+        s.as_mut(),
+        None,
+        Some(v.as_mut()),
+        Par::Seq,
+        MemStack::new(&mut MemBuffer::new(request)),
+        Spec::default(),
+    )
+    .map_err(|_| NoConvergence)?;
+    Ok((
+        (0..n).map(|k| s[k]).collect(),
+        (0..n * n).map(|k| v[(k % n, k / n)]).collect(),
+    ))
+}
+
 /// The whole answer for `rows` of length `n`, as [`Observability::inexact`] gives it.
 ///
 /// # Errors
@@ -87,10 +114,7 @@ pub fn observability(
     let (r, scale) = factor(rows, n)?;
     let rtol = rtol.unwrap_or_else(|| default_rtol(rows.len() / n, n));
     let unit = Mat::from_fn(n, n, |i, j| r[i * n + j] * scale[j]);
-    let svd = unit.svd().map_err(|_| NoConvergence)?;
-    let s: Vec<f64> = (0..n).map(|k| svd.S()[k]).collect();
-    let v = svd.V();
-    let vectors: Vec<f64> = (0..n * n).map(|k| v[(k % n, k / n)]).collect();
+    let (s, vectors) = right_singular(unit.as_ref())?;
     let values = |rows: &[f64]| {
         let (r, _) = factor(rows, n).ok()?;
         let r = MatRef::from_row_major_slice(&r, n, n);

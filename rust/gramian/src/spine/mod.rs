@@ -6,6 +6,8 @@ mod balance;
 #[cfg(feature = "std")]
 pub mod batch_gram;
 pub mod bound;
+#[cfg(feature = "std")]
+mod columns;
 pub mod constrained;
 pub mod information;
 #[cfg(feature = "alloc")]

@@ -107,7 +107,6 @@ impl<T: Real, const N: usize> SquareRootInformation<T, N> {
     pub(crate) fn absorb_all(&mut self, rows: &mut [[T; N]]) {
         let count = u32::try_from(rows.len()).unwrap_or(u32::MAX);
         self.count = self.count.saturating_add(count);
-        let safe = T::one() / (T::MAX * T::EPSILON).sqrt();
         for k in 0..N {
             let squares = rows
                 .iter()
@@ -117,7 +116,7 @@ impl<T: Real, const N: usize> SquareRootInformation<T, N> {
             if whole == T::zero() && rows.iter().all(|row| row[k] == T::zero()) {
                 continue;
             }
-            if !(whole > safe && whole < T::one() / safe) {
+            if !is_safe_square(whole) {
                 // Squares that overflow or vanish: rotations scale each pair.
                 for row in rows.iter_mut() {
                     row[..k].fill(T::zero());
@@ -144,6 +143,12 @@ impl<T: Real, const N: usize> SquareRootInformation<T, N> {
                 }
             }
         }
+    }
+
+    /// The factor, to be changed in place.
+    #[cfg(feature = "std")]
+    pub(crate) fn factor_mut(&mut self) -> &mut [[T; N]; N] {
+        &mut self.factor
     }
 
     /// Whether no entry is so large that an answer could overflow, and none is NaN.
@@ -294,6 +299,13 @@ impl<T: Real, const N: usize> SquareRootInformation<T, N> {
 const OVERFLOW: NumberError = NumberError::Overflow {
     result: "information",
 };
+
+/// Whether a sum of squares has neither overflowed nor lost digits to what vanished.
+#[cfg(feature = "std")]
+pub(crate) fn is_safe_square<T: Real>(square: T) -> bool {
+    let safe = T::one() / (T::MAX * T::EPSILON).sqrt();
+    square > safe && square < T::one() / safe
+}
 
 /// Whether all numbers are so small that the column norms of a factor made of them,
 /// and the sums of two such factors, are finite.

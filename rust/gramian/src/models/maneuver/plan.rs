@@ -37,7 +37,7 @@
 use crate::bearings;
 use crate::numbers::algebra::{dot, multiply};
 use crate::scalar::{NumberError, Real, all_finite, check_finite, check_length, check_positive};
-use crate::spectrum::{Spectrum, decompose};
+use crate::spectrum::{Spectrum, decompose, default_rtol};
 use crate::square_root::SquareRootInformation;
 
 /// What is to be made large or small.
@@ -322,34 +322,17 @@ pub(super) fn differentiate<T: Real, const N: usize>(
     if let Criterion::SmallestEigenvalue { sharpness } = *criterion {
         return smallest_eigenvalue(root, sharpness);
     }
-    let spectrum = Spectrum::new(root);
-    if spectrum.rank() < N {
+    let Some(bound) = regular_bound(root).or_else(|| bound_of_spectrum(root)) else {
         return match criterion {
             Criterion::LogDet => (-T::INFINITY, zero),
             _ => (T::INFINITY, zero),
         };
-    }
-    let (s, v, unit) = (
-        spectrum.singular_values(),
-        spectrum.vectors(),
-        spectrum.scale(),
-    );
-    // The bound: P = D V S^-2 V^T D, from columns scaled to unit length by D.
-    let bound: [[T; N]; N] = core::array::from_fn(|i| {
-        core::array::from_fn(|j| {
-            let sum = (0..N).fold(T::zero(), |sum, k| {
-                sum + (v[k][i] / s[k]) * (v[k][j] / s[k])
-            });
-            sum * unit[i] * unit[j]
-        })
-    });
+    };
     match criterion {
         Criterion::LogDet => {
-            let mut log = T::zero();
-            for i in 0..N {
-                // In the units of the states themselves, whatever their scale.
-                log += (s[i] / (unit[i] * scale[i])).ln();
-            }
+            let log = (0..N).fold(T::zero(), |log, i| {
+                log + (root.factor()[i][i].abs() / scale[i]).ln()
+            });
             (log + log, bound)
         }
         Criterion::Combination(combination) => {
@@ -368,6 +351,63 @@ pub(super) fn differentiate<T: Real, const N: usize>(
             (trace, by)
         }
     }
+}
+
+/// The bound R^-1 R^-T of a factor whose rank needs no decision: `None` where it might.
+fn regular_bound<T: Real, const N: usize>(
+    root: &SquareRootInformation<T, N>,
+) -> Option<[[T; N]; N]> {
+    let r = root.factor();
+    let mut inverse = [[T::zero(); N]; N];
+    for j in 0..N {
+        inverse[j][j] = T::one() / r[j][j];
+        for i in (0..j).rev() {
+            let sum = (i + 1..=j).fold(T::zero(), |sum, k| sum + r[i][k] * inverse[k][j]);
+            inverse[i][j] = -sum * inverse[i][i];
+        }
+    }
+    let mut bound = [[T::zero(); N]; N];
+    // n times this is the square of the condition (Frobenius) of R with columns of unit
+    // length, which is not below the quotient of its singular values.
+    let mut spread = T::zero();
+    for i in 0..N {
+        for j in i..N {
+            let sum = (j..N).fold(T::zero(), |sum, k| sum + inverse[i][k] * inverse[j][k]);
+            bound[i][j] = sum;
+            bound[j][i] = sum;
+        }
+        let square = (0..=i).fold(T::zero(), |sum, k| sum + r[k][i] * r[k][i]);
+        spread += square * bound[i][i];
+    }
+    let rows = usize::try_from(root.count()).unwrap_or(usize::MAX);
+    let rtol: T = default_rtol(rows, N);
+    // Also false for what is no number.
+    let regular = T::of(4.0 * N as f64) * spread * rtol * rtol < T::one();
+    regular.then_some(bound)
+}
+
+/// The bound P = D V S^-2 V^T D, from columns scaled to unit length by D; `None` where the
+/// rank is short.
+fn bound_of_spectrum<T: Real, const N: usize>(
+    root: &SquareRootInformation<T, N>,
+) -> Option<[[T; N]; N]> {
+    let spectrum = Spectrum::new(root);
+    if spectrum.rank() < N {
+        return None;
+    }
+    let (s, v, unit) = (
+        spectrum.singular_values(),
+        spectrum.vectors(),
+        spectrum.scale(),
+    );
+    Some(core::array::from_fn(|i| {
+        core::array::from_fn(|j| {
+            let sum = (0..N).fold(T::zero(), |sum, k| {
+                sum + (v[k][i] / s[k]) * (v[k][j] / s[k])
+            });
+            sum * unit[i] * unit[j]
+        })
+    }))
 }
 
 fn smallest_eigenvalue<T: Real, const N: usize>(

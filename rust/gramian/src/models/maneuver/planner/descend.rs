@@ -36,6 +36,8 @@ pub(super) struct Program<'a> {
     tracks: Vec<Track>,
     pulls: Vec<Pull>,
     values: Vec<f64>,
+    /// Space of the objective.
+    space: Vec<f64>,
     /// Asked before each cost whether to go on.
     look: &'a mut dyn FnMut() -> bool,
     /// Whether it said no.
@@ -89,6 +91,7 @@ impl<'a> Program<'a> {
                 .map(|_| Pull::new(problem.moves))
                 .collect(),
             values: Vec::new(),
+            space: Vec::new(),
             look,
             stopped: false,
         }
@@ -104,19 +107,24 @@ impl<'a> Program<'a> {
     pub fn judge(&mut self, x: &[f64], sharpness: f64) -> (f64, f64) {
         self.stopped = self.stopped || !(self.look)();
         self.layout.walk(self.problem, x, &mut self.tracks);
-        let cost = self.objective.cost(&self.tracks, sharpness, None);
+        let cost = self
+            .objective
+            .cost(&self.tracks, sharpness, None, &mut self.space);
         (cost, self.broken_here(x))
     }
 
     /// The cost, and its gradient by the unknowns.
-    pub fn cost(&mut self, x: &[f64], sharpness: f64, gradient: &mut [f64]) -> f64 {
+    fn cost(&mut self, x: &[f64], sharpness: f64, gradient: &mut [f64]) -> f64 {
         self.layout.walk(self.problem, x, &mut self.tracks);
         for pull in &mut self.pulls {
             pull.clear();
         }
-        let cost = self
-            .objective
-            .cost(&self.tracks, sharpness, Some(&mut self.pulls));
+        let cost = self.objective.cost(
+            &self.tracks,
+            sharpness,
+            Some(&mut self.pulls),
+            &mut self.space,
+        );
         gradient.fill(0.0);
         self.layout
             .back(self.problem, x, &self.tracks, &self.pulls, gradient);
@@ -149,9 +157,12 @@ impl<'a> Program<'a> {
         for pull in &mut self.pulls {
             pull.clear();
         }
-        let mut sum = self
-            .objective
-            .cost(&self.tracks, sharpness, Some(&mut self.pulls));
+        let mut sum = self.objective.cost(
+            &self.tracks,
+            sharpness,
+            Some(&mut self.pulls),
+            &mut self.space,
+        );
         if !sum.is_finite() {
             return f64::INFINITY;
         }

@@ -23,6 +23,7 @@
 //! [`tracks::sensors`](crate::tracks::sensors); the criteria are Kiefer's (1974). The
 //! search is ours.
 
+mod bearings;
 mod descend;
 mod limits;
 mod objective;

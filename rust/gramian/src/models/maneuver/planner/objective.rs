@@ -4,8 +4,11 @@ use alloc::sync::Arc;
 use alloc::vec;
 use alloc::vec::Vec;
 
+use super::bearings::{self, ByRow, Line, Pulls, Rows};
 use super::paths::{Pull, Track};
 use super::{Aim, Criterion, Over, Problem, Sensor};
+use crate::batch::lanes::LANES;
+use crate::batch::simd::Path;
 use crate::maneuver::plan::{self, differentiate};
 use crate::numbers::dual::Dual;
 use crate::numbers::lane::Lane;
@@ -15,9 +18,6 @@ use crate::tracks::scene::Kind;
 use crate::tracks::sensors::{
     Bearing, ConeAngle, Frequency, Range, RangeRate, Reading, Sensor as _, Sight, SignalStrength,
 };
-
-/// Rows that are reduced at once.
-const BLOCK: usize = 16;
 
 /// States at most: of all targets together, and of the sensors.
 pub const MOST_STATES: usize = 12;
@@ -40,8 +40,14 @@ pub(super) struct Tangent {
 /// A criterion of the information for one number of states.
 pub(super) trait Objective: Send + Sync + core::fmt::Debug {
     /// The cost, and its derivatives added to `pulls`; infinite where the states are
-    /// not determined.
-    fn cost(&self, tracks: &[Track], sharpness: Sharpness, pulls: Option<&mut [Pull]>) -> f64;
+    /// not determined. What is in `space` does not matter.
+    fn cost(
+        &self,
+        tracks: &[Track],
+        sharpness: Sharpness,
+        pulls: Option<&mut [Pull]>,
+        space: &mut Vec<f64>,
+    ) -> f64;
     /// The cost after each sample.
     fn along(&self, tracks: &[Track]) -> Vec<f64>;
     /// The bound on the covariance (xx, xy, yy) of the first two states of the first
@@ -86,7 +92,8 @@ struct Sized<const N: usize> {
 struct Belief<const N: usize> {
     targets: Vec<[f64; 4]>,
     weight: f64,
-    prior: Vec<[f64; N]>,
+    /// What is known beforehand, on the scaled states.
+    prior: SquareRootInformation<f64, N>,
     combination: [f64; N],
 }
 
@@ -95,11 +102,12 @@ impl<const N: usize> Sized<N> {
         let array = |values: &[f64]| -> [f64; N] {
             core::array::from_fn(|i| values.get(i).copied().unwrap_or(0.0))
         };
+        let scale = core::array::from_fn(|i| problem.scale.get(i).copied().unwrap_or(1.0));
         Self {
             dt: problem.dt,
             dimension: problem.dimension,
             aim: problem.aim,
-            scale: core::array::from_fn(|i| problem.scale.get(i).copied().unwrap_or(1.0)),
+            scale,
             sensors: problem
                 .observers
                 .iter()
@@ -111,7 +119,13 @@ impl<const N: usize> Sized<N> {
                 .map(|belief| Belief {
                     targets: belief.targets.clone(),
                     weight: belief.weight,
-                    prior: belief.prior.chunks_exact(N).map(array).collect(),
+                    prior: {
+                        let mut root = SquareRootInformation::new();
+                        for line in belief.prior.chunks_exact(N) {
+                            root.absorb(&core::array::from_fn(|i| line[i] * scale[i]));
+                        }
+                        root
+                    },
                     combination: array(&belief.combination),
                 })
                 .collect(),
@@ -128,12 +142,82 @@ impl<const N: usize> Sized<N> {
         }
     }
 
-    fn start(&self, belief: &Belief<N>) -> SquareRootInformation<f64, N> {
-        let mut root = SquareRootInformation::new();
-        for line in &belief.prior {
-            root.absorb(&core::array::from_fn(|i| line[i] * self.scale[i]));
+    /// Rows of one belief with those that fill up lanes: of all readings of all samples.
+    fn length(&self, tracks: &[Track]) -> usize {
+        let samples = tracks.first().map_or(0, |track| track.at.len());
+        let sensors: usize = self.sensors.iter().map(Vec::len).sum();
+        let targets = self.beliefs.first().map_or(0, |b| b.targets.len());
+        sensors * targets * samples.next_multiple_of(LANES)
+    }
+
+    /// What all samples and the prior tell. `columns` has room for N columns of the
+    /// [`length`](Self::length), `inverses` for one: what [`pull`](Self::pull) needs of it.
+    fn whole(
+        &self,
+        belief: &Belief<N>,
+        tracks: &[Track],
+        sharpness: Sharpness,
+        columns: &mut [f64],
+        inverses: &mut [f64],
+    ) -> SquareRootInformation<f64, N> {
+        let length = inverses.len();
+        columns.fill(0.0);
+        let (mut start, mut count) = (0, 0);
+        for (track, sensors) in tracks.iter().zip(&self.sensors) {
+            let samples = track.at.len();
+            for (target, state) in belief.targets.iter().enumerate() {
+                for sensor in sensors {
+                    let end = start + samples.next_multiple_of(LANES);
+                    if is_plain_bearing(sensor) {
+                        let weight = sensor.detection.sqrt() / sensor.sigma;
+                        let first = target * self.dimension;
+                        let mut of = columns[first * length..].chunks_exact_mut(length);
+                        let mut column = |skip| &mut of.nth(skip).unwrap_or_default()[start..end];
+                        let [x, y] = [column(0), column(0)];
+                        let [u, v] = if self.dimension == 4 {
+                            [column(0), column(0)]
+                        } else {
+                            Default::default()
+                        };
+                        let known = first + self.dimension;
+                        let bias = sensor.bias.map(|state| self.nuisance + state);
+                        bearings::rows(
+                            Path::Best,
+                            Rows {
+                                line: self.line(track, state),
+                                weight,
+                                units: &self.scale[first..known],
+                                columns: [x, y, u, v],
+                                bias: bias.map_or((&mut [], 0.0), |state| {
+                                    (column(state - known), self.scale[state])
+                                }),
+                                inverses: &mut inverses[start..end],
+                            },
+                        );
+                    } else {
+                        for sample in 0..samples {
+                            let row =
+                                self.whitened(sensor, state, target, track, sample, sharpness);
+                            for (j, value) in row.into_iter().flatten().enumerate() {
+                                columns[j * length + start + sample] = value;
+                            }
+                        }
+                    }
+                    (start, count) = (end, count + samples);
+                }
+            }
         }
+        let mut root = belief.prior;
+        root.absorb_columns(Path::Best, columns, count);
         root
+    }
+
+    fn line<'a>(&self, track: &'a Track, state: &[f64; 4]) -> Line<'a> {
+        Line {
+            at: &track.at,
+            target: *state,
+            dt: self.dt,
+        }
     }
 
     /// Adds what one sample of all observers tells.
@@ -145,66 +229,46 @@ impl<const N: usize> Sized<N> {
         sample: usize,
         sharpness: Sharpness,
     ) {
-        self.rows(belief, tracks, sample, sharpness, |row| root.absorb(&row));
-    }
-
-    /// What all samples and the prior tell.
-    fn whole(
-        &self,
-        belief: &Belief<N>,
-        tracks: &[Track],
-        sharpness: Sharpness,
-    ) -> SquareRootInformation<f64, N> {
-        let samples = tracks.first().map_or(0, |track| track.at.len());
-        let mut root = self.start(belief);
-        let mut block = [[0.0; N]; BLOCK];
-        let mut filled = 0;
-        for sample in 0..samples {
-            self.rows(belief, tracks, sample, sharpness, |row| {
-                block[filled] = row;
-                filled += 1;
-                if filled == BLOCK {
-                    root.absorb_all(&mut block);
-                    filled = 0;
-                }
-            });
-        }
-        root.absorb_all(&mut block[..filled]);
-        root
-    }
-
-    /// The whitened rows of one sample of all observers, on the scaled states.
-    #[inline]
-    fn rows(
-        &self,
-        belief: &Belief<N>,
-        tracks: &[Track],
-        sample: usize,
-        sharpness: Sharpness,
-        mut each: impl FnMut([f64; N]),
-    ) {
-        let time = self.dt * sample as f64;
         for (track, sensors) in tracks.iter().zip(&self.sensors) {
-            let (at, velocity, axis) = track.sample(sample);
             for (target, state) in belief.targets.iter().enumerate() {
                 for sensor in sensors {
-                    let sight = sight_of(state, time, at, velocity, axis);
-                    let seen = if is_plain_bearing(sensor) {
-                        Seen::bearing(sight.offset, time, sensor.detection)
-                    } else {
-                        Seen::of(sensor, &sight, time, sharpness)
-                    };
-                    if seen.weight <= 0.0 {
-                        continue;
+                    if let Some(row) =
+                        self.whitened(sensor, state, target, track, sample, sharpness)
+                    {
+                        root.absorb(&row);
                     }
-                    let root_weight = seen.weight.sqrt() / sensor.sigma;
-                    let row = self.row(&seen, sensor, target);
-                    each(core::array::from_fn(|i| {
-                        row[i] * self.scale[i] * root_weight
-                    }));
                 }
             }
         }
+    }
+
+    /// The whitened row of a reading, on the scaled states; `None` where nothing is seen.
+    #[inline]
+    fn whitened(
+        &self,
+        sensor: &Sensor,
+        state: &[f64; 4],
+        target: usize,
+        track: &Track,
+        sample: usize,
+        sharpness: Sharpness,
+    ) -> Option<[f64; N]> {
+        let time = self.dt * sample as f64;
+        let (at, velocity, axis) = track.sample(sample);
+        let sight = sight_of(state, time, at, velocity, axis);
+        let seen = if is_plain_bearing(sensor) {
+            Seen::bearing(sight.offset, time, sensor.detection)
+        } else {
+            Seen::of(sensor, &sight, time, sharpness)
+        };
+        if seen.weight <= 0.0 {
+            return None;
+        }
+        let root_weight = seen.weight.sqrt() / sensor.sigma;
+        let row = self.row(&seen, sensor, target);
+        Some(core::array::from_fn(|i| {
+            row[i] * self.scale[i] * root_weight
+        }))
     }
 
     /// The row of all states, in physical units and not whitened.
@@ -223,73 +287,78 @@ impl<const N: usize> Sized<N> {
         row
     }
 
-    /// Adds the derivatives of one sample of one belief; `by` is the derivative of the
-    /// cost by the information on the scaled states.
+    /// Adds the derivatives of one belief; `by` is the derivative of the cost by the
+    /// information on the scaled states, `inverses` what [`whole`](Self::whole) left there.
     fn pull(
         &self,
         belief: &Belief<N>,
         by: &[[f64; N]; N],
         tracks: &[Track],
-        sample: usize,
         sharpness: Sharpness,
+        inverses: &[f64],
         pulls: &mut [Pull],
     ) {
-        let time = self.dt * sample as f64;
-        for (index, (track, sensors)) in tracks.iter().zip(&self.sensors).enumerate() {
+        let mut start = 0;
+        for ((track, sensors), pull) in tracks.iter().zip(&self.sensors).zip(pulls) {
+            let samples = track.at.len();
             for (target, state) in belief.targets.iter().enumerate() {
                 for sensor in sensors {
-                    let plain = matches!(
-                        sensor.kind,
-                        Kind::Bearing | Kind::Range | Kind::SignalStrength
-                    ) && sensor.blind.is_empty();
-                    let found = if is_plain_bearing(sensor) {
-                        self.bearing_by_path(sensor, state, target, by, track, sample, time)
-                    } else if plain {
-                        self.by_path::<2>(sensor, state, target, by, track, sample, time, sharpness)
+                    let end = start + samples.next_multiple_of(LANES);
+                    if is_plain_bearing(sensor) {
+                        bearings::pull(
+                            Path::Best,
+                            Pulls {
+                                line: self.line(track, state),
+                                inverses: &inverses[start..end],
+                                weight: 2.0 * sensor.detection / (sensor.sigma * sensor.sigma),
+                                by: self.by_bearing(by, sensor, target),
+                                out: &mut pull.at,
+                            },
+                        );
                     } else {
-                        self.by_path::<6>(sensor, state, target, by, track, sample, time, sharpness)
-                    };
-                    pulls[index].add(sample, &found);
+                        let places = matches!(
+                            sensor.kind,
+                            Kind::Bearing | Kind::Range | Kind::SignalStrength
+                        );
+                        for sample in 0..samples {
+                            let found = if places && sensor.blind.is_empty() {
+                                self.by_path::<2>(
+                                    sensor, state, target, by, track, sample, sharpness,
+                                )
+                            } else {
+                                self.by_path::<6>(
+                                    sensor, state, target, by, track, sample, sharpness,
+                                )
+                            };
+                            pull.add(sample, &found);
+                        }
+                    }
+                    start = end;
                 }
             }
         }
     }
 
-    /// [`by_path`](Self::by_path) of a bearing that is always seen, in closed form.
-    #[allow(clippy::too_many_arguments)]
-    #[inline]
-    fn bearing_by_path(
-        &self,
-        sensor: &Sensor,
-        state: &[f64; 4],
-        target: usize,
-        by: &[[f64; N]; N],
-        track: &Track,
-        sample: usize,
-        time: f64,
-    ) -> [f64; 6] {
-        let (at, velocity, axis) = track.sample(sample);
-        let [x, y] = sight_of(state, time, at, velocity, axis).offset;
-        let seen = Seen::bearing([x, y], time, sensor.detection);
-        let through = self.through(by, &self.row(&seen, sensor, target));
-        let first = target * self.dimension;
-        let (mut a, mut b) = (through[first], through[first + 1]);
-        if self.dimension == 4 {
-            a += time * through[first + 2];
-            b += time * through[first + 3];
+    /// What [`Pulls`] needs of the derivative by the information.
+    fn by_bearing(&self, by: &[[f64; N]; N], sensor: &Sensor, target: usize) -> ByRow {
+        let g = |i: usize, j: usize| by[i][j] * self.scale[i] * self.scale[j];
+        let x = target * self.dimension;
+        let y = x + 1;
+        let mut found = ByRow::default();
+        found.place[0] = [g(x, x), g(x, y), g(y, y)];
+        let bias = sensor.bias.map(|bias| self.nuisance + bias);
+        if let Some(bias) = bias {
+            found.bias[0] = [g(x, bias), g(y, bias)];
         }
-        // Of (a y - b x) / (x^2 + y^2).
-        let inverse = 1.0 / (x * x + y * y);
-        let both = 2.0 * (a * y - b * x) * inverse;
-        let factor = 2.0 * sensor.detection * inverse / (sensor.sigma * sensor.sigma);
-        [
-            -factor * (b + both * x),
-            factor * (a - both * y),
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-        ]
+        if self.dimension == 4 {
+            let (u, v) = (x + 2, x + 3);
+            found.place[1] = [2.0 * g(x, u), g(x, v) + g(y, u), 2.0 * g(y, v)];
+            found.place[2] = [g(u, u), g(u, v), g(v, v)];
+            if let Some(bias) = bias {
+                found.bias[1] = [g(u, bias), g(v, bias)];
+            }
+        }
+        found
     }
 
     /// G h for G on the scaled states, back in physical ones.
@@ -317,9 +386,9 @@ impl<const N: usize> Sized<N> {
         by: &[[f64; N]; N],
         track: &Track,
         sample: usize,
-        time: f64,
         sharpness: Sharpness,
     ) -> [f64; 6] {
+        let time = self.dt * sample as f64;
         let (at, velocity, axis) = track.sample(sample);
         let variable = |value: f64, k: usize| {
             if k < K {
@@ -370,10 +439,17 @@ impl<const N: usize> Sized<N> {
     }
 
     /// Of each belief: the cost, the value, and its derivative by the scaled information.
-    fn costs(&self, tracks: &[Track], sharpness: Sharpness) -> Option<Vec<Judged<N>>> {
+    fn costs(
+        &self,
+        tracks: &[Track],
+        sharpness: Sharpness,
+        columns: &mut [f64],
+        inverses: &mut [f64],
+    ) -> Option<Vec<Judged<N>>> {
         let mut out = Vec::with_capacity(self.beliefs.len());
-        for belief in &self.beliefs {
-            let root = self.whole(belief, tracks, sharpness);
+        let length = inverses.len() / self.beliefs.len();
+        for (belief, inverses) in self.beliefs.iter().zip(inverses.chunks_exact_mut(length)) {
+            let root = self.whole(belief, tracks, sharpness, columns, inverses);
             if !root.is_sound() {
                 return None;
             }
@@ -491,8 +567,17 @@ fn soft(costs: &[f64], weights: &[f64], p: f64) -> (f64, Vec<f64>) {
 }
 
 impl<const N: usize> Objective for Sized<N> {
-    fn cost(&self, tracks: &[Track], sharpness: Sharpness, pulls: Option<&mut [Pull]>) -> f64 {
-        let Some(found) = self.costs(tracks, sharpness) else {
+    fn cost(
+        &self,
+        tracks: &[Track],
+        sharpness: Sharpness,
+        pulls: Option<&mut [Pull]>,
+        space: &mut Vec<f64>,
+    ) -> f64 {
+        let length = self.length(tracks);
+        space.resize((N + self.beliefs.len()) * length, 0.0);
+        let (columns, inverses) = space.split_at_mut(N * length);
+        let Some(found) = self.costs(tracks, sharpness, columns, inverses) else {
             return f64::INFINITY;
         };
         let costs: Vec<f64> = found.iter().map(|(cost, ..)| *cost).collect();
@@ -500,8 +585,8 @@ impl<const N: usize> Objective for Sized<N> {
         let Some(pulls) = pulls.filter(|_| cost.is_finite()) else {
             return cost;
         };
-        let samples = tracks.first().map_or(0, |track| track.at.len());
-        for ((belief, (_, value, by)), share) in self.beliefs.iter().zip(&found).zip(shares) {
+        let of = self.beliefs.iter().zip(inverses.chunks_exact(length));
+        for (((belief, inverses), (_, value, by)), share) in of.zip(&found).zip(shares) {
             if share == 0.0 {
                 continue;
             }
@@ -515,16 +600,14 @@ impl<const N: usize> Objective for Sized<N> {
             for entry in by.as_flattened_mut() {
                 *entry *= slope;
             }
-            for sample in 0..samples {
-                self.pull(belief, &by, tracks, sample, sharpness, pulls);
-            }
+            self.pull(belief, &by, tracks, sharpness, inverses, pulls);
         }
         cost
     }
 
     fn along(&self, tracks: &[Track]) -> Vec<f64> {
         let samples = tracks.first().map_or(0, |track| track.at.len());
-        let mut roots: Vec<_> = self.beliefs.iter().map(|b| self.start(b)).collect();
+        let mut roots: Vec<_> = self.beliefs.iter().map(|b| b.prior).collect();
         let mut out = Vec::with_capacity(samples);
         for sample in 0..samples {
             let costs: Vec<f64> = self
@@ -547,7 +630,7 @@ impl<const N: usize> Objective for Sized<N> {
         let Some(belief) = self.beliefs.first() else {
             return Vec::new();
         };
-        let mut root = self.start(belief);
+        let mut root = belief.prior;
         (0..samples)
             .map(|sample| {
                 self.absorb(&mut root, belief, tracks, sample, f64::INFINITY);
@@ -560,10 +643,13 @@ impl<const N: usize> Objective for Sized<N> {
     }
 
     fn roots(&self, tracks: &[Track]) -> Vec<Vec<f64>> {
+        let length = self.length(tracks);
+        let mut space = vec![0.0; (N + 1) * length];
+        let (columns, inverses) = space.split_at_mut(N * length);
         self.beliefs
             .iter()
             .map(|belief| {
-                let root = self.whole(belief, tracks, f64::INFINITY);
+                let root = self.whole(belief, tracks, f64::INFINITY, columns, inverses);
                 let lines = root.factor().iter();
                 lines
                     .flat_map(|line| (0..N).map(|i| line[i] / self.scale[i]))

@@ -4,6 +4,10 @@ use alloc::vec;
 use alloc::vec::Vec;
 
 use super::Problem;
+use crate::batch::simd::{Path, sin_cos_slice};
+
+/// Headings whose sines are found at once.
+const CHUNK: usize = 64;
 
 /// The path of one observer.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -62,7 +66,7 @@ impl Pull {
 
 /// How the unknowns of a path are laid out: for each observer its headings, one for each
 /// leg, and where the speed is free the step length of each leg as a share of the longest.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Layout {
     /// Steps of each leg.
     pub counts: Vec<usize>,
@@ -110,29 +114,45 @@ impl Layout {
     /// The paths, written over `tracks`.
     pub fn walk(&self, problem: &Problem, x: &[f64], tracks: &mut Vec<Track>) {
         tracks.resize_with(problem.observers.len(), Track::default);
+        let moves = self.counts.iter().sum::<usize>();
+        let (mut sines, mut cosines) = ([0.0; CHUNK], [0.0; CHUNK]);
         for (index, (observer, track)) in problem.observers.iter().zip(tracks).enumerate() {
-            track.at.clear();
-            track.velocity.clear();
-            track.axis.clear();
+            track.at.resize(moves + 1, [0.0; 2]);
+            track.velocity.resize(moves, [0.0; 2]);
+            track.axis.resize(moves, [0.0; 2]);
             let headings = self.headings(x, index);
             let shares = self.shares(x, index);
             let mut at = observer.start;
-            track.at.push(at);
-            for (leg, &count) in self.counts.iter().enumerate() {
-                let (sin, cos) = headings[leg].sin_cos();
-                let speed = observer.speed[1] * shares.map_or(1.0, |shares| shares[leg]);
-                let velocity = [
-                    speed * sin + problem.current[0],
-                    speed * cos + problem.current[1],
-                ];
-                for _ in 0..count {
-                    at = [
-                        at[0] + problem.dt * velocity[0],
-                        at[1] + problem.dt * velocity[1],
+            track.at[0] = at;
+            let mut places = track.at[1..]
+                .iter_mut()
+                .zip(&mut track.velocity)
+                .zip(&mut track.axis);
+            for (first, headings) in headings.chunks(CHUNK).enumerate() {
+                let first = first * CHUNK;
+                let legs = headings.len();
+                sin_cos_slice(
+                    Path::Best,
+                    headings,
+                    &mut sines[..legs],
+                    &mut cosines[..legs],
+                );
+                for leg in 0..legs {
+                    let (sin, cos) = (sines[leg], cosines[leg]);
+                    let share = shares.map_or(1.0, |shares| shares[first + leg]);
+                    let speed = observer.speed[1] * share;
+                    let velocity = [
+                        speed * sin + problem.current[0],
+                        speed * cos + problem.current[1],
                     ];
-                    track.at.push(at);
-                    track.velocity.push(velocity);
-                    track.axis.push([sin, cos]);
+                    let count = self.counts[first + leg];
+                    for ((place, of_step), axis) in places.by_ref().take(count) {
+                        at = [
+                            at[0] + problem.dt * velocity[0],
+                            at[1] + problem.dt * velocity[1],
+                        ];
+                        (*place, *of_step, *axis) = (at, velocity, [sin, cos]);
+                    }
                 }
             }
         }
@@ -152,20 +172,26 @@ impl Layout {
             let legs = self.legs();
             let free = self.free[index];
             let mut after = [0.0; 2];
-            let mut step = pull.velocity.len();
+            // From the last step on: a step moves all samples after it.
+            let mut steps = pull.at[1..]
+                .iter()
+                .zip(&pull.velocity)
+                .zip(pull.axis.iter().zip(&tracks[index].axis))
+                .rev();
             for leg in (0..legs).rev() {
-                let [sin, cos] = tracks[index].axis[step - 1];
-                let share = if free { x[first + legs + leg] } else { 1.0 };
                 let mut by_velocity = [0.0; 2];
                 let mut by_axis = [0.0; 2];
-                for _ in 0..self.counts[leg] {
-                    step -= 1;
+                let mut axis = [0.0; 2];
+                for ((at, velocity), (turn, of_step)) in steps.by_ref().take(self.counts[leg]) {
+                    axis = *of_step;
                     for k in 0..2 {
-                        after[k] += pull.at[step + 1][k];
-                        by_velocity[k] += problem.dt * after[k] + pull.velocity[step][k];
-                        by_axis[k] += pull.axis[step][k];
+                        after[k] += at[k];
+                        by_velocity[k] += problem.dt * after[k] + velocity[k];
+                        by_axis[k] += turn[k];
                     }
                 }
+                let [sin, cos] = axis;
+                let share = if free { x[first + legs + leg] } else { 1.0 };
                 let speed = observer.speed[1] * share;
                 gradient[first + leg] += (speed * by_velocity[0] + by_axis[0]) * cos
                     - (speed * by_velocity[1] + by_axis[1]) * sin;

@@ -7,7 +7,7 @@ use alloc::vec::Vec;
 
 use super::descend::Program;
 use super::objective::{Objective, objective};
-use super::paths::{Layout, Track};
+use super::paths::{Layout, Pull, Track};
 use super::{Criterion, Error, Over, Problem, Violation};
 use crate::batch::Stream;
 use crate::scalar::{check_finite, check_length};
@@ -162,6 +162,18 @@ pub struct Search {
     corners: bool,
     done: usize,
     total: usize,
+    scratch: Scratch,
+}
+
+/// What a gradient is worked out in.
+#[derive(Debug, Default)]
+struct Scratch {
+    layout: Layout,
+    x: Vec<f64>,
+    gradient: Vec<f64>,
+    tracks: Vec<Track>,
+    pulls: Vec<Pull>,
+    space: Vec<f64>,
 }
 
 /// Paths whose costs differ by less are alike.
@@ -224,6 +236,7 @@ impl Search {
                 + 3
                 + options.restarts
                 + 1,
+            scratch: Scratch::default(),
         })
     }
 
@@ -333,33 +346,86 @@ impl Search {
     }
 
     /// The cost of a path (minus log det, or minus the log of the eigenvalue, or the log of
-    /// the variance) and its derivatives by headings and speeds. With a finite `sharpness`
-    /// corners are smooth.
+    /// the variance); its derivatives are written to `by_heading` and `by_speed`. These, the
+    /// headings and the speeds are (observers, legs), row by row. With a finite `sharpness`
+    /// corners are smooth. Where the states are not determined the cost is infinite, and the
+    /// derivatives are zero.
     ///
     /// # Errors
-    /// Arrays that do not match.
-    #[allow(clippy::type_complexity)]
+    /// Arrays that do not match; headings and speeds that are not finite.
     pub fn gradient(
-        &self,
+        &mut self,
         counts: &[usize],
-        headings: &[Vec<f64>],
-        speeds: &[Vec<f64>],
+        headings: &[f64],
+        speeds: &[f64],
         sharpness: f64,
-    ) -> Result<(f64, Vec<Vec<f64>>, Vec<Vec<f64>>), Error> {
-        let mut keep = || true;
-        let mut program = self.program(counts, &mut keep)?;
-        program.layout.free.fill(true);
-        let x = self.unknowns(&program.layout, headings, speeds)?;
-        let mut gradient = vec![0.0; x.len()];
-        let cost = program.cost(&x, sharpness, &mut gradient);
-        let mut by_heading = Vec::new();
-        let mut by_speed = Vec::new();
-        for (index, observer) in self.problem.observers.iter().enumerate() {
-            by_heading.push(program.layout.headings(&gradient, index).to_vec());
-            let shares = program.layout.shares(&gradient, index).unwrap_or(&[]);
-            by_speed.push(shares.iter().map(|g| g / observer.speed[1]).collect());
+        by_heading: &mut [f64],
+        by_speed: &mut [f64],
+    ) -> Result<f64, Error> {
+        self.check_counts(counts)?;
+        let observers = &self.problem.observers;
+        let legs = counts.len();
+        for (name, given) in [
+            ("headings", headings.len()),
+            ("speeds", speeds.len()),
+            ("by_heading", by_heading.len()),
+            ("by_speed", by_speed.len()),
+        ] {
+            check_length(name, given, observers.len() * legs)?;
         }
-        Ok((cost, by_heading, by_speed))
+        check_finite("headings", headings)?;
+        check_finite("speeds", speeds)?;
+        let Scratch {
+            layout,
+            x,
+            gradient,
+            tracks,
+            pulls,
+            space,
+        } = &mut self.scratch;
+        layout.counts.clear();
+        layout.counts.extend_from_slice(counts);
+        layout.free.resize(observers.len(), true);
+        x.clear();
+        for (index, observer) in observers.iter().enumerate() {
+            let of = index * legs..(index + 1) * legs;
+            x.extend_from_slice(&headings[of.clone()]);
+            x.extend(speeds[of].iter().map(|speed| speed / observer.speed[1]));
+        }
+        layout.walk(&self.problem, x, tracks);
+        pulls.resize_with(observers.len(), || Pull::new(self.problem.moves));
+        for pull in &mut *pulls {
+            pull.clear();
+        }
+        let cost = self.objective.cost(tracks, sharpness, Some(pulls), space);
+        gradient.clear();
+        gradient.resize(x.len(), 0.0);
+        layout.back(&self.problem, x, tracks, pulls, gradient);
+        for (index, observer) in observers.iter().enumerate() {
+            let of = index * legs..(index + 1) * legs;
+            let (headings, speeds) =
+                gradient[2 * index * legs..2 * (index + 1) * legs].split_at(legs);
+            by_heading[of.clone()].copy_from_slice(headings);
+            let inverse = 1.0 / observer.speed[1];
+            for (to, by) in by_speed[of].iter_mut().zip(speeds) {
+                *to = by * inverse;
+            }
+        }
+        Ok(cost)
+    }
+
+    fn check_counts(&self, counts: &[usize]) -> Result<(), Error> {
+        let moves = counts
+            .iter()
+            .fold(0, |sum: usize, &n| sum.saturating_add(n));
+        if moves == self.problem.moves {
+            return Ok(());
+        }
+        Err(Error::Count {
+            name: "sum of counts",
+            given: moves,
+            allowed: "the number of moves",
+        })
     }
 
     fn program<'a>(
@@ -367,14 +433,7 @@ impl Search {
         counts: &[usize],
         look: &'a mut dyn FnMut() -> bool,
     ) -> Result<Program<'a>, Error> {
-        let moves = counts.iter().sum::<usize>();
-        if moves != self.problem.moves {
-            return Err(Error::Count {
-                name: "sum of counts",
-                given: moves,
-                allowed: "the number of moves",
-            });
-        }
+        self.check_counts(counts)?;
         Ok(Program::new(
             &self.problem,
             &*self.objective,
