@@ -491,6 +491,7 @@ class _DipoleLocalized(TypedDict):
     converged: _Array
     rounds: _Array
     efficiency: _Array
+    status: _Array
     background: _Array
     residuals: _Array
     weights: _Array

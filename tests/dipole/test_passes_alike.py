@@ -28,8 +28,8 @@ def closest(x):
     return np.linalg.norm(np.cross(x[:3], x[3:6])) / np.linalg.norm(x[3:6])
 
 
-def passing(seed, kind):
-    """Return what is found of a random pass, and the best pass next to the true one by SciPy."""
+def record(seed, kind):
+    """Return times, field, arguments for the sensors, and the random pass that was recorded."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, 30.0)
     places = np.array([[0.0, 0.0, 0.0], rng.normal(0, 3, 3)])
@@ -46,7 +46,14 @@ def passing(seed, kind):
     sigma = 0.005 * np.ptp(exact, axis=0).max()
     y = exact + sigma * rng.normal(size=exact.shape)
     more = {"ambient": EARTH} if baseline is None else {"baselines": baseline}
-    found = gm.dipole.localize(t, y, sensors=places, sigma=sigma, **more)
+    return t, y, {"sensors": places, "sigma": sigma, **more}, truth
+
+
+def passing(seed, kind):
+    """Return what is found of a random pass, and the best pass next to the true one by SciPy."""
+    t, y, kind, truth = record(seed, kind)
+    found = gm.dipole.localize(t, y, **kind)
+    sigma, places, baseline = kind["sigma"], kind["sensors"], kind.get("baselines")
     scale = np.repeat([1.0, 0.1, 5.0], 3)
 
     def residuals(u):
@@ -64,3 +71,64 @@ def test_what_fits_as_well_is_in_the_interval(kind, seed):
     if chi2 < found.fit.chi2 + 3.8:
         interval = found.interval("range")
         assert closest(other) in interval or not interval.certain, str(interval)
+
+
+@pytest.mark.parametrize("kind", ["total field", "gradiometer"])
+def test_a_batch_says_of_each_what_one_at_a_time_says(kind):
+    for seed in range(100, 140):
+        t, y, given, _ = record(seed, kind)
+        many = gm.dipole.localize_many(t, y, **given)
+        try:
+            one = gm.dipole.localize(t, y, **given)
+        except gm.UnobservableError:
+            # Least squares at infinity, or not far from there.
+            assert many.status in ("unobservable", "ambiguous"), seed
+            continue
+        # Whether the model fits, and how far an interval reaches, is asked of one alone.
+        wanted = {one.status} if one.status == "ambiguous" else {"determined", "weak"}
+        assert many.status in wanted, (seed, one.status, many.status)
+        # Of passes that fit as well, either may be the answer: 95 % of chi-square.
+        assert many.costs < one.cost + (3.84 if many.status == "ambiguous" else 1e-6), seed
+
+
+@pytest.mark.parametrize(
+    ("known", "prior", "status"),
+    [
+        ({}, {}, "unobservable"),
+        ({"speed": 1.5}, {}, "ambiguous"),
+        ({"speed": 1.5}, {"vx": (1.2, 0.1)}, "determined"),
+        ({"z": 4.0, "vz": 0.1}, {}, "determined"),
+    ],
+)
+def test_a_batch_of_one_sensor_of_three_components_is_judged_too(known, prior, status):
+    t = np.arange(30.0)
+    v = np.array([1.2, np.sqrt(1.5**2 - 1.2**2 - 0.01), 0.1])
+    exact = field(
+        np.array([-17.0, -9.0, 4.0]), v, np.array([20.0, -30.0, 15.0]), t, np.zeros((1, 3))
+    )
+    sigma = 0.005 * np.ptp(exact)
+    y = exact[:, 0] + sigma * np.random.default_rng(7).normal(size=(4, 30, 3))
+    many = gm.dipole.localize_many(t, y, known, prior=prior, sigma=sigma)
+    assert many.status.tolist() == [status] * 4
+    for one in y[:1] if known else []:
+        assert gm.dipole.localize(t, one, known, prior=prior, sigma=sigma).status == status
+    blind = gm.dipole.localize_many(t, y, known, prior=prior, sigma=sigma, others=False)
+    assert set(blind.status) == {"not_looked"}
+
+
+def test_two_sensors_of_the_total_field_do_not_tell_a_reflected_pass():
+    t, y, kind, truth = record(2, "total field")
+    line = kind["sensors"][1] - kind["sensors"][0]
+    normal = np.cross(EARTH, line) / np.linalg.norm(np.cross(EARTH, line))
+    image = (truth.reshape(3, 3) - 2 * np.outer(truth.reshape(3, 3) @ normal, normal)).ravel()
+    same = [read(x, t, kind["sensors"], None) for x in (truth, image)]
+    np.testing.assert_allclose(same[0], same[1], rtol=1e-14)
+    assert gm.dipole.localize(t, y, **kind).status == "ambiguous"
+    # A third sensor off the plane of the two and the field.
+    three = np.vstack([kind["sensors"], 3.0 * normal])
+    y = read(truth, t, three, None)
+    y = y + kind["sigma"] * np.random.default_rng(1).normal(size=y.shape)
+    given = {"sensors": three, "sigma": kind["sigma"], "ambient": EARTH}
+    assert gm.dipole.localize_many(t, y, **given).status != "unobservable"
+    for status in (gm.dipole.localize(t, y, **given), gm.dipole.localize_many(t, y, **given)):
+        assert status.status == "determined"

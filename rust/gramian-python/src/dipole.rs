@@ -468,6 +468,7 @@ struct PyOptions {
     starts: usize,
     rounds: u32,
     correlation: f64,
+    others: bool,
 }
 
 impl PyOptions {
@@ -489,6 +490,7 @@ impl PyOptions {
             starts: self.starts,
             rounds: self.rounds,
             correlation: self.correlation,
+            others: self.others,
         })
     }
 }
@@ -540,7 +542,7 @@ fn dipole_localize<'py>(
             out,
         )
     })?;
-    let parts: [(&str, &[usize]); 11] = [
+    let parts: [(&str, &[usize]); 12] = [
         ("state", &[9]),
         ("mirror", &[9]),
         ("cost", &[]),
@@ -549,6 +551,7 @@ fn dipole_localize<'py>(
         ("converged", &[]),
         ("rounds", &[]),
         ("efficiency", &[]),
+        ("status", &[]),
         ("background", &[count, components]),
         ("residuals", &[samples, count, components]),
         ("weights", &[samples, count, components]),
@@ -556,7 +559,7 @@ fn dipole_localize<'py>(
     batch.named(&records, &parts)
 }
 
-/// Simulates and locates: (trials, 11), see `batch::dipole_localize_trials`.
+/// Simulates and locates: (trials, 12), see `batch::dipole_localize_trials`.
 #[pyfunction]
 #[allow(clippy::too_many_arguments, clippy::needless_pass_by_value)]
 fn dipole_localize_trials<'py>(
@@ -579,7 +582,7 @@ fn dipole_localize_trials<'py>(
     let pass = Pass::of(&state);
     let (times, sensors) = (times.slice()?, sensors.sensors()?);
     let cost = batch::localize_cost(times.len() * sensors.channels());
-    Batch::trials(first, trials).fill(py, &[11], cost, |range, threads, out| {
+    Batch::trials(first, trials).fill(py, &[12], cost, |range, threads, out| {
         let simulated = Simulated {
             times,
             pass: &pass,

@@ -381,6 +381,7 @@ impl PyModel {
         }
         Ok(Search {
             from,
+            weakest: true,
             spread,
             starts,
             seed,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -241,6 +242,7 @@ def localize_many(
     loss: Loss = "gaussian",
     sigma: ArrayLike | None = None,
     starts: int = 12,
+    others: bool = True,
 ) -> Localizations:
     """Locate dipoles in many records at once.
 
@@ -252,6 +254,9 @@ def localize_many(
         Tesla; with `ambient` (..., K) or (..., K, S).
     known, prior, sensors, ambient, baselines, background, loss, sigma, starts
         As for `localize`.
+    others : bool
+        Whether to look for other passes that fit as well, and to judge each answer by them: see
+        Notes.
 
     Returns
     -------
@@ -265,18 +270,34 @@ def localize_many(
 
     Notes
     -----
-    The best of the starts, and the mirror image. For sensors of the total field and gradiometers
-    `localize` goes on from there: it looks for passes turned about the ambient field, of
-    other sizes, with other moments that fit as well or better, which takes it many times as
-    long. Here they are not looked for, so the answer may be one of them.
+    The best of the starts, and the mirror image. With `others`, as in `localize`, passes turned
+    or reflected about the ambient field, of other sizes, with other moments are looked for too,
+    for sensors of the total field and gradiometers; a better one that is met takes the place of
+    the answer. It takes twice as long for the total field, and a fifth longer for gradiometers.
+    `status` is then the first of these that holds:
+
+    - "unobservable": some combination of the states changes no number, or several heads see the
+      pass from so far that it fits as well at any larger size (where `localize` follows it there,
+      the status may be "ambiguous" here);
+    - "not_converged";
+    - "ambiguous": another pass was found that noise prefers in more than 1 % of records;
+    - "weak": the deviation of the closest range is more than a quarter of it, or the noise cannot
+      be estimated from as many numbers as states;
+    - "determined".
+
+    Whether the model fits ("misfit") and how far intervals reach is not asked: `localize` does.
+    Without `others` the status is "not_looked": the answer may be one of several.
 
     Examples
     --------
     >>> import numpy as np, gramian as gm
     >>> t = np.arange(21.0)
     >>> y = gm.dipole.simulate([-10, -10, 5], [1, 1, 0], [10, 20, 10], t, 1e-9, 1, trials=4)
-    >>> gm.dipole.localize_many(t, y, {"z": 5.0, "vz": 0.0}, sigma=1e-9).states.shape
-    (4, 9)
+    >>> found = gm.dipole.localize_many(t, y, {"z": 5.0, "vz": 0.0}, sigma=1e-9)
+    >>> found.states.shape, found.status.tolist()
+    ((4, 9), ['determined', 'determined', 'determined', 'determined'])
+    >>> gm.dipole.localize_many(t, y[0], {"speed": 1.4142}, sigma=1e-9).status
+    'ambiguous'
     """
     setup = Setup(known, prior, sensors, background, loss, sigma, starts, ambient, baselines)
     y = as_float_array(field, "field").copy()
@@ -298,7 +319,8 @@ def localize_many(
         offsets[..., used] = np.nanmedian(seen[..., used], axis=-2, keepdims=True)
         y = y - (offsets - setup.heads.quiet)
     setup.enough(np.where(there, 0.0, np.nan))
-    out = setup.run(when, y, setup.options("none" if background is None else "fit", None))
+    inner = setup.options("none" if background is None else "fit", None)
+    out = setup.run(when, y, replace(inner, others=options.flag(others, "others")))
     return Localizations(
         states=out["state"],
         costs=out["cost"],
@@ -306,6 +328,7 @@ def localize_many(
         mirror_costs=out["mirror_cost"],
         sigmas=out["sigma"],
         converged=out["converged"] == 1,
+        code=out["status"].astype(np.int8),
     )
 
 
@@ -325,6 +348,7 @@ def localize_trials(
     baselines: ArrayLike | None = None,
     first: int = 0,
     starts: int = 12,
+    others: bool = True,
 ) -> Array:
     """Simulate a pass many times and locate it each time, in one go.
 
@@ -340,13 +364,15 @@ def localize_trials(
         As for `localize`.
     first : int
         Number of the first trial.
+    others : bool
+        Whether to look for passes that fit better than where the starts lead, as `localize`
+        does, where sensors are of the total field or gradiometers.
 
     Returns
     -------
     ndarray, shape (trials, 9)
-        The estimates (r0, v, m). Of an answer and its mirror image that fit
-        the same, the one nearer to the truth. Of sensors of the total field and gradiometers,
-        other passes that fit as well are not looked for, as in `localize_many`.
+        The estimates (r0, v, m). Of an answer and its mirror image, or another pass, that fit
+        the same, the one nearer to the truth.
 
     Examples
     --------
@@ -365,6 +391,8 @@ def localize_trials(
     there = setup.measured((times.size, len(setup.sensors), setup.heads.components))
     setup.enough(np.where(there, 0.0, np.nan))
     state = np.concatenate([_three(r0, "r0"), _three(v, "v"), _three(m, "m")])
+    options.flag(others, "others")
+    few = ambient is not None or baselines is not None
     out = _core.dipole_localize_trials(
         times,
         state.tolist(),
@@ -372,7 +400,7 @@ def localize_trials(
         setup.heads,
         setup.exact,
         setup.priors,
-        setup.leveled(setup.options("none", None)),
+        setup.leveled(replace(setup.options("none", None), others=others and few)),
         seed,
         first,
         trials,

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian._answers import Answer, Columns, columns_of_states
 from gramian._options import choice
 from gramian._registry import draw
 from gramian._text import brief
-from gramian.estimation import Estimate, Fit
+from gramian.estimation import Estimate, Fit, Interval, Region
 from gramian.estimation import Solution as Other
 from gramian.exceptions import InputError
 from gramian.models.dipole._estimate import PARTS, Description, DipoleModel
@@ -24,9 +25,25 @@ from gramian.models.dipole._model import NAMES, UNITS
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["ClosestPoint", "Localization", "Localizations", "Solution", "information", "root"]
+__all__ = ["ClosestPoint", "Localization", "Localizations", "Solution", "deviation", "information"]
 
 Array = NDArray[np.float64]
+
+#: Why deviations are infinite.
+_NO_LEVEL = (
+    "the noise level cannot be estimated from as many numbers as states, and so no deviation: "
+    "give sigma"
+)
+
+#: What `localize_many` says of an answer; "not_looked" where it was not asked.
+STATUSES = (
+    "unobservable",
+    "not_converged",
+    "ambiguous",
+    "weak",
+    "determined",
+    "not_looked",
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -56,7 +73,9 @@ class Localization(Estimate):
         times as large; below three degrees of freedom that of three.
     freedom : float
         Degrees of freedom of Student's t, which `interval`, `std` and `pass_std` follow where
-        sigma or the correlation was estimated; `inf` where both were given.
+        sigma or the correlation was estimated; `inf` where both were given. They are 0 where as
+        many numbers as states are there: the noise cannot be estimated then, deviations are
+        `inf`, intervals open, and the status is "weak" at best.
     cost : float
         Sum of squared residuals over sigma^2, priors included.
     mirror : Solution or None
@@ -155,9 +174,70 @@ class Localization(Estimate):
     def _analysis(self) -> _core.Analysis:
         return information(self.model, self._handle, self.state, self.freedom)
 
+    @cached_property
+    def covariance(self) -> Array:
+        """The local Gaussian approximation (n, n); `inf` where none exists."""
+        found = super().covariance
+        return np.full(found.shape, np.inf) if self.freedom == 0 else found
+
+    @cached_property
+    def std(self) -> Array:
+        """Standard deviations (n,) of the local Gaussian approximation."""
+        found = super().std
+        return np.full(found.shape, np.inf) if self.freedom == 0 else found
+
+    def interval(
+        self,
+        what: str
+        | Mapping[str, float]
+        | ArrayLike
+        | Callable[[Array], float | tuple[float, Array]],
+        level: float = 0.95,
+    ) -> Interval:
+        """Return the values of a state or function that the measurements allow.
+
+        As `gramian.Estimate.interval`; any, where the noise level cannot be estimated.
+        """
+        if self.freedom > 0:
+            return super().interval(what, level)
+        name, unit, _, value = self._function(what)
+        return Interval(name, unit, level, value, ((None, None),), math.inf, True)
+
+    def region(self, pair: Sequence[Any], level: float = 0.95) -> Region:
+        """Return the values of a pair of states or functions that the measurements allow.
+
+        As `gramian.Estimate.region`.
+
+        Raises
+        ------
+        InputError
+            As there, and where the noise level cannot be estimated.
+        """
+        self._require_noise()
+        return super().region(pair, level)
+
+    def sample(self, count: int = 256, seed: int = 0) -> Array:
+        """Return states (count, n) spread as the likelihood is, priors included.
+
+        As `gramian.Estimate.sample`.
+
+        Raises
+        ------
+        InputError
+            As there, and where the noise level cannot be estimated.
+        """
+        self._require_noise()
+        return super().sample(count, seed)
+
+    def _require_noise(self) -> None:
+        if self.freedom == 0:
+            raise InputError(_NO_LEVEL)
+
     def _rise(self, level: float, dof: int) -> float:
         if math.isinf(self.freedom):
             return super()._rise(level, dof)
+        if self.freedom == 0:
+            return math.inf
         from scipy.special import fdtri
 
         return dof * float(fdtri(dof, max(self.freedom, 1.0), level))
@@ -215,6 +295,8 @@ class Localization(Estimate):
         >>> found.status, bool(wide.speed[1] > 3 * found.speed[1])
         ('misfit', True)
         """
+        if self.freedom == 0:
+            return self
         factor = self._spread
         model = replace(self.model, weights=self.model.weights / factor)
         wide = replace(
@@ -234,7 +316,7 @@ class Localization(Estimate):
         near = replace(
             self.closest,
             time_std=self.closest.time_std * factor,
-            range_std=root(by_range @ wide.covariance @ by_range),
+            range_std=deviation(by_range, wide.covariance),
         )
         std = np.sqrt(np.maximum(np.diag(spread), 0.0))
         return replace(wide, pass_std=std, pass_covariance=spread, closest=near)
@@ -290,6 +372,8 @@ class Localization(Estimate):
 
     @cached_property
     def _weak(self) -> str:
+        if self.freedom == 0:
+            return _NO_LEVEL
         if self.explained < 0.5:
             return f"the dipole explains {100 * self.explained:.0f} % of the field"
         return super()._weak
@@ -320,7 +404,7 @@ class Localization(Estimate):
         """The size of the moment and its standard deviation, A m^2; of several dipoles the sum."""
         if self.model.description.sources > 1:
             size, along = self.model.functions["moment"][0](self.state)
-            return size, root(along @ self.covariance @ along)
+            return size, deviation(along, self.covariance)
         return self._size(self.m, "moment")
 
     @property
@@ -361,7 +445,7 @@ class Localization(Estimate):
         if name in self.known:
             return size, 0.0
         along = vector / size if size > 0 else vector
-        return size, root(along @ self.pass_covariance[part, part] @ along)
+        return size, deviation(along, self.pass_covariance[part, part])
 
     def to_dict(self) -> dict[str, Any]:
         """Return the answer, without the samples, as plain lists and numbers, fit for JSON."""
@@ -452,6 +536,8 @@ class Localizations(Answer):
     mirror_costs : ndarray, shape (...)
     sigmas : ndarray, shape (...)
     converged : ndarray of bool, shape (...)
+    code : ndarray of int, shape (...)
+        What is said of each answer: the place in `STATUSES`.
     """
 
     states: Array
@@ -460,11 +546,18 @@ class Localizations(Answer):
     mirror_costs: Array
     sigmas: Array
     converged: NDArray[np.bool_]
+    code: NDArray[np.int8]
+
+    @property
+    def status(self) -> str | NDArray[np.str_]:
+        """The status in words: one of `STATUSES`, or an array of them."""
+        words = np.array(STATUSES)[self.code]
+        return str(words) if self.code.ndim == 0 else words
 
     def _as_table(self) -> Columns:
         values = {"": np.atleast_2d(self.states), "mirror": np.atleast_2d(self.mirrors)}
         others: dict[str, Any] = {"cost": self.costs, "mirror_cost": self.mirror_costs}
-        others |= {"sigma": self.sigmas, "converged": self.converged}
+        others |= {"sigma": self.sigmas, "converged": self.converged, "status": self.status}
         return columns_of_states(NAMES, UNITS, values, others)
 
 
@@ -489,6 +582,13 @@ def information(
     return _core.Analysis(rows, None)
 
 
-def root(variance: float | Array) -> float:
-    """Return the root of a variance, 0 for one that rounding made negative."""
-    return float(np.sqrt(np.maximum(variance, 0.0)))
+def deviation(gradient: Array, covariance: Array) -> float:
+    """Return the standard deviation of a function of what has a covariance.
+
+    It is `inf` of what has no bound, and 0 where rounding made the variance negative.
+    """
+    own = gradient != 0
+    inner = covariance[np.ix_(own, own)]
+    if np.isinf(inner).any():
+        return math.inf
+    return float(np.sqrt(max(gradient[own] @ inner @ gradient[own], 0.0)))

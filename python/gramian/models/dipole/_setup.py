@@ -47,6 +47,7 @@ class Options:
     starts: int
     rounds: int
     correlation: float
+    others: bool = False
 
 
 class Setup:

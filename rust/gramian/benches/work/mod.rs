@@ -705,7 +705,7 @@ fn dipole_trials() -> Work {
         moment,
     };
     let knowledge = height_known();
-    filling(11, move |out| {
+    filling(12, move |out| {
         let simulated = Simulated {
             times: &times,
             pass: &pass,

@@ -22,8 +22,9 @@ use crate::observability::Observability;
 pub struct Search {
     /// States to follow, such as other minima that are known already.
     pub from: Vec<Vec<f64>>,
-    /// Where further solutions may be; without it only `from`, symmetries and the weakest
-    /// directions are tried.
+    /// Whether the weakest directions are searched along.
+    pub weakest: bool,
+    /// Where further solutions may be; without it only the rest is tried.
     pub spread: Option<Spread>,
     /// How many points of it are followed.
     pub starts: usize,
@@ -72,7 +73,9 @@ pub fn other_solutions<M: Model + ?Sized>(model: &M, x: &Solution, search: &Sear
     let mut places = Places::new(model, x, options);
     let mut tried = search.from.clone();
     model.symmetries(&x.x, &mut |image| tried.push(image.to_vec()));
-    along_weakest(model, x, &mut tried);
+    if search.weakest {
+        along_weakest(model, x, &mut tried);
+    }
     for start in &tried {
         places.follow(start, false);
     }

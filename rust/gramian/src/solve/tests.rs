@@ -92,6 +92,7 @@ fn the_second_solution_of_three_beacons() {
     ] {
         let search = Search {
             from: Vec::new(),
+            weakest: true,
             spread,
             starts: 64,
             seed: 1,

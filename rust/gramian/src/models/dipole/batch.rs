@@ -483,7 +483,7 @@ impl pulp::WithSimd for Moments<'_> {
 /// `channels` in all: two states, two costs, sigma, converged (1 or 0), rounds, efficiency, the
 /// background, residuals and weights of each number.
 pub fn dipole_localized_size(samples: usize, channels: usize) -> usize {
-    24 + channels * (1 + 2 * samples)
+    25 + channels * (1 + 2 * samples)
 }
 
 /// Locates dipoles in fields (trials, K, S, components); see [`localize()`]. Where there is
@@ -527,6 +527,7 @@ fn write(located: &Located, out: &mut [f64]) {
         converged,
         f64::from(located.iterations),
         located.efficiency,
+        f64::from(located.status as u8),
     ];
     let parts = [
         &located.best.state[..],
@@ -559,8 +560,8 @@ pub struct Simulated<'a> {
     pub first: u64,
 }
 
-/// Simulates and locates, one trial after the other: (trials, 11) with the state,
-/// the cost and whether it converged. The noise of a trial is the first numbers of
+/// Simulates and locates, one trial after the other: (trials, 12) with the state,
+/// the cost, whether it converged and the place of the [`Status`](localize::Status). The noise of a trial is the first numbers of
 /// its [`Stream`]. Of an answer and its mirror image that fit the same, the one
 /// nearer to the truth is given.
 ///
@@ -588,7 +589,7 @@ pub fn dipole_localize_trials(
     let scratch = || exact.clone();
     threads.over_with(
         out,
-        11,
+        12,
         localize_cost(count),
         scratch,
         |field, trial, out| {
@@ -619,6 +620,7 @@ pub fn dipole_localize_trials(
             out[..9].copy_from_slice(&chosen.state);
             out[9] = chosen.cost;
             out[10] = if located.converged { 1.0 } else { 0.0 };
+            out[11] = f64::from(located.status as u8);
             Ok(())
         },
     )

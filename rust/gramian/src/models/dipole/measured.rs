@@ -850,7 +850,7 @@ impl Measured {
     }
 
     /// What else may be true, each with its whitened columns, row-major, and their
-    /// number: accelerations, constants, drifts and gains of the channels, a second
+    /// number: accelerations, a quadrupole, constants, drifts and gains of the channels, a second
     /// dipole on the same track.
     ///
     /// # Errors
@@ -1089,9 +1089,8 @@ impl Model for Measured {
     }
 
     fn symmetries(&self, x: &[f64], found: &mut dyn FnMut(&[f64])) {
-        if let Some(image) = self.mirrored(x) {
-            found(&image);
-        }
+        let images = [self.mirrored(x), self.reflected(x)];
+        images.iter().flatten().for_each(|image| found(image));
     }
 }
 

@@ -25,6 +25,7 @@
 mod columns;
 mod data;
 mod knowledge;
+mod others;
 mod separable;
 mod starts;
 
@@ -36,11 +37,11 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use data::Data;
 pub(in crate::models::dipole) use data::{huber, robust_sigma};
 pub use knowledge::{Contradiction, Knowledge, MOMENT, SPEED};
+pub use others::Status;
 use separable::{Fitter, Point};
 use starts::Shape;
 
 use super::Sensors;
-use super::measured::Measured;
 use super::sensors::Head;
 use crate::batch::Stream;
 use crate::scalar::{NumberError, check_length};
@@ -85,6 +86,9 @@ pub struct Options<'a> {
     pub rounds: u32,
     /// Of the noise of neighbouring samples of a channel, at the usual time between them.
     pub correlation: f64,
+    /// Whether other passes that fit as well are looked for, and the answer is judged by them:
+    /// for sensors of the total field and gradiometers many times the work.
+    pub others: bool,
 }
 
 impl Default for Options<'_> {
@@ -98,6 +102,7 @@ impl Default for Options<'_> {
             starts: 12,
             rounds: 200,
             correlation: 0.0,
+            others: false,
         }
     }
 }
@@ -111,12 +116,23 @@ pub struct Solution {
     pub cost: f64,
 }
 
+impl From<&Point> for Solution {
+    fn from(point: &Point) -> Self {
+        Self {
+            state: point.state(),
+            cost: point.cost,
+        }
+    }
+}
+
 /// The answer of [`localize`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Located {
     /// The best.
     pub best: Solution,
-    /// The best near the mirror image of it, where knowledge allows one.
+    /// The best near the mirror image of it, where knowledge allows one; of other sensors than
+    /// of three components and one head, where [`Options::others`] asks for them, the best other
+    /// pass that was found.
     pub mirror: Option<Solution>,
     /// Residuals (K, S, components), T.
     pub residuals: Vec<f64>,
@@ -133,6 +149,8 @@ pub struct Located {
     pub converged: bool,
     /// Rounds of the last improvement.
     pub iterations: u32,
+    /// What is said of the answer, where it is asked ([`Options::others`]).
+    pub status: Status,
 }
 
 /// Locates a dipole. `times` increase; `field` is (K, S, components) in tesla, NaN for a number
@@ -223,14 +241,22 @@ pub fn localize(
         core::mem::swap(other, &mut best);
         offsets = fitter.residuals(&best, &mut residuals);
     }
+    let mut status = Status::NotLooked;
+    if options.others {
+        status = others::judge(
+            &mut fitter,
+            &mut best,
+            &mut mirror,
+            &ends,
+            knowledge,
+            options,
+        );
+        offsets = fitter.residuals(&best, &mut residuals);
+    }
     drop(fitter);
-    let solution = |point: &Point| Solution {
-        state: point.state(),
-        cost: point.cost,
-    };
     Ok(Located {
-        best: solution(&best),
-        mirror: mirror.as_ref().map(solution),
+        best: Solution::from(&best),
+        mirror: mirror.as_ref().map(Solution::from),
         residuals,
         background: offsets,
         weights,
@@ -238,6 +264,7 @@ pub fn localize(
         sigma,
         converged: best.converged,
         iterations: best.iterations,
+        status,
     })
 }
 
@@ -283,42 +310,12 @@ fn exactly(
     knowledge: &Knowledge,
     options: &Options<'_>,
 ) -> Point {
-    let (record, noise) = (fitter.record(), fitter.noise());
-    let state = point.state();
-    let measured = Measured::new(
-        record.times,
-        &record.sensors,
-        record.field,
-        noise.clone(),
-        record.offsets,
-        *knowledge,
-        &state,
-    );
-    let mut left = vec![0.0; record.field.len()];
-    let levels = fitter.residuals(point, &mut left);
-    let mut x = measured.coordinates(&state);
-    let first = x.len() - measured.constants().len();
-    for (place, &channel) in x[first..].iter_mut().zip(measured.constants()) {
-        *place = levels[channel];
-    }
-    let max_iterations = options.rounds;
+    let (measured, x) = others::modelled(fitter, point, knowledge);
     let step = gauss_newton::Options {
-        max_iterations,
+        max_iterations: options.rounds,
         ..gauss_newton::Options::default()
     };
-    let found = minimize(&measured, &x, &[], step);
-    let state = measured.expand(&found.x).0;
-    Point {
-        place: core::array::from_fn(|i| state[i]),
-        moment: core::array::from_fn(|i| state[6 + i]),
-        cost: if found.chi2.is_finite() {
-            found.chi2
-        } else {
-            f64::INFINITY
-        },
-        iterations: found.iterations,
-        converged: found.converged,
-    }
+    others::ended(&measured, &minimize(&measured, &x, &[], step))
 }
 
 /// Follows the most promising starts and returns the best ends, best first.

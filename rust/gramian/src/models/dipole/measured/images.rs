@@ -13,6 +13,29 @@ const TURNS: u32 = 16;
 const DOUBLINGS: i32 = 4;
 
 impl Measured {
+    /// The range at the closest point of a straight pass, seen from the first sensor, and its
+    /// derivatives by (r0, v, m).
+    pub(in crate::models::dipole) fn closest(&self, state: &[f64; 9]) -> (f64, [f64; 9]) {
+        let seen: [f64; 3] = core::array::from_fn(|i| state[i] - self.places[0][i]);
+        let velocity = three(&state[3..]);
+        let squared = dot(&velocity, &velocity);
+        let time = if squared > 0.0 {
+            -dot(&seen, &velocity) / squared
+        } else {
+            0.0
+        };
+        let place: [f64; 3] = core::array::from_fn(|i| seen[i] + time * velocity[i]);
+        let range = dot(&place, &place).sqrt();
+        // At the closest point a change of its time changes nothing.
+        let unit = place.map(|p| p / range.max(f64::MIN_POSITIVE));
+        let by = core::array::from_fn(|i| match i {
+            0..3 => unit[i],
+            3..6 => time * unit[i - 3],
+            _ => 0.0,
+        });
+        (range, by)
+    }
+
     /// The mirror image about a single sensor, where knowledge does not exclude it.
     pub(super) fn mirrored(&self, x: &[f64]) -> Option<Vec<f64>> {
         if self.places.len() != 1 {
@@ -67,6 +90,60 @@ impl Measured {
             image[at.induced] *= sign;
         }
         Some(image)
+    }
+
+    /// The reflection in the plane of all heads and the ambient field, where sensors of the total
+    /// field lie in one: it turns the field at a head into its reflection, which has the same size
+    /// beside the ambient field. None of a body that is more than dipoles on a straight pass, and
+    /// about one head, where any plane through the field will do.
+    pub(super) fn reflected(&self, x: &[f64]) -> Option<Vec<f64>> {
+        let about = &self.description;
+        let straight = matches!(about.motion, Motion::Straight | Motion::Along);
+        if !straight || about.quadrupole.is_some() || about.induced.is_some() {
+            return None;
+        }
+        let along = unit(self.ambient.as_ref()?)?;
+        let sensors = self.sensors();
+        let heads: Vec<[f64; 3]> = (0..self.places.len())
+            .flat_map(|s| sensors.heads(s).map(|head| head.place))
+            .collect();
+        let first = *heads.first()?;
+        let apart = |head: &[f64; 3]| -> [f64; 3] { core::array::from_fn(|i| head[i] - first[i]) };
+        // The head that is farthest from the line along the field spans the plane with it.
+        let sides = heads.iter().map(|head| cross(&along, &apart(head)));
+        let normal = sides.max_by(|a, b| dot(a, a).total_cmp(&dot(b, b)))?;
+        let reach = dot(&normal, &normal).sqrt();
+        let normal = unit(&normal)?;
+        let flat = |head: &[f64; 3]| dot(&apart(head), &normal).abs() <= 1e-9 * reach;
+        if self.parts.iter().any(|p| matches!(p, Part::Side { .. })) || !heads.iter().all(flat) {
+            return None;
+        }
+        let turned = |v: &[f64; 3]| -> [f64; 3] {
+            let part = 2.0 * dot(&normal, v);
+            core::array::from_fn(|i| v[i] - part * normal[i])
+        };
+        let (state, _) = self.expand(x);
+        let mut image = [0.0; 9];
+        let place = turned(&core::array::from_fn(|i| state[i] - first[i]));
+        for i in 0..3 {
+            image[i] = first[i] + place[i];
+        }
+        image[3..6].copy_from_slice(&turned(&three(&state[3..])));
+        image[6..].copy_from_slice(&turned(&three(&state[6..])));
+        let differs = |i: usize| {
+            let size = self.knowledge.exact[i]?.abs().max(image[i].abs());
+            Some(self.knowledge.exact[i]? - image[i]).filter(|off| off.abs() > 1e-9 * size)
+        };
+        if (0..9).any(|i| differs(i).is_some()) {
+            return None;
+        }
+        let at = self.layout();
+        let mut own = self.coordinates(&image);
+        own[at.motion..].copy_from_slice(&x[at.motion..]);
+        for vector in own[at.sources..at.quadrupole].as_chunks_mut::<3>().0 {
+            *vector = turned(vector);
+        }
+        Some(own)
     }
 
     /// Where a search may find other solutions for sensors of the total field and gradiometers,
