@@ -204,3 +204,32 @@ def test_bad_input():
     ]:
         with pytest.raises(gm.InputError, match=message):
             gm.dipole.measure(R0, V, M, TIMES, quadrupole=given)
+
+
+def test_a_quadrupole_shows_in_the_residuals_of_a_dipole_and_a_move_does_not():
+    sensors = np.array([[0.0, 0, 0], [0, 1.5, 0], [1.5, 0, 0.4]])
+    t, sigma = np.arange(0.0, 20.0, 0.5), 8e-10
+    m = np.array([10.0, 20, 10])
+    given = [-10, -10, 6], [1, 1, 0], m, t
+    # About the centre: Q m = 0. It is told from a move, which the dipole takes up.
+    body = np.array([[150.0, -30, -90], [-30, -36, 102], [-90, 102, -114]])
+    y = gm.dipole.simulate(*given, sigma, seed=1, sensors=sensors, quadrupole=body)
+    found = gm.dipole.localize(t, y, sensors=sensors, sigma=sigma)
+    assert found.status == "misfit"
+    shown = {a.name: a for a in found.fit.alternatives}["a quadrupole of the body"]
+    assert shown.dof == 2
+    # A second dipole farther away looks much the same, one behind does not.
+    assert shown in found.fit.alternatives[:2]
+    assert shown.p_value < 1e-20
+    assert shown.restored > 0.001
+    sigma, e = 1e-10, np.array([0.2, -0.1, 0.15])
+    moved = 3 * (np.outer(e, m) + np.outer(m, e)) - 2 * (e @ m) * np.eye(3)
+    y = gm.dipole.simulate(*given, sigma, seed=1, sensors=sensors, quadrupole=moved)
+    assert gm.dipole.localize(t, y, sensors=sensors, sigma=sigma).status == "determined"
+    # Where the place is known all five numbers are left, and a move shows.
+    known = {"x": -10.0, "y": -10.0, "z": 6.0}
+    held = gm.dipole.localize(t, y, known, sensors=sensors, sigma=sigma)
+    assert held.status == "misfit"
+    assert {a.name: a.dof for a in held.fit.alternatives}["a quadrupole of the body"] == 5
+    with_it = gm.dipole.localize(t, y, known, sensors=sensors, sigma=sigma, sources="quadrupole")
+    assert "a quadrupole of the body" not in {a.name for a in with_it.fit.alternatives}

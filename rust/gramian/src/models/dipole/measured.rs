@@ -849,6 +849,36 @@ impl Measured {
         Ok(left.estimate(sigma))
     }
 
+    /// A quadrupole as an alternative, not whitened: the part of it that is no move of the place
+    /// where this is free.
+    fn quadrupole_beside(
+        &self,
+        x: &[f64],
+        moment: &[f64; 3],
+    ) -> Result<Option<(String, Vec<f64>, usize)>, Error> {
+        if self.description.quadrupole.is_some() {
+            return Ok(None);
+        }
+        let known = &self.knowledge;
+        let centre = [0, 1, 2].map(|i| known.exact[i].is_none() && known.prior[i].is_none());
+        let entries = Entries::new(centre, moment);
+        let count = entries.free().len();
+        let whole = entries.whole(moment, &[0.0; 5][..count]);
+        let mut columns = vec![0.0; count * self.field.len()];
+        let mut sound = true;
+        self.sights(x, |first, _, _, sight| {
+            for (k, by) in whole.by_free[..count].iter().enumerate() {
+                let [lies, _] = sight.step.turn_tensor(&quadrupole::tensor(by));
+                match quadrupole::field(&sight.place, &quadrupole::entries(&lies)) {
+                    Ok(h) => sight.read(&h, |i, value| columns[count * (first + i) + k] += value),
+                    Err(_) => sound = false,
+                }
+            }
+        })?;
+        sound &= columns.iter().all(|c| c.is_finite());
+        Ok(sound.then(|| ("a quadrupole of the body".to_string(), columns, count)))
+    }
+
     /// What else may be true, each with its whitened columns, row-major, and their
     /// number: accelerations, a quadrupole, constants, drifts and gains of the channels, a second
     /// dipole on the same track.
@@ -897,6 +927,7 @@ impl Measured {
                 }
             })?;
             found.push(("acceleration".to_string(), columns, 3));
+            found.extend(self.quadrupole_beside(x, &pass.moment)?);
             for (name, direction, side) in [
                 ("a second dipole behind", along, -1.0),
                 ("a second dipole ahead", along, 1.0),
