@@ -113,3 +113,40 @@ def test_samples_follow_a_likelihood_that_bends():
     moments = np.linalg.norm(passes[:, 6:], axis=1)
     slope, _ = np.polyfit(np.log(size), np.log(moments), 1)
     assert slope == pytest.approx(3, abs=0.5)
+
+
+@pytest.mark.parametrize("more", [{}, {"correlation": "fit"}])
+def test_as_many_numbers_as_states_tell_nothing_of_the_noise(more):
+    t = np.array([0.0, 8.0])
+    known = {"z": 5.0, "vz": 0.0, "mx": 10.0}
+    y = gm.dipole.simulate([-10, -10, 5], [1, 1, 0], [10, 20, 10], t, 1e-12, seed=1)
+    found = gm.dipole.localize(t, y, known, **more)
+    assert found.fit.dof == 0
+    assert (found.status, found.freedom) == ("weak", 0)
+    assert "the noise level cannot be estimated" in found.reason
+    assert "give sigma" in found.reason
+    assert np.isinf(found.std).all()
+    assert np.isinf(found.covariance).all()
+    free = np.array([name not in ("z0", "vz", "mx") for name in gm.dipole.NAMES])
+    np.testing.assert_array_equal(found.pass_std, np.where(free, np.inf, 0.0))
+    deviations = (found.speed[1], found.moment[1], found.closest.range_std, found.closest.time_std)
+    assert deviations == (np.inf,) * 4
+    assert found.interval("range").pieces == ((None, None),)
+    assert found.contains(found.state + 1.0)
+    assert "inf" in found.summary()
+    assert found.widened() is found
+    for ask in (lambda: found.region(("x0", "y0")), found.sample):
+        with pytest.raises(gm.InputError, match="give sigma"):
+            ask()
+    assert gm.dipole.localize_many(t, y, known).status == "weak"
+    # More dipoles than numbers can tell of are not tried.
+    both = gm.dipole.localize(t, y, known, sources=(1, 2))
+    assert [about.sources for about, _ in both.candidates] == [1]
+    assert both.status != "determined"
+    assert np.isinf(both.std).all()
+    # With one number more there is a deviation, and with a given noise.
+    longer = gm.dipole.simulate(
+        [-10, -10, 5], [1, 1, 0], [10, 20, 10], np.array([0.0, 8.0, 16.0]), 1e-12, seed=1
+    )
+    assert np.isfinite(gm.dipole.localize([0.0, 8.0, 16.0], longer, known).std).all()
+    assert np.isfinite(gm.dipole.localize(t, y, known, sigma=1e-12).std).all()

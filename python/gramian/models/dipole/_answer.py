@@ -20,8 +20,8 @@ from gramian.models.dipole._result import (
     ClosestPoint,
     Localization,
     Solution,
+    deviation,
     information,
-    root,
 )
 from gramian.models.dipole._setup import Record, Setup
 
@@ -160,12 +160,15 @@ def states_of(model: DipoleModel, raw: _core._DipoleLocalized) -> Array:
 def _freedom(dof: float, record: Record) -> float:
     """Return the degrees of freedom of Student's t, `inf` where the noise is known.
 
-    Of a noise that was estimated they are those of the fit. What a fitted correlation leaves
-    open is the power of the slow part of the noise, sigma^2 (1 + r) / (1 - r), of variance
+    They are 0 where it is to be estimated from as many numbers as states. Of a noise that was
+    estimated they are those of the fit. What a fitted correlation leaves open is the power of
+    the slow part of the noise, sigma^2 (1 + r) / (1 - r), of variance
     4 (1 + r) / (1 - r) / dof beside that of its level.
     """
-    if (record.setup.sigma is not None and not record.correlated) or dof < 1:
+    if record.setup.sigma is not None and not record.correlated:
         return math.inf
+    if dof < 1:
+        return 0.0
     if record.correlated:
         r = record.options.correlation
         dof /= 1 + 2 * (1 + r) / (1 - r)
@@ -205,6 +208,9 @@ def _covariance(
         here = Pass(found[:3] + model.times[0] * found[3:6], found[3:6], found[6:])
         raise UnobservableError(_refusal(here, t, sigma, setup, directions), directions)
     spread: Array = columns @ bound @ columns.T
+    if freedom == 0:
+        free = (columns != 0).any(axis=1)
+        spread[np.ix_(free, free)] = np.inf
     return spread
 
 
@@ -250,10 +256,10 @@ def _closest(state: Array, covariance: Array, origin: float, sensor: Array) -> C
     by_range = np.concatenate([unit, time * unit, np.zeros(3)])
     return ClosestPoint(
         time=origin + time,
-        time_std=root(by_time @ covariance @ by_time),
+        time_std=deviation(by_time, covariance),
         position=(float(position[0]), float(position[1]), float(position[2])),
         range=distance,
-        range_std=root(by_range @ covariance @ by_range),
+        range_std=deviation(by_range, covariance),
     )
 
 
@@ -265,13 +271,13 @@ def _nearest(
     covariance = information(model, handle, state, freedom).crlb()
     distance = float(np.linalg.norm(place))
     by_range = place / (distance or 1.0) @ by
-    if covariance is None:
+    if covariance is None or freedom == 0:
         covariance = np.full((state.size, state.size), np.inf)
     x, y, z = place.tolist()
     return ClosestPoint(
         time=origin + time,
-        time_std=root(by_time @ covariance @ by_time),
+        time_std=deviation(by_time, covariance),
         position=(x, y, z),
         range=distance,
-        range_std=root(by_range @ covariance @ by_range),
+        range_std=deviation(by_range, covariance),
     )

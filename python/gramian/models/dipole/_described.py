@@ -171,7 +171,17 @@ def _tried(
     filled = record.filled
     failed: list[str] = []
 
+    numbers = int((~np.isnan(record.field)).sum()) + len(record.setup.prior)
+    # Noise that is to be estimated needs one more.
+    most = numbers - (record.setup.sigma is None)
+
     def settled(about: Description, starts: Array) -> _Settled | None:
+        names = record.model(raw, np.sqrt(raw["weights"]), about).names
+        # Attitude and scale have a prior each.
+        free = sum(not name.startswith(("attitude", "scale")) for name in names)
+        if free > most and (about.sources > 1 or about.quadrupole):
+            failed.append(f"{about}: {free} states for {numbers} numbers")
+            return None
         try:
             found = _settle(about, starts, raw, record)
             # A dipole without a moment, or far away, tells of nothing.
