@@ -339,11 +339,11 @@ class Sensor(Value):
         named(np.abs(z) > 2 * np.pi, "beyond +-2 pi: angles are in radians; are these degrees?")
         if self.kind == "cone_angle":
             named((z < -slack) | (z > np.pi + slack), "must be between 0 and pi, from the heading")
-        given = np.unique(z[~np.isnan(z)])
+        given = z[~np.isnan(z)]
         # Whole numbers, and several of them, are no radians.
-        if given.size > 3 and (given == np.round(given)).all():
+        if (given == np.round(given)).all() and np.unique(given).size > 3:
             warnings.warn(
-                f"{self.name}: all are whole numbers from {given[0]:g} to {given[-1]:g}: "
+                f"{self.name}: all are whole numbers from {given.min():g} to {given.max():g}: "
                 "angles are in radians; are these degrees?",
                 stacklevel=4,
             )

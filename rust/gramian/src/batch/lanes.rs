@@ -4,7 +4,9 @@
 //! Kernels that add up work on blocks of [`LANES`] samples whatever the width of
 //! the registers, so that the order of their sums does not depend on the CPU.
 
-use core::ops::{Add, Div, Mul, Neg, Sub};
+use alloc::vec;
+use alloc::vec::Vec;
+use core::ops::{Add, Deref, DerefMut, Div, Mul, Neg, Sub};
 
 use pulp::Simd;
 
@@ -15,6 +17,39 @@ use crate::numbers::lane::Lane;
 pub const LANES: usize = 8;
 /// One block of samples.
 pub type Block = [f64; LANES];
+
+/// Blocks that begin where a line of the cache does: a register that lies across two lines
+/// takes twice the time.
+#[derive(Debug)]
+pub struct Blocks {
+    numbers: Vec<f64>,
+    first: usize,
+}
+
+impl Blocks {
+    /// `count` blocks of zeros.
+    pub fn zeros(count: usize) -> Self {
+        let numbers = vec![0.0; LANES * (count + 1) - 1];
+        // Any other place does as well, only slower.
+        let first = numbers.as_ptr().align_offset(64).min(LANES - 1);
+        Self { numbers, first }
+    }
+}
+
+impl Deref for Blocks {
+    type Target = [Block];
+    #[inline]
+    fn deref(&self) -> &[Block] {
+        self.numbers[self.first..].as_chunks().0
+    }
+}
+
+impl DerefMut for Blocks {
+    #[inline]
+    fn deref_mut(&mut self) -> &mut [Block] {
+        self.numbers[self.first..].as_chunks_mut().0
+    }
+}
 
 /// A register of lanes of numbers.
 #[derive(Clone, Copy, Debug)]
@@ -327,6 +362,17 @@ mod tests {
                     }
                 }
             }
+        }
+    }
+
+    #[test]
+    fn blocks_have_their_number_and_place() {
+        for count in [0, 1, 2, 7, 64] {
+            let mut blocks = Blocks::zeros(count);
+            assert_eq!(blocks.len(), count);
+            assert_eq!(blocks.as_ptr().align_offset(64), 0);
+            blocks.fill([1.0; LANES]);
+            assert!(blocks.iter().all(|block| *block == [1.0; LANES]));
         }
     }
 

@@ -41,7 +41,7 @@ pub(crate) fn wrapped<L: Lane>(angle: L) -> L {
         // A remainder has no rounding, but takes its time.
         near = size.select_greater(large, angle.remainder(turn), angle);
     }
-    let wrapped = near - turn * (near / turn).round();
+    let wrapped = near - turn * near.times(1.0 / TAU).round();
     // What rounding leaves just outside.
     let wrapped = wrapped.select_greater(half, wrapped - turn, wrapped);
     wrapped.select_greater(-half, wrapped, wrapped + turn)

@@ -47,6 +47,14 @@ pub trait Motion<const D: usize> {
     /// state in the first entries of `changes`. `x` and `changes` have at least
     /// [`states`](Motion::states) entries.
     fn at<L: Lane>(&self, x: &[L], u: L, changes: &mut [Change<L, D>]) -> Instant<L, D>;
+
+    /// The one component of place and velocity that a state changes; `None` where it may
+    /// change several.
+    #[inline(always)]
+    fn component(&self, state: usize) -> Option<usize> {
+        let _ = state;
+        None
+    }
 }
 
 /// The place is a polynomial in time: the states are place, velocity, acceleration ..,
@@ -108,6 +116,11 @@ impl<const D: usize> Motion<D> for Polynomial {
         }
         now
     }
+
+    #[inline(always)]
+    fn component(&self, state: usize) -> Option<usize> {
+        Some(state % D)
+    }
 }
 
 /// The times of the turns of a motion in legs, s after the reference time.
@@ -129,8 +142,9 @@ impl Turns<'_> {
         }
     }
 
+    /// How many of them are states.
     #[inline(always)]
-    fn unknown(&self) -> usize {
+    pub(crate) fn unknown(&self) -> usize {
         match self {
             Self::Known(_) => 0,
             Self::Unknown(count) => *count,
@@ -219,6 +233,11 @@ impl<const D: usize> Motion<D> for Legs<'_> {
             (begun, on) = (next, later);
         }
         now
+    }
+    #[inline(always)]
+    fn component(&self, state: usize) -> Option<usize> {
+        let turns = <Self as Motion<D>>::states(self) - self.turns.unknown();
+        (state < turns).then_some(state % D)
     }
 }
 

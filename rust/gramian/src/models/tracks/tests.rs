@@ -164,8 +164,15 @@ fn check_motion<const D: usize>(motion: &impl Motion<D>, x: &[f64], u: f64, dela
         let mut unused = [Change::<Dual, D>::zero(time); MOST];
         emitted(motion, &states, time, &place, &still, delay, &mut unused).instant
     };
+    let mut plain = [Change::<f64, D>::zero(0.0); MOST];
+    motion.at(x, u, &mut plain);
     for k in 0..n {
         let wanted = dual(k);
+        if let Some(only) = motion.component(k) {
+            for axis in (0..D).filter(|&axis| axis != only) {
+                assert_eq!((plain[k].place[axis], plain[k].velocity[axis]), (0.0, 0.0));
+            }
+        }
         for axis in 0..D {
             let scale = changes[k]
                 .place

@@ -6,7 +6,7 @@ use alloc::vec::Vec;
 
 use super::{Channel, Group, Kind, Moving, Parameter, Scene, Whitener};
 use crate::batch::Items;
-use crate::batch::lanes::{Block, LANES, Lanes};
+use crate::batch::lanes::{Block, Blocks, LANES, Lanes};
 use crate::models::tracks::carrier::Carried;
 use crate::models::tracks::motion::{
     Change, CoordinatedTurn, Instant, Legs, Motion, Polynomial, SteadyLegs, Turns, emitted,
@@ -34,6 +34,11 @@ impl<const D: usize> Motion<D> for ConstantVelocity {
     fn at<L: Lane>(&self, x: &[L], u: L, changes: &mut [Change<L, D>]) -> Instant<L, D> {
         Polynomial::CONSTANT_VELOCITY.at(x, u, changes)
     }
+
+    #[inline(always)]
+    fn component(&self, state: usize) -> Option<usize> {
+        Motion::<D>::component(&Polynomial::CONSTANT_VELOCITY, state)
+    }
 }
 
 /// Two legs with a turn at an unknown time, likewise.
@@ -49,6 +54,12 @@ impl<const D: usize> Motion<D> for TwoLegs {
     fn at<L: Lane>(&self, x: &[L], u: L, changes: &mut [Change<L, D>]) -> Instant<L, D> {
         let turns = Turns::Unknown(1);
         Legs { turns }.at(x, u, changes)
+    }
+
+    #[inline(always)]
+    fn component(&self, state: usize) -> Option<usize> {
+        let turns = Turns::Unknown(1);
+        Motion::<D>::component(&Legs { turns }, state)
     }
 }
 
@@ -231,6 +242,8 @@ impl<M: Motion<D>, const D: usize> pulp::WithSimd for Bearings<'_, M, D> {
         let states = self.motion.states();
         let zero = Lanes::splat(simd, 0.0);
         let carrier = look.channel.carrier.as_ref();
+        let times = &look.times[look.first..][..look.count];
+        let mut changes = [Change::zero(zero); 8];
         for part in 0..Lanes::<S>::PARTS {
             let mut x = [zero; 8];
             for k in 0..states {
@@ -239,21 +252,20 @@ impl<M: Motion<D>, const D: usize> pulp::WithSimd for Bearings<'_, M, D> {
             let gain = Lanes::splat(simd, 1.0) + look.state(simd, look.channel.scale, part);
             let bias = look.bias(simd, part);
             let scale = look.column(look.channel.scale);
-            for row in 0..look.count {
-                let sample = look.first + row;
-                let mut changes = [Change::zero(zero); 8];
-                let u = Lanes::splat(simd, look.times[sample]);
-                let now = self.motion.at(&x, u, &mut changes);
-                let (at, _, _) = carried::<_, D>(carrier, sample, None, zero);
+            for (row, &u) in times.iter().enumerate() {
+                let now = self.motion.at(&x, Lanes::splat(simd, u), &mut changes);
                 let mut offset = now.place;
-                for k in 0..D {
-                    offset[k] = offset[k] - at[k];
+                if let Some(carrier) = carrier {
+                    let at = &carrier.place[(look.first + row) * D..][..D];
+                    for k in 0..D {
+                        offset[k] = offset[k] - Lanes::splat(simd, at[k]);
+                    }
                 }
                 let sight = Sight {
                     offset,
                     target: now.velocity,
-                    carrier: at,
-                    axis: at,
+                    carrier: offset,
+                    axis: offset,
                 };
                 let reading = Bearing.read(&sight, &[zero; 2]);
                 let weight = look.weight(simd, row, part);
@@ -265,10 +277,22 @@ impl<M: Motion<D>, const D: usize> pulp::WithSimd for Bearings<'_, M, D> {
                 for k in 0..D {
                     slope[k] = slope[k] * steep;
                 }
+                let mut along = [zero; 8];
                 for k in 0..states {
-                    if let Some(column) = look.place(k) {
-                        let along = dot(&slope, &changes[k].place);
-                        along.store(&mut out[column * PIECE + row], part);
+                    along[k] = match self.motion.component(k) {
+                        Some(axis) => slope[axis] * changes[k].place[axis],
+                        None => dot(&slope, &changes[k].place),
+                    };
+                }
+                if look.columns.is_empty() {
+                    for k in 0..states {
+                        along[k].store(&mut out[k * PIECE + row], part);
+                    }
+                } else {
+                    for k in 0..states {
+                        if let Some(column) = look.place(k) {
+                            along[k].store(&mut out[column * PIECE + row], part);
+                        }
                     }
                 }
                 if let Some(column) = scale {
@@ -464,9 +488,9 @@ pub struct Trials<'a> {
     columns: Vec<usize>,
     /// The state of all, known ones at their values.
     x: Vec<Block>,
-    measured: Vec<Block>,
+    measured: Blocks,
     /// Which numbers are there, and which lanes miss some.
-    weights: Vec<Block>,
+    weights: Blocks,
     gaps: [bool; LANES],
     moves: Vec<Block>,
     values: Vec<f64>,
@@ -502,8 +526,8 @@ impl<'a> Trials<'a> {
             columns,
             x: x.collect(),
             free,
-            measured: vec![[0.0; LANES]; scene.measurements],
-            weights: vec![[0.0; LANES]; scene.measurements],
+            measured: Blocks::zeros(scene.measurements),
+            weights: Blocks::zeros(scene.measurements),
             gaps: [false; LANES],
             moves: Vec::new(),
             values: Vec::new(),
@@ -532,12 +556,23 @@ impl<'a> Trials<'a> {
             }
             _ => Weights::Each(&self.weights[from..to]),
         };
+        let channel = &group.channel;
+        let plain = channel.kind == Kind::Bearing
+            && channel.delay.is_none()
+            && channel.clock == Parameter::Fixed(0.0)
+            && matches!(
+                scene.motion,
+                Moving::Polynomial { order: 1 } | Moving::Legs(super::TurnTimes::Unknown(1))
+            );
         // Columns that not every sensor has.
-        for column in out.chunks_mut(PIECE).take(self.free.len()) {
-            column[..to - from].fill([0.0; LANES]);
+        let shared = if plain { scene.motion_states } else { 0 };
+        for (column, &state) in out.chunks_mut(PIECE).zip(&self.free) {
+            if state >= shared {
+                column[..to - from].fill([0.0; LANES]);
+            }
         }
         let look = Look {
-            channel: &group.channel,
+            channel,
             x: &self.x,
             motion_states: scene.motion_states,
             columns: &self.columns,
@@ -549,22 +584,16 @@ impl<'a> Trials<'a> {
             measured: &self.measured[from..to],
             weights,
         };
-        let channel = &group.channel;
-        if channel.kind == Kind::Bearing
-            && channel.delay.is_none()
-            && channel.clock == Parameter::Fixed(0.0)
-        {
-            match &scene.motion {
-                Moving::Polynomial { order: 1 } => {
-                    let motion = ConstantVelocity;
-                    return scene.path.run(Bearings::<_, D> { look, motion, out });
-                }
-                Moving::Legs(super::TurnTimes::Unknown(1)) => {
-                    let motion = TwoLegs;
-                    return scene.path.run(Bearings::<_, D> { look, motion, out });
-                }
-                _ => {}
+        match &scene.motion {
+            Moving::Polynomial { .. } if plain => {
+                let motion = ConstantVelocity;
+                return scene.path.run(Bearings::<_, D> { look, motion, out });
             }
+            Moving::Legs(_) if plain => {
+                let motion = TwoLegs;
+                return scene.path.run(Bearings::<_, D> { look, motion, out });
+            }
+            _ => {}
         }
         let size = driven(D, scene.motion_states);
         self.moves.resize(SOME * size, [0.0; LANES]);
@@ -684,6 +713,31 @@ impl SideBySide for Trials<'_> {
                 }
             }
         }
+    }
+
+    fn kinks(&self, state: usize) -> Vec<f64> {
+        let scene = self.scene;
+        let turns = match &scene.motion {
+            Moving::Legs(turns) | Moving::SteadyLegs(turns) => turns.turns().unknown(),
+            _ => 0,
+        };
+        let motion = scene.motion_states;
+        if !(motion - turns..motion).contains(&self.free[state]) {
+            return Vec::new();
+        }
+        // Where the turn meets a sample that is seen when it is emitted.
+        let now = |group: &&Group| {
+            group.channel.delay.is_none() && group.channel.clock == Parameter::Fixed(0.0)
+        };
+        let mut times: Vec<f64> = scene
+            .groups
+            .iter()
+            .filter(now)
+            .flat_map(|group| group.instants.iter().copied())
+            .collect();
+        times.sort_by(f64::total_cmp);
+        times.dedup();
+        times
     }
 
     fn linearize(&mut self, x: &[Block], rows: &mut Rows) {
