@@ -20,6 +20,7 @@ PASSES = (PLACES, RNG.normal(0.0, 1.0, (TRIALS, 3)), MOMENTS)
 LOOKS = RNG.uniform(10e3, 50e3, (TRIALS, 12, 2)) + np.array([0.0, 1e3])
 RADARS = ([[0.0, 0.0], [60e3, 0.0]], (50.0, 0.00175))
 ROWS = RNG.normal(size=(TRIALS, 30, 4))
+SYSTEMS = (RNG.normal(size=(TRIALS, 4, 4)), RNG.normal(size=(TRIALS, 2, 4)))
 MANY = RNG.normal(size=(TRIALS, 30, 6))
 
 #: Each public function of batches that gives one array.
@@ -47,6 +48,12 @@ CALLS = {
         *PASSES, T, sensors=[[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]], ambient=[0.0, 2e-5, -4e-5], **k
     ),
     "dipole.fisher": lambda **k: gm.dipole.fisher(*PASSES, T, 1e-9, **k),
+    "linear.observability_matrix": lambda **k: gm.linear.observability_matrix(*SYSTEMS, **k),
+    "linear.gramian": lambda **k: gm.linear.gramian(*SYSTEMS, window=2.0, **k),
+    "linear.gramian, discrete": lambda **k: gm.linear.gramian(*SYSTEMS, window=2.0, dt=0.5, **k),
+    "linear.gramian with noise": lambda **k: gm.linear.gramian(
+        *SYSTEMS, window=2.0, Q=np.eye(4), **k
+    ),
     "registration.rows": lambda **k: gm.registration.rows(LOOKS, *RADARS, **k),
     "registration.fisher": lambda **k: gm.registration.fisher(LOOKS, *RADARS, **k),
     "registration.eta": lambda **k: gm.registration.eta(LOOKS, *RADARS, **k),

@@ -55,15 +55,17 @@ fn expect_rtol(rtol: Option<f64>) -> PyResult<()> {
 
 /// (..., (order + 1) p, n)
 #[pyfunction]
+#[pyo3(signature = (a, c, order, out=None))]
 fn observability_matrix<'py>(
     py: Python<'py>,
     a: &Bound<'py, PyAny>,
     c: &Bound<'py, PyAny>,
     order: Option<usize>,
+    out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let (mut a, mut c, n, p) = system(a, c)?;
     let order = order.unwrap_or(n - 1);
-    let batch = Batch::of(&mut [&mut a, &mut c])?;
+    let batch = Batch::into(&mut [&mut a, &mut c], out)?;
     let (a, c) = (a.items()?, c.items()?);
     let lines = order.saturating_add(1).saturating_mul(p);
     batch.fill(
@@ -106,6 +108,7 @@ fn linear_levels<'py>(
 /// (..., n, n) of outputs whitened by the caller. `duration` is a time, or a
 /// number of samples where `discrete`.
 #[pyfunction]
+#[pyo3(signature = (a, c, q, duration, samples, out=None))]
 fn linear_gramian<'py>(
     py: Python<'py>,
     a: &Bound<'py, PyAny>,
@@ -113,6 +116,7 @@ fn linear_gramian<'py>(
     q: Option<&Bound<'py, PyAny>>,
     duration: f64,
     samples: Option<usize>,
+    out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let (mut a, mut c, n, _) = system(a, c)?;
     let mut q = q.map(|q| Input::new(q, "Q", 2)).transpose()?;
@@ -120,8 +124,8 @@ fn linear_gramian<'py>(
         q.expect(&[Some(n), Some(n)], "a covariance of the states")?;
     }
     let batch = match &mut q {
-        Some(q) => Batch::of(&mut [&mut a, &mut c, q])?,
-        None => Batch::of(&mut [&mut a, &mut c])?,
+        Some(q) => Batch::into(&mut [&mut a, &mut c, q], out)?,
+        None => Batch::into(&mut [&mut a, &mut c], out)?,
     };
     let span = samples.map_or(Span::Duration(duration), Span::Samples);
     let (a, c) = (a.items()?, c.items()?);

@@ -28,7 +28,11 @@ Array = NDArray[np.float64]
 
 
 def observability_matrix(
-    A: SystemLike, C: ArrayLike | None = None, order: int | None = None
+    A: SystemLike,
+    C: ArrayLike | None = None,
+    order: int | None = None,
+    *,
+    out: Array | None = None,
 ) -> Array:
     """Return [C; CA; ..; CA^order].
 
@@ -40,6 +44,9 @@ def observability_matrix(
     C : array_like, shape (..., p, n)
     order : int, optional
         The highest power of A, >= 0; n - 1 by default.
+    out : ndarray, shape of the result, optional
+        Where the result is written: of float64, C-contiguous, writable; it is returned. It may
+        share memory with an argument. Without it a new array is made.
 
     Returns
     -------
@@ -68,7 +75,7 @@ def observability_matrix(
         if 10**7 < order < 10**9:
             raise InputError(f"order = {order}: must be at most 10000000; n - 1 is enough")
     a, c = (dense(part, name) for part, name in zip(matrices(A, C), "AC", strict=True))
-    return _core.observability_matrix(a, c, order)
+    return _core.observability_matrix(a, c, order, out)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -83,6 +83,7 @@ def gramian(
     R: ArrayLike | None = None,
     Q: ArrayLike | None = None,
     breakpoints: ArrayLike | None = None,
+    out: Array | None = None,
 ) -> Array:
     """Return the observability Gramian of a finite window: the information about x(0).
 
@@ -110,6 +111,10 @@ def gramian(
     breakpoints : array_like, shape (m,), optional
         Of a system that varies: times inside the window where A(t) or C(t) jumps, or
         where something short begins or ends.
+    out : ndarray, shape of the result, optional
+        Where the result is written: of float64, C-contiguous, writable; it is returned. It may
+        share memory with an argument. Without it a new array is made. For constant systems in a
+        `window`.
 
     Returns
     -------
@@ -141,15 +146,15 @@ def gramian(
            [2.        , 2.66666667]])
     """
     if times is not None:
-        if any(given is not None for given in (window, dt, Q, breakpoints)):
-            raise InputError("times goes without window, dt, Q and breakpoints")
+        if any(given is not None for given in (window, dt, Q, breakpoints, out)):
+            raise InputError("times goes without window, dt, Q, breakpoints and out")
         seen = rows(A, C, times=times, R=R)
         return _square(seen, "times")
     if window is None:
         raise InputError("window is missing: give it, or times")
     if _varies(A) or _varies(C):
-        if dt is not None or Q is not None:
-            raise InputError("a system that varies goes without dt and Q")
+        if dt is not None or Q is not None or out is not None:
+            raise InputError("a system that varies goes without dt, Q and out")
         return _integral(A, C, number(window, "window"), R, breakpoints)
     if breakpoints is not None:
         raise InputError("breakpoints go with A(t) or C(t), and a window")
@@ -173,7 +178,7 @@ def gramian(
         scaled = q / spread[..., :, None] / spread[..., None, :]
         if (np.linalg.eigvalsh(scaled) < -1e-10).any():
             raise InputError("Q has a negative eigenvalue: a covariance must not")
-    return _core.linear_gramian(a, white, Q, number(window, "window"), samples)
+    return _core.linear_gramian(a, white, Q, number(window, "window"), samples, out)
 
 
 def _square(seen: Array, what: str) -> Array:
