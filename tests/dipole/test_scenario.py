@@ -261,3 +261,89 @@ def test_mistakes_of_sensors_are_named(tmp_path, change, message):
     text = text.replace(*change).split("[ignored]")[0]
     with pytest.raises(gm.ScenarioError, match=message):
         load(write(tmp_path, text)).analyze()
+
+
+BODY = (EXAMPLES / "dipole_body.toml").read_text()
+TWO = "dipoles = [{ offset = [2.0, 1.0, 0.0], m = [-5.0, 3.0, 8.0] }]"
+MORE = "acceleration = 0.01 "
+FLAT = "quadrupole = [[1.0, 0, 0], [0, 1.0, 0], [0, 0, -2.0]]"
+#: Q m = 0.
+CENTRED = "quadrupole = [[150.0, -30, -90], [-30, -36, 102], [-90, 102, -114]]"
+
+
+@pytest.mark.parametrize(
+    ("body", "names"),
+    [
+        (TWO, ["dx of dipole 2", "dy of dipole 2", "dz of dipole 2", "mx of dipole 2"]),
+        ("acceleration = [0.01, 0.0, 0.02]", ["ax", "ay", "az"]),
+        ("turn_rate_deg_s = 2.0", ["turn rate"]),
+        (
+            "turn_rate_deg_s = 2.0\ninduced_volume = 0.5\nearth_field_uT = [20.0, 0.0, 40.0]",
+            ["turn rate", "induced volume"],
+        ),
+        ("attitude_deg = 1.0\nscale = 0.01", ["attitude x of sensor 1", "scale of sensor 4"]),
+        (CENTRED, ["Qxx"]),
+    ],
+)
+def test_what_passes_is_said_by_the_names_of_the_answer(tmp_path, body, names):
+    text = BODY.replace(TWO, body).replace(MORE, "")
+    if body == CENTRED:
+        text = text.replace("z = 6.0\nvz = 0.0\n", "vx = 1.0\n")
+    scene = load(write(tmp_path, text))
+    found = scene.analyze().data["observability"]
+    assert found["status"] == "observable"
+    if body == CENTRED:
+        assert sum(name.startswith("Q") for name in found["names"]) == 2
+    else:
+        assert set(names) <= set(found["names"])
+    # The rows are the derivatives of what is simulated.
+    experiment = scene.experiment().experiment
+    passing = experiment._passing
+    x, steps = passing.truth, np.array(found["crlb_std"])
+    rows = passing.model.rows(x)
+    for k in range(len(x)):
+        there, back = x.copy(), x.copy()
+        there[k] += steps[k]
+        back[k] -= steps[k]
+        change = (passing.read(there) - passing.read(back)).ravel() / (2 * steps[k])
+        off = np.abs(change * passing.model.weights.ravel() - rows[:, k]).max()
+        assert off < 1e-3 * np.abs(rows[:, k]).max(), passing.model.names[k]
+    assert experiment.simulate(1, 0, 2).shape == (2, 40, 4, 3)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (MORE, MORE + "\nturn_rate_deg_s = 2.0 ", "pass.acceleration: .* give one"),
+        (MORE, "induced_volume = 0.1 ", "pass.earth_field_uT: .* give both"),
+        (MORE, FLAT + " ", "pass.quadrupole: .* leave it or dipoles out"),
+        (TWO, FLAT, r"pass.quadrupole: .* Q m = 0"),
+        (TWO, FLAT.replace("-2.0", "-1.0"), "pass.quadrupole: .* must have a trace of 0"),
+        (TWO, "attitude_deg = -1.0", "pass.attitude_deg = -1.0: must be > 0"),
+        (", m = [-5.0, 3.0, 8.0] }", " }", r"pass.dipoles\[0\].m is missing"),
+    ],
+)
+def test_what_is_wrong_with_a_body_names_the_key(tmp_path, old, new, message):
+    assert old in BODY
+    with pytest.raises(gm.InputError, match=message):
+        load(write(tmp_path, BODY.replace(old, new))).analyze()
+
+
+def test_trials_of_a_body_are_located_by_its_description():
+    given = [-10, -10, 6], [1, 1, 0], [10, 20, 10], np.arange(0, 20, 0.5), 1e-11
+    sensors = [[0.0, 0, 0], [0, 1.5, 0], [1.5, 0, 0.4], [-3, 2, 0]]
+    more = {"sensors": sensors, "known": ["z0", "vz"], "acceleration": 0.01}
+    scene = gm.monte_carlo.Dipole(*given, **more)
+    assert scene.names[-1] == "acceleration along"
+    found = gm.monte_carlo.run(scene, 12, seed=1)
+    assert not found.failures
+    # The root of the mean of 12 squares is within 0.2 of its own, three deviations of it.
+    assert (abs(found.efficiency - 1) < 0.6).all()
+    # A trial depends on its number alone.
+    np.testing.assert_array_equal(scene.simulate(1, 5, 1)[0], scene.simulate(1, 0, 6)[5])
+    # Errors of the sensors are drawn anew, and known to a deviation.
+    tilted = gm.monte_carlo.Dipole(*given, sensors=sensors, known=["z0", "vz"], attitude=0.01)
+    off = tilted.simulate(1, 0, 50) - gm.dipole.measure(*given[:4], sensors=sensors)
+    assert off.std() > 3 * given[4]
+    bound = gm.crlb_std(tilted.problem())
+    assert (bound[[n.startswith("attitude") for n in tilted.names]] <= 0.01).all()

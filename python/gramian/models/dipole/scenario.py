@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -13,7 +14,7 @@ from pydantic import Field, model_validator
 
 from gramian._text import brief, count, number, plain
 from gramian.analysis import Observability, analyze
-from gramian.exceptions import UnobservableError
+from gramian.exceptions import InputError, UnobservableError
 from gramian.models.dipole import _localize, _model
 from gramian.models.dipole._result import Localization
 from gramian.report import Picture, Report, Table, Tone, answer_pictures, answer_tables, tone_of
@@ -21,6 +22,7 @@ from gramian.scenario.base import Scenario, Section, Simulation
 from gramian.scenario.files import read_columns
 
 if TYPE_CHECKING:
+    from gramian.monte_carlo import Dipole
     from gramian.problem import Problem
 
 __all__ = ["DipoleScenario"]
@@ -92,7 +94,7 @@ class Fit(Section):
     window: Literal["pass"] | Window | None = "pass"
     sigma_nT: Deviations | None = None
     starts: int = Field(default=12, ge=1)
-    sources: list[int] = Field(default=[1], min_length=1)
+    sources: list[int | Literal["quadrupole"]] = Field(default=[1], min_length=1)
     motion: list[Course] = Field(default=["straight"], min_length=1)
     attitude_deg: float | None = Field(default=None, gt=0)
     scale: float | None = Field(default=None, gt=0)
@@ -101,8 +103,18 @@ class Fit(Section):
     use: list[bool] | None = None
 
 
+class Further(Section):
+    """A dipole of the body after the first: its offset from that (m) and moment (A m^2)."""
+
+    offset: Vector
+    m: Vector
+
+
 class Pass(Section):
-    """A pass in place of a record: position (m) at the first time, velocity (m/s), moment."""
+    """A pass in place of a record: position (m) at the first time, velocity (m/s), moment.
+
+    What else there is to the body and the sensors is named as in `gramian.monte_carlo.Dipole`.
+    """
 
     r0: Vector
     v: Vector
@@ -110,12 +122,37 @@ class Pass(Section):
     duration: float = Field(gt=0)
     step: float = Field(gt=0)
     sigma_nT: Deviations
+    quadrupole: tuple[Vector, Vector, Vector] | None = None
+    dipoles: list[Further] | None = Field(default=None, min_length=1, max_length=3)
+    acceleration: float | Vector | None = None
+    turn_rate_deg_s: float | None = None
+    induced_volume: float | None = None
+    earth_field_uT: Vector | None = None
+    attitude_deg: float | None = Field(default=None, gt=0)
+    scale: float | None = Field(default=None, gt=0)
 
     @model_validator(mode="after")
     def _samples(self) -> Pass:
         if self.duration / self.step > 1e6:
             raise ValueError("a pass of more than a million samples: choose a longer step")
         return self
+
+    @property
+    def body(self) -> dict[str, Any]:
+        """What there is beside one dipole on a straight pass, as arguments."""
+        earth, tilt, rate = self.earth_field_uT, self.attitude_deg, self.turn_rate_deg_s
+        dipoles = self.dipoles
+        given = {
+            "quadrupole": self.quadrupole,
+            "dipoles": None if dipoles is None else [[*d.offset, *d.m] for d in dipoles],
+            "acceleration": self.acceleration,
+            "turn_rate": None if rate is None else np.radians(rate),
+            "induced_volume": self.induced_volume,
+            "earth_field": None if earth is None else 1e-6 * np.array(earth),
+            "attitude": None if tilt is None else np.radians(tilt),
+            "scale": self.scale,
+        }
+        return {name: value for name, value in given.items() if value is not None}
 
     @property
     def times(self) -> Array:
@@ -307,9 +344,39 @@ class DipoleScenario(Scenario):
             data={"model": self.model, "null_combinations": list(error.null_combinations)},
         )
 
+    def _experiment(self, known: Sequence[str] = ()) -> Dipole:
+        """Return the experiment of the assumed pass, with states that are known."""
+        from gramian.monte_carlo import Dipole
+
+        given = self.assumed
+        assert given is not None
+        beside = {**self._kind, **given.body}
+        try:
+            return Dipole(
+                given.r0, given.v, given.m, given.times, self._noise, known=known, **beside
+            )
+        except InputError as error:
+            # Its arguments are called as the keys are, but for their units.
+            names = {name: name for name in Pass.model_fields}
+            names |= {"turn_rate": "turn_rate_deg_s", "earth_field": "earth_field_uT"}
+            names |= {"attitude": "attitude_deg"}
+            key = names.get(str(error).split()[0], "")
+            raise self.error(f"pass.{key}" if key else "pass", str(error)) from None
+
+    @property
+    def _held(self) -> list[str]:
+        """The components of the place that a quadrupole is told about, not its centre's."""
+        if self.assumed is None or self.assumed.quadrupole is None:
+            return []
+        told = {_long(name) for name in (*self.known, *self.prior)}
+        return [name for name in _model.NAMES[:3] if name in told]
+
     @cached_property
     def _problem(self) -> tuple[Problem, Array]:
         """The rows of the pass, assumed or located, and its state."""
+        if self.assumed is not None and self.assumed.body:
+            given = self.assumed
+            return self._experiment(self._held).problem(), np.array([*given.r0, *given.v, *given.m])
         if self.assumed is not None:
             given = self.assumed
             state = np.array([*given.r0, *given.v, *given.m])
@@ -330,7 +397,8 @@ class DipoleScenario(Scenario):
         names = {_long(name) for name in self.known}
         sizes = [name for name in names if name not in _model.NAMES]
         fixed = [name for name in _model.NAMES if name in names]
-        if len(fixed) == 9:
+        fixed = [name for name in fixed if name in problem.names]
+        if len(fixed) == len(problem.names):
             raise self.error("known", "names every state: nothing is left to determine")
         if fixed:
             problem = problem.fix(*fixed)
@@ -341,6 +409,14 @@ class DipoleScenario(Scenario):
             if name not in problem.names and name not in problem.combinations:
                 raise self.error(f"prior.{name}", "is of something that is known")
         return problem.prior(sigmas) if sigmas else problem
+
+    @property
+    def _passing(self) -> str:
+        """What passes, in words."""
+        if self.assumed is None or not self.assumed.body:
+            return "one passing dipole"
+        body = self._experiment(self._held).body
+        return "one passing dipole" if body is None else str(body.description)
 
     def analyze(self) -> Report:
         """Answer what the field of the pass determines, and what knowledge would add."""
@@ -353,7 +429,7 @@ class DipoleScenario(Scenario):
         answer, state = analyze(problem), self._problem[1]
         return Report(
             title=self._title,
-            subtitle=f"{len(problem.rows)} numbers of {self._sensors}, one passing dipole",
+            subtitle=f"{len(problem.rows)} numbers of {self._sensors}, {self._passing}",
             tone=tone_of(answer),
             headline={"weak": "WEAKLY OBSERVABLE"}.get(answer.status, answer.status.upper()),
             verdict=answer.reason,
@@ -368,21 +444,11 @@ class DipoleScenario(Scenario):
 
     def experiment(self) -> Simulation:
         """Return the experiment of the assumed pass, with what is known of it."""
-        from gramian.monte_carlo import Dipole
-
         if self.assumed is None:
             raise self.error("pass", "is missing: there is nothing to simulate")
         given = self.assumed
         return Simulation(
-            Dipole(
-                given.r0,
-                given.v,
-                given.m,
-                given.times,
-                self._noise,
-                known=[_long(name) for name in self.known],
-                **self._kind,
-            ),
+            self._experiment([_long(name) for name in self.known]),
             title=self._title,
             subtitle=f"{len(given.times)} samples of {self._sensors}, sigma {self._sigma_text}",
         )
@@ -417,6 +483,12 @@ class DipoleScenario(Scenario):
             for name, value in self.known.items()
         ):
             return super().simulate(trials, seed, resume=resume, progress=progress)
+        if given.body:
+            raise self.error(
+                "prior" if self.prior else "known",
+                f"with {next(iter(given.body))} of the pass, trials take what is known exactly, "
+                "by its true value",
+            )
         known = {str(name): value for name, value in self.known.items()}
         found = _localize.localize_trials(
             given.r0,
