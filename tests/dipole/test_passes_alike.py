@@ -96,7 +96,9 @@ def test_a_batch_says_of_each_what_one_at_a_time_says(kind):
     [
         ({}, {}, "unobservable"),
         ({"speed": 1.5}, {}, "ambiguous"),
-        ({"speed": 1.5}, {"vx": (1.2, 0.1)}, "determined"),
+        # A pass of the same vx fits as well, with vy near 0.
+        ({"speed": 1.5}, {"vx": (1.2, 0.1)}, "ambiguous"),
+        ({"speed": 1.5}, {"vx": (1.2, 0.1), "vy": (0.9, 0.1)}, "determined"),
         ({"z": 4.0, "vz": 0.1}, {}, "determined"),
     ],
 )
