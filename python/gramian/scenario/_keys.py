@@ -109,6 +109,16 @@ Pass.m | A m^2 | magnetic moment | [10.0, 20.0, 10.0]
 Pass.duration | s | how long | 20.0
 Pass.step | s | from one sample to the next | 0.5
 Pass.sigma_nT | nT | noise: of all, of each sensor, or of the components of each, inf for what is not measured | [[0.1, 0.1, 0.3]]
+Pass.quadrupole | A m^3 | of the body, at the place of its dipole: symmetric, without trace | [[50.0, 10.0, 0.0], [10.0, -30.0, 5.0], [0.0, 5.0, -20.0]]
+Pass.dipoles | | the dipoles of the body after the first, at most three: tables of `offset` and `m` |
+Pass.acceleration | m/s^2 | along the track, or its three components | 0.01
+Pass.turn_rate_deg_s | deg/s | about z, clockwise seen from above | 0.5
+Pass.induced_volume | m^3 | of the moment that `earth_field_uT` induces in the body | 0.1
+Pass.earth_field_uT | uT | the Earth's field, which induces a moment | [0.0, 18.0, -45.0]
+Pass.attitude_deg | deg | deviation of each sensor's attitude, an error that is estimated | 1.0
+Pass.scale | | deviation of each sensor's scale factor, an error that is estimated | 0.01
+Further.offset | m | from the first dipole | [2.0, 1.0, 0.0]
+Further.m | A m^2 | magnetic moment | [-5.0, 3.0, 8.0]
 """,
     "inertial": """
 InertialScenario.site | | where it begins |
