@@ -242,9 +242,9 @@ def contests(quick: bool) -> Iterator[Contest]:
         cases={name: _case(name) for name in CASES},
         target="1.5 us a trial on a machine of 60 G multiply-adds a second",
         note="pybounds gives the bound of the last step alone.",
-        why="The C subtracts covariances: a division a step instead of seven, and no digit left "
-        "in the ill case. The factors take 1.5 times as long (2.35 us), and no less with one "
-        "division for the four of a row, nor without asking for zeros.",
+        why="The C subtracts covariances: one division a step instead of seven, and no digit left "
+        "in the ill case. Our factors take 1.5 times as long (2.35 us); one division for the four "
+        "inverses of a row, or no test for zeros, makes them no faster.",
     )
 
 
