@@ -84,7 +84,10 @@ def test_a_batch_says_of_each_what_one_at_a_time_says(kind):
             # Least squares at infinity, or not far from there.
             assert many.status in ("unobservable", "ambiguous"), seed
             continue
-        # Whether the model fits, and how far an interval reaches, is asked of one alone.
+        assert (
+            many.p_value == pytest.approx(one.fit.p_value, rel=1e-3) or "ambiguous" in many.status
+        )
+        # How far an interval reaches is asked of one alone.
         wanted = {one.status} if one.status == "ambiguous" else {"determined", "weak"}
         assert many.status in wanted, (seed, one.status, many.status)
         # Of passes that fit as well, either may be the answer: 95 % of chi-square.
@@ -116,6 +119,33 @@ def test_a_batch_of_one_sensor_of_three_components_is_judged_too(known, prior, s
         assert gm.dipole.localize(t, one, known, prior=prior, sigma=sigma).status == status
     blind = gm.dipole.localize_many(t, y, known, prior=prior, sigma=sigma, others=False)
     assert set(blind.status) == {"not_looked"}
+
+
+@pytest.mark.parametrize("others", [True, False])
+def test_a_batch_is_loud_where_the_model_is_wrong(others):
+    t = np.arange(0.0, 30.0, 0.5)
+    places = np.array([[0.0, 0.0, 0.0], [0.0, 2.0, 0.0]])
+    turned = np.array([-17.0, -9.0, 4.0]) + np.outer(t, [1.2, 0.9, 0.0])
+    turned[30:] = turned[30] + np.outer(t[30:] - t[30], [0.9, -1.2, 0.0])
+    m = np.array([20.0, -30.0, 15.0])
+    right = field(np.array([-17.0, -9.0, 4.0]), np.array([1.2, 0.9, 0.0]), m, t, places)
+    turn = np.concatenate([field(r, np.zeros(3), m, np.zeros(1), places) for r in turned])
+    dead = right.copy()
+    dead[:, 1, 0] = 0.0
+    sigma = 0.005 * np.ptp(right)
+    noise = sigma * np.random.default_rng(3).normal(size=right.shape)
+    y = np.stack([right, turn, dead, 1.3 * right]) + noise
+    y[3, :, 1] -= 0.3 * right[:, 1]  # The gain of one sensor.
+    given = {"known": {"vz": 0.0}, "sensors": places, "sigma": sigma, "others": others}
+    found = gm.dipole.localize_many(t, y, **given)
+    fine = "determined" if others else "not_looked"
+    assert found.status.tolist() == [fine, "misfit", "misfit", "misfit"]
+    assert found.p_value[0] > 0.001 > found.p_value[1:].max()
+    # Of an estimated noise nothing is said.
+    del given["sigma"]
+    assert np.isnan(gm.dipole.localize_many(t, y, **given).p_value).all()
+    with pytest.raises(gm.InputError, match="alpha = 1"):
+        gm.dipole.localize_many(t, y, **given, alpha=1.0)
 
 
 def test_two_sensors_of_the_total_field_do_not_tell_a_reflected_pass():

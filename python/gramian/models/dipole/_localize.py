@@ -17,7 +17,7 @@ from gramian.exceptions import InputError
 from gramian.models.dipole._answer import plain_answer, states_of
 from gramian.models.dipole._described import Motion, Sources, as_descriptions, described
 from gramian.models.dipole._estimate import PLAIN
-from gramian.models.dipole._result import Localization, Localizations
+from gramian.models.dipole._result import STATUSES, Localization, Localizations
 from gramian.models.dipole._setup import Background, Loss, Record, Setup, as_times
 
 __all__ = ["localize", "localize_many", "localize_trials"]
@@ -243,6 +243,7 @@ def localize_many(
     sigma: ArrayLike | None = None,
     starts: int = 12,
     others: bool = True,
+    alpha: float = 0.001,
 ) -> Localizations:
     """Locate dipoles in many records at once.
 
@@ -257,6 +258,8 @@ def localize_many(
     others : bool
         Whether to look for other passes that fit as well, and to judge each answer by them: see
         Notes.
+    alpha : float
+        "misfit" where a true model costs as much with a smaller probability than this, in (0, 1).
 
     Returns
     -------
@@ -279,14 +282,17 @@ def localize_many(
     - "unobservable": some combination of the states changes no number, or several heads see the
       pass from so far that it fits as well at any larger size (where `localize` follows it there,
       the status may be "ambiguous" here);
+    - "misfit": the model does not fit, by chi-square of the cost where `sigma` is given (with the
+      Huber loss the cost of gross errors is less);
     - "not_converged";
     - "ambiguous": another pass was found that noise prefers in more than 1 % of records;
     - "weak": the deviation of the closest range is more than a quarter of it, or the noise cannot
       be estimated from as many numbers as states;
     - "determined".
 
-    Whether the model fits ("misfit") and how far intervals reach is not asked: `localize` does.
-    Without `others` the status is "not_looked": the answer may be one of several.
+    What would explain a misfit, whether neighbouring residuals are alike and how far intervals
+    reach is not asked: `localize` does. Without `others` the status is "misfit" or "not_looked":
+    the answer may be one of several.
 
     Examples
     --------
@@ -320,15 +326,23 @@ def localize_many(
         y = y - (offsets - setup.heads.quiet)
     setup.enough(np.where(there, 0.0, np.nan))
     inner = setup.options("none" if background is None else "fit", None)
+    options.fraction(alpha, "alpha")
     out = setup.run(when, y, replace(inner, others=options.flag(others, "others")))
+    p_value, code = np.full(out["cost"].shape, np.nan), out["status"].astype(np.int8)
+    dof = int(there.sum()) + len(setup.prior) - setup.unknowns
+    if setup.sigma is not None and dof > 0:
+        p_value = _core.chi_square_survival(out["cost"], dof)
+        bad = (p_value < alpha) & (code != STATUSES.index("unobservable"))
+        code = np.where(bad, np.int8(STATUSES.index("misfit")), code)
     return Localizations(
         states=out["state"],
         costs=out["cost"],
         mirrors=out["mirror"],
         mirror_costs=out["mirror_cost"],
         sigmas=out["sigma"],
+        p_value=p_value,
         converged=out["converged"] == 1,
-        code=out["status"].astype(np.int8),
+        code=code,
     )
 
 

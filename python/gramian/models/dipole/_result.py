@@ -43,6 +43,7 @@ STATUSES = (
     "weak",
     "determined",
     "not_looked",
+    "misfit",
 )
 
 
@@ -535,6 +536,9 @@ class Localizations(Answer):
         The best near each mirror image; `inf` where knowledge excludes it.
     mirror_costs : ndarray, shape (...)
     sigmas : ndarray, shape (...)
+    p_value : ndarray, shape (...)
+        How likely a true model costs as much: chi-square. NaN where sigma was estimated, or with
+        as many numbers as unknowns.
     converged : ndarray of bool, shape (...)
     code : ndarray of int, shape (...)
         What is said of each answer: the place in `STATUSES`.
@@ -545,6 +549,7 @@ class Localizations(Answer):
     mirrors: Array
     mirror_costs: Array
     sigmas: Array
+    p_value: Array
     converged: NDArray[np.bool_]
     code: NDArray[np.int8]
 
@@ -557,7 +562,8 @@ class Localizations(Answer):
     def _as_table(self) -> Columns:
         values = {"": np.atleast_2d(self.states), "mirror": np.atleast_2d(self.mirrors)}
         others: dict[str, Any] = {"cost": self.costs, "mirror_cost": self.mirror_costs}
-        others |= {"sigma": self.sigmas, "converged": self.converged, "status": self.status}
+        others |= {"sigma": self.sigmas, "p_value": self.p_value}
+        others |= {"converged": self.converged, "status": self.status}
         return columns_of_states(NAMES, UNITS, values, others)
 
 
