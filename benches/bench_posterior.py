@@ -243,8 +243,8 @@ def contests(quick: bool) -> Iterator[Contest]:
         target="1.5 us a trial on a machine of 60 G multiply-adds a second",
         note="pybounds gives the bound of the last step alone.",
         why="The C subtracts covariances: one division a step instead of seven, and no digit left "
-        "in the ill case. Our factors take 1.5 times as long (2.35 us); one division for the four "
-        "inverses of a row, or no test for zeros, makes them no faster.",
+        "in the ill case. Ours keep factors, with all digits; one division for the four inverses "
+        "of a row, or no test for zeros, made them no faster.",
     )
 
 
