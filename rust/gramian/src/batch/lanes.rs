@@ -11,6 +11,7 @@ use core::ops::{Add, Deref, DerefMut, Div, Mul, Neg, Sub};
 use pulp::Simd;
 
 use super::element::Element;
+use super::simd;
 use crate::numbers::lane::Lane;
 
 /// Samples in a block.
@@ -120,6 +121,12 @@ impl<S: Simd> Lanes<S> {
         let below = simd.less_than_f64s(self.value, simd.splat_f64s(high));
         let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
         self.with(simd.select_f64s(above, simd.select_f64s(below, one, zero), zero))
+    }
+
+    /// The same as [`Lane::atan2`], for less where all points lie within pi/8 of the x axis.
+    #[inline(always)]
+    pub fn atan2_ahead(self, x: Self) -> Self {
+        self.with(simd::atan2_ahead(self.simd, self.value, x.value))
     }
 
     /// The least of the lanes.

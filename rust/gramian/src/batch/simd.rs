@@ -94,6 +94,7 @@ const COS: [f64; 6] = [
     2.087_614_602_468_974_7e-9,
     -1.138_261_486_856_432_5e-11,
 ];
+const TAN_PI_8: f64 = 0.414_213_562_373_095_03;
 const ATAN: [f64; 11] = [
     -0.333_333_333_333_333_3,
     0.199_999_999_999_955_2,
@@ -272,17 +273,12 @@ pub fn atan2<S: pulp::Simd>(simd: S, y: S::f64s, x: S::f64s) -> S::f64s {
     let steep = simd.greater_than_f64s(ay, ax);
     let (small, large) = (simd.min_f64s(ax, ay), simd.max_f64s(ax, ay));
     // Above tan(pi/8) turn by pi/4: atan q = pi/4 + atan((q - 1) / (q + 1)).
-    let turned = simd.greater_than_f64s(
-        small,
-        simd.mul_f64s(simd.splat_f64s(0.414_213_562_373_095_03), large),
-    );
+    let turned = simd.greater_than_f64s(small, simd.mul_f64s(simd.splat_f64s(TAN_PI_8), large));
     let over = simd.select_f64s(turned, simd.sub_f64s(small, large), small);
     let under = simd.select_f64s(turned, simd.add_f64s(small, large), large);
     let nothing = simd.equal_f64s(large, zero);
     let under = simd.select_f64s(nothing, simd.splat_f64s(1.0), under);
-    let q = simd.div_f64s(over, under);
-    let z = simd.mul_f64s(q, q);
-    let angle = simd.mul_add_e_f64s(simd.mul_f64s(q, z), polynomial(simd, &ATAN, z), q);
+    let angle = small_atan(simd, simd.div_f64s(over, under));
     let quarter = simd.splat_f64s(core::f64::consts::FRAC_PI_4);
     let angle = simd.select_f64s(turned, simd.add_f64s(quarter, angle), angle);
     let half = simd.splat_f64s(core::f64::consts::FRAC_PI_2);
@@ -291,6 +287,24 @@ pub fn atan2<S: pulp::Simd>(simd: S, y: S::f64s, x: S::f64s) -> S::f64s {
     let behind = simd.less_than_f64s(x, zero);
     let angle = simd.select_f64s(behind, simd.sub_f64s(whole, angle), angle);
     simd.select_f64s(simd.less_than_f64s(y, zero), simd.neg_f64s(angle), angle)
+}
+
+/// The arc tangent of up to tan(pi/8).
+#[inline(always)]
+fn small_atan<S: pulp::Simd>(simd: S, q: S::f64s) -> S::f64s {
+    let z = simd.mul_f64s(q, q);
+    simd.mul_add_e_f64s(simd.mul_f64s(q, z), polynomial(simd, &ATAN, z), q)
+}
+
+/// The same as [`atan2`], for less where all points lie within pi/8 of the x axis.
+#[inline(always)]
+pub fn atan2_ahead<S: pulp::Simd>(simd: S, y: S::f64s, x: S::f64s) -> S::f64s {
+    let end = simd.mul_f64s(simd.splat_f64s(TAN_PI_8), x);
+    let beside = simd.greater_than_or_equal_f64s(simd.abs_f64s(y), end);
+    if simd.first_true_m64s(beside) < S::F64_LANES {
+        return atan2(simd, y, x);
+    }
+    small_atan(simd, simd.div_f64s(y, x))
 }
 
 /// Sines and cosines of an array on the given path; the three have one length.
@@ -367,7 +381,7 @@ mod tests {
         }
     }
 
-    struct Atan2<'a>(&'a [f64], &'a [f64], &'a mut [f64]);
+    struct Atan2<'a>(&'a [f64], &'a [f64], &'a mut [f64], bool);
 
     impl pulp::WithSimd for Atan2<'_> {
         type Output = ();
@@ -381,7 +395,12 @@ mod tests {
                 .zip(self.1.chunks(n))
                 .zip(self.2.chunks_mut(n))
             {
-                let angle = atan2(simd, simd.partial_load_f64s(y), simd.partial_load_f64s(x));
+                let (y, x) = (simd.partial_load_f64s(y), simd.partial_load_f64s(x));
+                let angle = if self.3 {
+                    atan2_ahead(simd, y, x)
+                } else {
+                    atan2(simd, y, x)
+                };
                 simd.partial_store_f64s(out, angle);
             }
         }
@@ -409,7 +428,7 @@ mod tests {
         }
         for path in Path::available() {
             let mut out = vec![0.0; y.len()];
-            path.run(Atan2(&y, &x, &mut out));
+            path.run(Atan2(&y, &x, &mut out, false));
             for i in 0..y.len() {
                 let wanted = y[i].atan2(x[i]);
                 assert!(
@@ -420,6 +439,9 @@ mod tests {
                     out[i]
                 );
             }
+            let mut ahead = vec![0.0; y.len()];
+            path.run(Atan2(&y, &x, &mut ahead, true));
+            assert_eq!(ahead, out, "{path:?}");
         }
     }
 }

@@ -19,7 +19,7 @@
 use alloc::vec;
 use alloc::vec::Vec;
 
-use super::gauss_newton::Options;
+use super::gauss_newton::{Loss, Options};
 use crate::batch::lanes::{Block, Blocks, LANES};
 use crate::batch::simd::Path;
 
@@ -67,7 +67,8 @@ pub struct Arrived {
     pub iterations: u32,
     /// Whether they came to rest.
     pub converged: bool,
-    /// The triangular factor of the rows there, row-major (n, n), weighted by the loss.
+    /// The triangular factor of the rows there, or where the last step began if that was
+    /// within [`LAST`], row-major (n, n), weighted by the loss.
     pub factor: Vec<f64>,
 }
 
@@ -93,6 +94,8 @@ struct Place {
     crossings: u32,
     /// How many steps from here were refused.
     refused: u32,
+    /// Whether the next step ends there, without a look at the rows.
+    last: bool,
 }
 
 /// By how much damping rises after the first of the steps that are refused one after the other;
@@ -107,6 +110,15 @@ const LEAST: (f64, f64) = (0.03, 1e-4);
 /// first, a shorter step may lead farther: past a kink that is the lowest of its surroundings
 /// alone.
 const HOLDS: u32 = 2;
+
+/// An undamped step of 1e-4 deviations is the last, where the one before it left as little as
+/// this of its own. Squares of deviations: what it leaves is below rounding of the loss, and
+/// what the rows foretell of the loss is as good as the rows behind it.
+pub const LAST: f64 = 1e-8;
+const LEFT: f64 = 1e-3;
+
+/// What an undamped step must bring of what the rows foretell, for the next to be undamped too.
+const FAIR: f64 = 0.75;
 
 /// What follows a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -160,7 +172,8 @@ impl Place {
             let share = (gain / self.foretold).clamp(0.0, 1.0);
             self.damping *= (1.0 - (2.0 * share - 1.0).powi(3)).max(FALL);
             if self.damping < 1e-7 {
-                self.damping = 0.0;
+                let far = self.decrease > 1.0 && share < FAIR;
+                self.damping = if far { LEAST.0 } else { 0.0 };
             }
             self.rise = RISE;
             return Verdict::Taken;
@@ -209,6 +222,12 @@ pub fn minimize_all<M: SideBySide + ?Sized>(
     }
     while work.places.iter().any(|place| place.job.is_some()) {
         work.propose();
+        for lane in 0..LANES {
+            if let (true, Some(job)) = (work.ends(lane), work.places[lane].job) {
+                out[job] = Some(work.arrived(lane, true));
+                work.next_job(model, lane, jobs, &mut waiting);
+            }
+        }
         work.rows.clear(true);
         model.linearize(&work.next, &mut work.rows);
         work.rows.reduce();
@@ -428,6 +447,24 @@ impl Work {
         }
     }
 
+    /// Takes a step that is the last, unless it crosses a kink.
+    fn ends(&mut self, lane: usize) -> bool {
+        let place = &mut self.places[lane];
+        if !core::mem::take(&mut place.last) {
+            return false;
+        }
+        if crossing(&self.kinks, &self.x, &self.next, lane).is_some() {
+            return false;
+        }
+        place.iterations += 1;
+        place.cost -= place.foretold;
+        place.data = place.cost;
+        for (x, next) in self.x.iter_mut().zip(self.next.iter()) {
+            x[lane] = next[lane];
+        }
+        true
+    }
+
     /// Takes or refuses the step of each lane; whether it converged, where it is done.
     fn settle(&mut self) -> [Option<bool>; LANES] {
         let n = self.n;
@@ -462,14 +499,27 @@ impl Work {
                 }
                 Verdict::Taken => {
                     taken[lane] = 1.0;
+                    let before = place.decrease;
                     place.decrease = seen.decrease[lane];
                     if seen.full[lane] == 0.0 {
                         place.damping = place.damping.max(1e-8);
                     }
                     if place.decrease <= 1e-12 + 1e-15 * place.cost {
                         Some(true)
+                    } else if place.iterations >= self.options.max_iterations {
+                        Some(false)
                     } else {
-                        (place.iterations >= self.options.max_iterations).then_some(false)
+                        // The loss is that of the measurements alone, which the rows foretell.
+                        let plain = self.options.loss == Loss::Squares
+                            && self.rows.cost[lane] == self.rows.data[lane];
+                        place.last = plain
+                            && place.crossings == 0
+                            && seen.full[lane] > 0.0
+                            && place.decrease < LAST.min(LEFT * before);
+                        if place.last {
+                            place.damping = 0.0;
+                        }
+                        None
                     }
                 }
             };

@@ -140,15 +140,22 @@ const COARSE: f64 = 1e-8;
 /// Writes the inverse of the factor.
 fn least_ratio(factor: &[f64], n: usize, scale: &[f64], b: &mut [f64]) -> f64 {
     let mut square = 0.0;
-    for j in 0..n {
-        for i in (0..=j).rev() {
-            let unit = if i == j { 1.0 } else { 0.0 };
-            let sum = (i + 1..=j).fold(unit, |sum, k| {
-                sum - factor[i * n + k] * scale[k] * b[k * n + j]
-            });
-            let entry = sum / (factor[i * n + i] * scale[i]);
-            b[i * n + j] = entry;
-            square += entry * entry;
+    for i in (0..n).rev() {
+        let (above, below) = b.split_at_mut((i + 1) * n);
+        let row = &mut above[i * n..];
+        row.fill(0.0);
+        row[i] = 1.0;
+        for (k, other) in (i + 1..n).zip(below.chunks_exact(n)) {
+            let factor = factor[i * n + k];
+            for (entry, other) in row[k..].iter_mut().zip(&other[k..]) {
+                *entry -= factor * other;
+            }
+        }
+        let inverse = 1.0 / (factor[i * n + i] * scale[i]);
+        for entry in &mut row[i..] {
+            let unscaled = *entry * inverse;
+            square += unscaled * unscaled;
+            *entry = unscaled * scale[i];
         }
     }
     let least = if square.is_finite() {
@@ -156,11 +163,6 @@ fn least_ratio(factor: &[f64], n: usize, scale: &[f64], b: &mut [f64]) -> f64 {
     } else {
         0.0
     };
-    for (row, scale) in b.chunks_exact_mut(n).zip(scale) {
-        for entry in row {
-            *entry *= scale;
-        }
-    }
     least
 }
 

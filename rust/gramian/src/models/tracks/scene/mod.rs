@@ -85,6 +85,7 @@ macro_rules! with_motion {
     };
 }
 
+mod glance;
 mod predict;
 mod starts;
 mod trials;
@@ -318,6 +319,7 @@ struct Group {
     weights: Vec<Block>,
     /// Whether the times are those of the sensor before.
     times_alike: bool,
+    glance: glance::Glance,
 }
 
 /// One target, sensors on carriers, and what is unknown about the sensors.
@@ -682,7 +684,6 @@ impl Group {
             count,
             width,
             times: blocks(&times, 1, count).collect(),
-            instants: times,
             carrier: match &channel.carrier {
                 Some(carried) => packed(carried, dimension, count),
                 None => nothing,
@@ -694,7 +695,9 @@ impl Group {
             whitener,
             weights,
             times_alike: false,
+            glance: glance::Glance::new(&channel.times, &times),
             channel,
+            instants: times,
         })
     }
 }
@@ -915,73 +918,6 @@ impl Model for Measured<'_> {
             self.pick(image.iter().copied(), &mut free);
             found(&free);
         }
-    }
-}
-
-impl Scene {
-    /// The largest deviation of the target's place while the sensors look, over the least
-    /// of their usual distances: by the covariance of all states, at five times of each
-    /// sensor. Infinite where the covariance is, 0 where no sensor has a place.
-    ///
-    /// All along the track, not at its first place alone: a velocity, or the last leg,
-    /// may be open where the start is known.
-    pub fn vagueness(&self, x: &[f64], covariance: &[f64]) -> f64 {
-        if !x.iter().chain(covariance).all(|x| x.is_finite()) {
-            return f64::INFINITY;
-        }
-        with_motion!(&self.motion, motion => if self.dimension == 2 {
-            self.vague::<_, 2>(motion, x, covariance)
-        } else {
-            self.vague::<_, 3>(motion, x, covariance)
-        })
-    }
-
-    fn vague<M: Motion<D>, const D: usize>(
-        &self,
-        motion: &M,
-        x: &[f64],
-        covariance: &[f64],
-    ) -> f64 {
-        let (n, states) = (x.len(), self.motion_states);
-        let mut changes = [super::motion::Change::<f64, D>::zero(0.0); MOST];
-        let (mut widest, mut nearest) = (0.0_f64, f64::INFINITY);
-        for group in self.groups.iter().filter(|group| group.count > 0) {
-            let Some(carrier) = &group.channel.carrier else {
-                continue;
-            };
-            let mut away = [0.0; 5];
-            let mut used = 0;
-            let mut last = None;
-            for k in 0..5 {
-                let sample = k * (group.count - 1) / 4;
-                if last == Some(sample) {
-                    continue;
-                }
-                last = Some(sample);
-                let now = motion.at(x, group.instants[sample], &mut changes);
-                let mut square = 0.0;
-                let mut spread = 0.0;
-                for axis in 0..D {
-                    square += (now.place[axis] - carrier.place[sample * D + axis]).powi(2);
-                    for (i, row) in covariance.chunks_exact(n).enumerate().take(states) {
-                        let by = changes[i].place[axis];
-                        let sum: f64 = (0..states).map(|j| row[j] * changes[j].place[axis]).sum();
-                        spread += by * sum;
-                    }
-                }
-                away[used] = square;
-                used += 1;
-                widest = widest.max(spread);
-            }
-            // A target that passes close by is no worse known for it: its usual distance.
-            away[..used].sort_by(f64::total_cmp);
-            let median = 0.5 * (away[(used - 1) / 2].sqrt() + away[used / 2].sqrt());
-            nearest = nearest.min(median);
-        }
-        if nearest.is_infinite() {
-            return 0.0;
-        }
-        (widest.max(0.0).sqrt() / nearest).min(f64::MAX)
     }
 }
 

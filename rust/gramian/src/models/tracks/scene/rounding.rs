@@ -28,9 +28,9 @@ enum What {
 
 /// Rounding of one sample of one sensor.
 #[derive(Clone, Copy, Debug, Default)]
-struct Grain {
+pub(super) struct Grain {
     /// Of the places of target and carriers, relative to their distance.
-    place: f64,
+    pub(super) place: f64,
     /// Of the carriers' velocities, relative to `pace`.
     velocity: f64,
     /// m, from each carrier.
@@ -46,49 +46,45 @@ impl Scene {
         let late = self.value(x, group.channel.clock);
         let times: Vec<f64> = which.iter().map(|&i| group.instants[i] - late).collect();
         let track = self.motion.track(d, &x[..self.motion_states], &times);
-        let stamps = &group.channel.times;
-        let far = stamps.iter().fold(0.0_f64, |far, t| far.max(t.abs()));
-        let largest = |v: &[f64]| v.iter().fold(0.0_f64, |top, x| top.max(x.abs()));
-        let carriers = [&group.channel.carrier, &group.channel.second];
         which
             .iter()
             .zip(track.chunks_exact(2 * d))
-            .map(|(&sample, now)| {
-                let (place, velocity) = now.split_at(d);
-                let speed = norm(velocity.iter().copied());
-                let mut grain = Grain::default();
-                for (k, carrier) in carriers.iter().enumerate() {
-                    let Some(carrier) = carrier else { continue };
-                    let own = &carrier.place[sample * d..][..d];
-                    let its = norm(carrier.velocity[sample * d..][..d].iter().copied());
-                    let distance = norm(place.iter().zip(own).map(|(a, b)| a - b));
-                    let size = largest(place) + largest(own) + largest(&x[..d]);
-                    let rounding = MANY * (size + far * (speed + its));
-                    grain.distances[k] = distance;
-                    grain.place = grain.place.max(rounding / distance);
-                    grain.pace = grain.pace.max(its).max(speed);
-                    // Velocities come from differences of places.
-                    if grain.pace > 0.0 {
-                        let span = carrier.span[sample];
-                        grain.velocity = grain.velocity.max(rounding / span / grain.pace);
-                    }
-                }
-                grain
-            })
+            .map(|(&sample, now)| self.grain(group, x, sample, &now[..d], &now[d..]))
             .collect()
     }
 
-    /// The largest rounding of an offset, relative to its length, at five times of each
-    /// sensor.
-    pub(super) fn coarseness(&self, x: &[f64]) -> f64 {
-        let mut coarse = 0.0_f64;
-        for group in self.groups.iter().filter(|group| group.count > 0) {
-            let which: [usize; 5] = core::array::from_fn(|k| k * (group.count - 1) / 4);
-            for grain in self.grains(group, x, &which) {
-                coarse = coarse.max(grain.place);
+    /// Rounding of one sample, with the target's place and velocity then.
+    pub(super) fn grain(
+        &self,
+        group: &Group,
+        x: &[f64],
+        sample: usize,
+        place: &[f64],
+        velocity: &[f64],
+    ) -> Grain {
+        let d = self.dimension;
+        let far = group.glance.far;
+        let largest = |v: &[f64]| v.iter().fold(0.0_f64, |top, x| top.max(x.abs()));
+        let speed = norm(velocity.iter().copied());
+        let mut grain = Grain::default();
+        let carriers = [&group.channel.carrier, &group.channel.second];
+        for (k, carrier) in carriers.iter().enumerate() {
+            let Some(carrier) = carrier else { continue };
+            let own = &carrier.place[sample * d..][..d];
+            let its = norm(carrier.velocity[sample * d..][..d].iter().copied());
+            let distance = norm(place.iter().zip(own).map(|(a, b)| a - b));
+            let size = largest(place) + largest(own) + largest(&x[..d]);
+            let rounding = MANY * (size + far * (speed + its));
+            grain.distances[k] = distance;
+            grain.place = grain.place.max(rounding / distance);
+            grain.pace = grain.pace.max(its).max(speed);
+            // Velocities come from differences of places.
+            if grain.pace > 0.0 {
+                let span = carrier.span[sample];
+                grain.velocity = grain.velocity.max(rounding / span / grain.pace);
             }
         }
-        coarse
+        grain
     }
 
     /// How much of the length of each column of the whitened rows (all states) is rounding

@@ -7,6 +7,7 @@ use alloc::vec::Vec;
 use super::{Channel, Group, Kind, Moving, Parameter, Scene, Whitener};
 use crate::batch::Items;
 use crate::batch::lanes::{Block, Blocks, LANES, Lanes};
+use crate::batch::simd::sin_cos_slice;
 use crate::models::tracks::carrier::Carried;
 use crate::models::tracks::motion::{
     Change, CoordinatedTurn, Instant, Legs, Motion, Polynomial, SteadyLegs, Turns, emitted,
@@ -14,7 +15,7 @@ use crate::models::tracks::motion::{
 use crate::models::tracks::scene::kernels::MOST;
 use crate::models::tracks::sensors::{
     Bearing, ConeAngle, Course, Elevation, Frequency, Place, Range, RangeRate, Reading, Sensor,
-    Sight, SignalStrength, Speed,
+    Sight, SignalStrength, Speed, gradient,
 };
 use crate::numbers::algebra::dot;
 use crate::numbers::angle::wrapped;
@@ -122,6 +123,8 @@ struct Look<'a> {
     /// Of these samples: measured, and one over the deviations, 0 where absent.
     measured: &'a [Block],
     weights: Weights<'a>,
+    /// Sines and cosines of what is measured, where they are known.
+    directions: Option<[&'a [Block]; 2]>,
 }
 
 /// One over the deviation of each number.
@@ -261,19 +264,30 @@ impl<M: Motion<D>, const D: usize> pulp::WithSimd for Bearings<'_, M, D> {
                         offset[k] = offset[k] - Lanes::splat(simd, at[k]);
                     }
                 }
-                let sight = Sight {
-                    offset,
-                    target: now.velocity,
-                    carrier: offset,
-                    axis: offset,
-                };
-                let reading = Bearing.read(&sight, &[zero; 2]);
                 let weight = look.weight(simd, row, part);
-                let value = Lane::mul_add(reading.value, gain, bias);
-                let left = wrapped(Lanes::load(simd, &look.measured[row], part) - value);
+                let (mut value, mut slope) = (zero, [zero; D]);
+                let left = if let Some([sines, cosines]) = look.directions {
+                    let [east, north] = [offset[0], offset[1]];
+                    [slope[0], slope[1]] = gradient([east, north], Lanes::splat(simd, 1.0));
+                    // Seen from the measured direction, the target is nearly ahead.
+                    let sine = Lanes::load(simd, &sines[row], part);
+                    let cosine = Lanes::load(simd, &cosines[row], part);
+                    let across = Lane::negate_mul_add(cosine, east, sine * north);
+                    across.atan2_ahead(Lane::mul_add(cosine, north, sine * east))
+                } else {
+                    let sight = Sight {
+                        offset,
+                        target: now.velocity,
+                        carrier: offset,
+                        axis: offset,
+                    };
+                    let reading = Bearing.read(&sight, &[zero; 2]);
+                    (value, slope) = (reading.value, reading.by_place);
+                    let read = Lane::mul_add(value, gain, bias);
+                    wrapped(Lanes::load(simd, &look.measured[row], part) - read)
+                };
                 (left * weight).store(&mut out[look.free * PIECE + row], part);
                 let steep = gain * weight;
-                let mut slope = reading.by_place;
                 for k in 0..D {
                     slope[k] = slope[k] * steep;
                 }
@@ -296,7 +310,7 @@ impl<M: Motion<D>, const D: usize> pulp::WithSimd for Bearings<'_, M, D> {
                     }
                 }
                 if let Some(column) = scale {
-                    more(reading.value * weight, &mut out[column * PIECE + row], part);
+                    more(value * weight, &mut out[column * PIECE + row], part);
                 }
                 look.by_bias(weight, row, part, out);
             }
@@ -476,6 +490,13 @@ impl<const D: usize> pulp::WithSimd for See<'_, D> {
     }
 }
 
+/// Whether a sensor reads bearings as they are.
+fn direct(channel: &Channel) -> bool {
+    channel.kind == Kind::Bearing
+        && channel.scale == Parameter::Fixed(0.0)
+        && channel.bias.is_empty()
+}
+
 /// The trials of a scene as [`SideBySide`] takes them.
 pub struct Trials<'a> {
     scene: &'a Scene,
@@ -489,6 +510,8 @@ pub struct Trials<'a> {
     /// The state of all, known ones at their values.
     x: Vec<Block>,
     measured: Blocks,
+    /// Sines and cosines of bearings that are [`direct`].
+    directions: [Blocks; 2],
     /// Which numbers are there, and which lanes miss some.
     weights: Blocks,
     gaps: [bool; LANES],
@@ -527,6 +550,10 @@ impl<'a> Trials<'a> {
             x: x.collect(),
             free,
             measured: Blocks::zeros(scene.measurements),
+            directions: [
+                Blocks::zeros(scene.measurements),
+                Blocks::zeros(scene.measurements),
+            ],
             weights: Blocks::zeros(scene.measurements),
             gaps: [false; LANES],
             moves: Vec::new(),
@@ -571,7 +598,9 @@ impl<'a> Trials<'a> {
                 column[..to - from].fill([0.0; LANES]);
             }
         }
+        let [sines, cosines] = &self.directions;
         let look = Look {
+            directions: direct(channel).then(|| [&sines[from..to], &cosines[from..to]]),
             channel,
             x: &self.x,
             motion_states: scene.motion_states,
@@ -694,6 +723,22 @@ impl SideBySide for Trials<'_> {
         }
         for group in &scene.groups {
             let range = group.first..group.first + group.count * group.width;
+            if direct(&group.channel) {
+                let [sines, cosines] = &mut self.directions;
+                self.values.resize(3 * group.count, 0.0);
+                let (angles, out) = self.values.split_at_mut(group.count);
+                let (sine, cosine) = out.split_at_mut(group.count);
+                for (angle, measured) in angles.iter_mut().zip(&self.measured[range.clone()]) {
+                    *angle = measured[lane];
+                }
+                sin_cos_slice(scene.path, angles, sine, cosine);
+                for (to, sine) in sines[range.clone()].iter_mut().zip(sine) {
+                    to[lane] = *sine;
+                }
+                for (to, cosine) in cosines[range.clone()].iter_mut().zip(cosine) {
+                    to[lane] = *cosine;
+                }
+            }
             let (z, weights) = (&z[range.clone()], &mut self.weights[range]);
             for (i, (weight, z)) in weights.iter_mut().zip(z).enumerate() {
                 let size = match &group.whitener {
