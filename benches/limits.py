@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
@@ -24,13 +25,17 @@ READS = {
     "read 128 MB": 2**27,
 }
 
+#: Of arrays that are written, in memory that has been in use: in the cache of the core, and
+#: farther.
+WRITES = {"write 512 kB": 2**19, "write 8 MB": 2**23}
+
 #: What each rate counts, a second.
 KINDS = {
     "fma": "multiply-adds, in lanes of a vector",
     "divide": "divisions, in lanes",
     "root": "square roots, in lanes",
     "sincos": "pairs of a sine and a cosine, in lanes",
-    **dict.fromkeys(READS, "bytes of an array of that size"),
+    **dict.fromkeys([*READS, *WRITES], "bytes of an array of that size"),
 }
 
 #: Rates by number of threads ("one", "all") and kind.
@@ -70,6 +75,11 @@ def reading(size: float) -> str:
     return [kind for kind, of in READS.items() if of <= max(size, 2**15)][-1]
 
 
+def writing(size: float) -> str:
+    """Return the kind of what writes `size` bytes again and again, likewise."""
+    return [kind for kind, of in WRITES.items() if of <= max(size, 2**19)][-1]
+
+
 @dataclass
 class Gauge:
     """Rates that are seen in turn with the contestants of a contest.
@@ -93,7 +103,7 @@ class Gauge:
 
 def _work(library: ctypes.CDLL, kind: str) -> Callable[[], float]:
     """Return what does some of the work and tells how much; threads may call it together."""
-    name = "read" if kind in READS else kind
+    name = kind.split(maxsplit=1)[0]
     function = getattr(library, f"{name}_rate")
     function.restype = ctypes.c_double
     size, many = ctypes.c_size_t, ctypes.c_long
@@ -108,16 +118,24 @@ def _work(library: ctypes.CDLL, kind: str) -> Callable[[], float]:
             return done
 
         return sincos
-    if name == "read":
-        array = np.ones(READS[kind] // 8)
-        repeats = max(1, 2**26 // READS[kind])
+    if kind in READS or kind in WRITES:
+        count = {**READS, **WRITES}[kind] // 8
+        # Threads that write have an array each.
+        arrays = threading.local()
+        shared = np.ones(count)
+        repeats = max(1, 2**23 // count)
 
-        def read() -> float:
+        def through() -> float:
+            array = shared
+            if kind in WRITES:
+                if not hasattr(arrays, "own"):
+                    arrays.own = shared.copy()
+                array = arrays.own
             out = np.zeros(1)
             done: float = function(pointer(array), size(array.size), many(repeats), pointer(out))
             return done
 
-        return read
+        return through
     repeats = 200_000 if kind == "fma" else 10_000
 
     def arithmetic() -> float:
@@ -158,8 +176,8 @@ class Limit:
     """What binds a kernel: operations a unit of work, by the kinds of `KINDS`.
 
     Multiply-adds and sines share the arithmetic units, divisions and roots the
-    divider, bytes the way to the caches; the three run beside one another, so the
-    slowest of them binds.
+    divider, bytes the way to the caches, one way for those read and one for those written;
+    these run beside one another, so the slowest of them binds.
     """
 
     operations: dict[str, float]
@@ -167,7 +185,7 @@ class Limit:
 
     def best(self, rates: dict[str, float]) -> tuple[float, str]:
         """Return the least seconds a unit, and the kinds that bind."""
-        groups = (("fma", "sincos"), ("divide", "root"), tuple(READS))
+        groups = (("fma", "sincos"), ("divide", "root"), tuple(READS), tuple(WRITES))
         times = []
         for group in groups:
             kinds = [kind for kind in group if self.operations.get(kind)]

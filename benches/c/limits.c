@@ -117,3 +117,16 @@ double read_rate(const double *a, size_t n, long repeats, double *out) {
   *out = total(sum, 8);
   return 8.0 * (double)(n / (8 * LANES) * 8 * LANES) * (double)repeats;
 }
+
+/* Writes an array; returns bytes written. */
+double write_rate(double *a, size_t n, long repeats, double *out) {
+  for (long again = 0; again < repeats; again++) {
+    vec value = all((double)again);
+    for (size_t i = 0; i + 8 * LANES <= n; i += 8 * LANES)
+#pragma GCC unroll 8
+      for (int j = 0; j < 8; j++) *(loose *)(a + i + j * LANES) = value;
+    __asm__ volatile("" : : "r"(a) : "memory");
+  }
+  *out = a[0];
+  return 8.0 * (double)(n / (8 * LANES) * 8 * LANES) * (double)repeats;
+}

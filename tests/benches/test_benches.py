@@ -27,7 +27,7 @@ from harness import (
     pointer,
     run,
 )
-from limits import KINDS, READS, Gauge, Limit, larger, measure, reading
+from limits import KINDS, READS, WRITES, Gauge, Limit, larger, measure, reading, writing
 
 RATES = {"one": dict.fromkeys(KINDS, 1e9), "all": dict.fromkeys(KINDS, 2e9)}
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
@@ -47,6 +47,8 @@ def test_the_slowest_group_of_operations_binds():
              "read 32 MB": 1.0}  # fmt: skip
     limit = Limit({"fma": 20.0, "sincos": 1.0, "divide": 2.0, "root": 4.0, "read 32 MB": 4.5}, "")
     assert limit.best(rates) == (5.0, "divide + root")
+    both = {**rates, "write 8 MB": 1.0}
+    assert Limit({"read 32 MB": 2.0, "write 8 MB": 3.0}, "").best(both) == (3.0, "write 8 MB")
     assert Limit({"fma": 20.0, "sincos": 1.0}, "").best(rates) == (3.0, "fma + sincos")
     better = larger(RATES, {"one": dict.fromkeys(KINDS, 3e9), "all": dict.fromkeys(KINDS, 1e9)})
     assert (better["one"]["fma"], better["all"]["fma"]) == (3e9, 2e9)
@@ -58,6 +60,7 @@ def test_what_is_read_is_bound_by_the_largest_array_that_is_no_larger(size):
     larger_ones = [bytes_read for bytes_read in READS.values() if bytes_read > of]
     assert of <= max(size, 2**15)
     assert all(bytes_read > size for bytes_read in larger_ones)
+    assert WRITES[writing(size)] == (2**23 if size >= 2**23 else 2**19)
 
 
 def test_a_contest_lists_times_errors_and_what_failed():

@@ -22,6 +22,15 @@ RADARS = ([[0.0, 0.0], [60e3, 0.0]], (50.0, 0.00175))
 ROWS = RNG.normal(size=(TRIALS, 30, 4))
 SYSTEMS = (RNG.normal(size=(TRIALS, 4, 4)), RNG.normal(size=(TRIALS, 2, 4)))
 MANY = RNG.normal(size=(TRIALS, 30, 6))
+SHIP = gm.tracks.Carrier([[0.0, 0.0], [900.0, 0.0], [900.0, 900.0]], [0.0, 150.0, 300.0])
+SCENE = gm.tracks.Scene(
+    gm.tracks.Motion.constant_velocity(),
+    [
+        gm.tracks.Sensor.bearing(SHIP, T, sigma=0.01),
+        gm.tracks.Sensor.frequency(SHIP, T[::3], speed=1500.0, sigma=0.02),
+    ],
+)
+STATES = np.array([*MOVING, 300.0]) + RNG.normal(size=(TRIALS, 5))
 
 #: Each public function of batches that gives one array.
 CALLS = {
@@ -54,6 +63,7 @@ CALLS = {
     "linear.gramian with noise": lambda **k: gm.linear.gramian(
         *SYSTEMS, window=2.0, Q=np.eye(4), **k
     ),
+    "tracks.rows": lambda **k: gm.tracks.rows(SCENE, STATES, **k),
     "registration.rows": lambda **k: gm.registration.rows(LOOKS, *RADARS, **k),
     "registration.fisher": lambda **k: gm.registration.fisher(LOOKS, *RADARS, **k),
     "registration.eta": lambda **k: gm.registration.eta(LOOKS, *RADARS, **k),

@@ -272,19 +272,21 @@ impl TrackScene {
     }
 
     /// Whitened rows (..., m, n) at states (..., n).
+    #[pyo3(signature = (states, out = None))]
     fn rows<'py>(
         &self,
         py: Python<'py>,
         states: &Bound<'py, PyAny>,
+        out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let (n, m) = (self.scene.states(), self.scene.measurements());
         let mut states = Input::new(states, "state", 1)?;
         states.expect(&[Some(n)], "one number for each state")?;
-        let batch = Batch::of(&mut [&mut states])?;
+        let batch = Batch::into(&mut [&mut states], out)?;
         let out = batch.array(py, &[m, n])?;
         {
             let states = states.items()?;
-            let mut write = out.readwrite();
+            let mut write = output::writable(&out)?;
             let write = write.as_slice_mut()?;
             let cost = (m * (10 + n)) as f64 + 500.0;
             run::in_pieces(py, batch.len(), cost, |range, threads| {

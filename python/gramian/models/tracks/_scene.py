@@ -290,7 +290,9 @@ def as_scene(scene: Scene) -> Scene:
     return instance(scene, Scene, "scene", "a Scene")
 
 
-def rows(scene: Scene, state: ArrayLike | Mapping[str, float]) -> Array:
+def rows(
+    scene: Scene, state: ArrayLike | Mapping[str, float], *, out: Array | None = None
+) -> Array:
     """Return the whitened rows of a scene at a state.
 
     Parameters
@@ -298,6 +300,9 @@ def rows(scene: Scene, state: ArrayLike | Mapping[str, float]) -> Array:
     scene : Scene
     state : array_like, shape (..., n), or mapping
         One or several states, or one by names.
+    out : ndarray, shape of the result, optional
+        Where the result is written: float64, C-contiguous, writable; it is returned. It may
+        share memory with an argument. Without it a new array is made.
 
     Returns
     -------
@@ -319,7 +324,7 @@ def rows(scene: Scene, state: ArrayLike | Mapping[str, float]) -> Array:
     >>> gm.tracks.rows(scene, [0.0, 1000.0, 5.0, 0.0]).shape
     (2, 4)
     """
-    found: Array = as_scene(scene)._inner.rows(scene.state(state))
+    found: Array = as_scene(scene)._inner.rows(scene.state(state), out)
     return found
 
 

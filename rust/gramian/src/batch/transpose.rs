@@ -8,7 +8,7 @@ use core::mem::align_of;
 
 use pulp::Simd;
 
-use super::lanes::LANES;
+use super::lanes::{Block, LANES};
 
 /// Numbers that are turned at once.
 const STEP: usize = 4;
@@ -119,6 +119,47 @@ fn rows<S: Simd>(simd: S, columns: [S::f64s; STEP], square: &mut Square) {
     let rows = simd.interleave_shfl_f64s(columns);
     let (to, _) = S::as_mut_simd_f64s(square.0.as_flattened_mut());
     to[..STEP].copy_from_slice(&rows);
+}
+
+/// Four columns on their way to rows.
+pub struct Turning(Square);
+
+impl Turning {
+    /// Without any.
+    #[inline(always)]
+    pub fn empty() -> Self {
+        Self(Aligned([[0.0; STEP]; LANES]))
+    }
+
+    /// Takes the lanes of part `part` of four columns.
+    #[inline(always)]
+    pub fn fill<S: Simd>(&mut self, simd: S, columns: &[Block; STEP], part: usize) {
+        let mut registers = [simd.splat_f64s(0.0); STEP];
+        for k in 0..STEP {
+            registers[k] = S::as_simd_f64s(&columns[k]).0[part];
+        }
+        rows(simd, registers, &mut self.0);
+    }
+
+    /// The rows, in the order of [`order`].
+    #[inline(always)]
+    pub fn rows(&self) -> &[[f64; STEP]; LANES] {
+        &self.0.0
+    }
+}
+
+/// Which lane each of the rows of [`Turning`] is of.
+#[inline(always)]
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // Small whole numbers.
+pub fn order<S: Simd>(simd: S) -> [usize; LANES] {
+    let mut turning = Turning::empty();
+    let lanes: Block = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+    turning.fill(simd, &[lanes; STEP], 0);
+    let mut order = [0; LANES];
+    for (order, row) in order.iter_mut().zip(turning.rows()) {
+        *order = row[0] as usize;
+    }
+    order
 }
 
 /// The same numbers in all lanes.

@@ -187,6 +187,7 @@ impl Scene {
                 group,
                 parameters: channel.parameters.map(|p| self.value(x, p)),
                 columns: D,
+                by_axes: 0,
                 clock,
                 moves: &departing,
             };

@@ -158,12 +158,11 @@ fn least_ratio(factor: &[f64], n: usize, scale: &[f64], b: &mut [f64]) -> f64 {
             *entry = unscaled * scale[i];
         }
     }
-    let least = if square.is_finite() {
+    if square.is_finite() {
         1.0 / (square * n as f64).sqrt()
     } else {
         0.0
-    };
-    least
+    }
 }
 
 /// H^-1 (sum psi^2 a a^T + priors) H^-1 with H = sum psi' a a^T + priors, in the

@@ -100,6 +100,20 @@ impl Moving {
         })
     }
 
+    /// How many of the first states change one component of place and velocity after the other
+    /// alone.
+    fn by_axes(&self, dimension: usize) -> usize {
+        fn count<M: Motion<D>, const D: usize>(motion: &M) -> usize {
+            let along = |&k: &usize| motion.component(k) == Some(k % D);
+            (0..motion.states()).take_while(along).count() / D * D
+        }
+        with_motion!(self, motion => if dimension == 2 {
+            count::<_, 2>(motion)
+        } else {
+            count::<_, 3>(motion)
+        })
+    }
+
     /// Places and velocities at `times` after the reference time, `2 dimension` numbers
     /// each.
     pub fn track(&self, dimension: usize, x: &[f64], times: &[f64]) -> Vec<f64> {
@@ -345,6 +359,8 @@ pub struct Scene {
     dimension: usize,
     motion: Moving,
     motion_states: usize,
+    /// So many of the first change one component of the place after the other alone.
+    by_axes: usize,
     nuisances: usize,
     reference: f64,
     groups: Vec<Group>,
@@ -390,6 +406,7 @@ impl Scene {
         }
         Ok(Self {
             dimension,
+            by_axes: motion.by_axes(dimension),
             motion,
             motion_states,
             nuisances,

@@ -3,6 +3,7 @@
 use alloc::vec::Vec;
 
 use super::kernels::{Clock, Gathers, Moves, Sees, moves_size};
+use super::trials::ConstantVelocity;
 use super::{Group, InSensor, Kind, Moving, Parameter, Scene};
 use crate::batch::lanes::{Block, LANES};
 use crate::batch::simd::Path;
@@ -125,15 +126,24 @@ impl Scene {
         clock: Clock,
         out: &mut [Block],
     ) {
-        with_motion!(&self.motion, motion => self.path.run(Moves::<_, D> {
-            motion,
-            x: &x[..self.motion_states],
-            clock,
-            delay: group.channel.delay,
-            times: &group.times,
-            carrier: &group.carrier,
-            out,
-        }));
+        macro_rules! moves {
+            ($motion:expr) => {
+                self.path.run(Moves::<_, D> {
+                    motion: $motion,
+                    x: &x[..self.motion_states],
+                    clock,
+                    delay: group.channel.delay,
+                    times: &group.times,
+                    carrier: &group.carrier,
+                    out,
+                })
+            };
+        }
+        if matches!(self.motion, Moving::Polynomial { order: 1 }) {
+            moves!(&ConstantVelocity);
+        } else {
+            with_motion!(&self.motion, motion => moves!(motion));
+        }
     }
 
     /// What a sensor reads of that.
@@ -154,6 +164,11 @@ impl Scene {
             group,
             parameters: group.channel.parameters.map(|p| self.value(x, p)),
             columns,
+            // With a delay, what moves the target to one side is seen earlier or later.
+            by_axes: match group.channel.delay {
+                Some(_) => 0,
+                None => self.by_axes,
+            },
             clock,
             moves: &scratch.moves[..blocks * moves_size(self.dimension, columns)],
         };
@@ -258,6 +273,7 @@ pub(super) struct Task<'a> {
     pub group: &'a Group,
     pub parameters: [f64; 2],
     pub columns: usize,
+    pub by_axes: usize,
     pub clock: Clock,
     pub moves: &'a [Block],
 }
@@ -268,6 +284,7 @@ impl Task<'_> {
             sensor,
             parameters: self.parameters,
             columns: self.columns,
+            by_axes: self.by_axes,
             clock: self.clock,
             moves: self.moves,
             carrier: &self.group.carrier,

@@ -23,7 +23,7 @@ use crate::numbers::lane::Lane;
 use crate::solve::side_by_side::{PIECE, Rows, SideBySide};
 
 /// Constant velocity, known when this is compiled.
-struct ConstantVelocity;
+pub(super) struct ConstantVelocity;
 
 impl<const D: usize> Motion<D> for ConstantVelocity {
     #[inline(always)]
