@@ -51,18 +51,45 @@ impl Threads {
         cost: f64,
         each: impl Fn(usize, &mut [T]) -> Result<(), E> + Sync,
     ) -> Result<(), E> {
+        self.over_groups_with(
+            out,
+            size,
+            group,
+            cost,
+            || (),
+            |(), first, out| each(first, out),
+        )
+    }
+
+    /// [`over_groups`](Self::over_groups) with scratch space that `scratch` makes once a thread.
+    ///
+    /// # Errors
+    /// The error of the first group that fails.
+    pub fn over_groups_with<S, T: Send, E: Send>(
+        self,
+        out: &mut [T],
+        size: usize,
+        group: usize,
+        cost: f64,
+        scratch: impl Fn() -> S + Sync,
+        each: impl Fn(&mut S, usize, &mut [T]) -> Result<(), E> + Sync,
+    ) -> Result<(), E> {
         if size == 0 || group == 0 {
             return Ok(());
         }
         let groups = out.len() / (size * group);
         let (whole, rest) = out.split_at_mut(groups * size * group);
-        self.over(whole, size * group, cost * group as f64, |index, out| {
-            each(index * group, out)
-        })?;
+        self.over_with(
+            whole,
+            size * group,
+            cost * group as f64,
+            &scratch,
+            |space, index, out| each(space, index * group, out),
+        )?;
         if rest.is_empty() {
             return Ok(());
         }
-        each(groups * group, rest)
+        each(&mut scratch(), groups * group, rest)
     }
 
     /// [`over`](Self::over) with scratch space that `scratch` makes once a thread.

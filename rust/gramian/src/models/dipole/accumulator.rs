@@ -2,6 +2,7 @@
 
 use super::Error;
 use crate::numbers::algebra::dot;
+use crate::numbers::lane::Lane;
 use crate::scalar::{NumberError, Real, all_finite, check_finite, check_positive};
 
 /// Fisher information (9 x 9) of (r0, v, m), sample by sample: no allocation,
@@ -34,9 +35,9 @@ use crate::scalar::{NumberError, Real, all_finite, check_finite, check_positive}
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Accumulator<T> {
-    position: [[T; 6]; 3],
-    cross: [[T; 9]; 2],
-    moment: [T; 6],
+    pub(super) position: [[T; 6]; 3],
+    pub(super) cross: [[T; 9]; 2],
+    pub(super) moment: [T; 6],
 }
 
 /// Where the six different entries of a symmetric 3 x 3 matrix stand.
@@ -45,11 +46,7 @@ pub(crate) const SYMMETRIC: [(usize, usize); 6] = [(0, 0), (1, 1), (2, 2), (1, 0
 impl<T: Real> Accumulator<T> {
     /// No information.
     pub fn new() -> Self {
-        Self {
-            position: [[T::zero(); 6]; 3],
-            cross: [[T::zero(); 9]; 2],
-            moment: [T::zero(); 6],
-        }
+        Self::filled(T::zero())
     }
 
     /// Adds one sample of a vector sensor: the dipole of moment `moment` is at
@@ -151,7 +148,25 @@ impl<T: Real> Accumulator<T> {
 
     /// The information on (r0, v, m).
     pub fn matrix(&self) -> [[T; 9]; 9] {
-        let mut out = [[T::zero(); 9]; 9];
+        self.spread()
+    }
+}
+
+impl<L: Lane> Accumulator<L> {
+    /// All sums the same.
+    #[inline(always)]
+    pub(super) fn filled(value: L) -> Self {
+        Self {
+            position: [[value; 6]; 3],
+            cross: [[value; 9]; 2],
+            moment: [value; 6],
+        }
+    }
+
+    /// [`matrix`](Self::matrix) of numbers or of lanes.
+    #[inline(always)]
+    pub(super) fn spread(&self) -> [[L; 9]; 9] {
+        let mut out = [[self.moment[0]; 9]; 9];
         for (e, &(i, j)) in SYMMETRIC.iter().enumerate() {
             for (a, b) in [(i, j), (j, i)] {
                 out[a][b] = self.position[0][e];

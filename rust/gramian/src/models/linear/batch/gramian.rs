@@ -72,7 +72,6 @@ fn doubled(
     } else {
         1
     };
-    let size = group * n * n;
     let run = |space: &mut Vec<f64>, first: usize, out: &mut [f64]| {
         if group > 1 {
             path.run(Many {
@@ -98,16 +97,8 @@ fn doubled(
             Some(at) => Err((first + at / (n * n), Overflow)),
         }
     };
-    let cost = 0.1 * gramian_cost(n) * group as f64;
-    let (whole, rest) = out.split_at_mut(out.len() / size * size);
-    let trials = whole.len() / (n * n);
-    threads.over_with(whole, size, cost, Vec::new, |space, index, out| {
-        run(space, index * group, out)
-    })?;
-    if rest.is_empty() {
-        return Ok(());
-    }
-    run(&mut Vec::new(), trials, rest)
+    let cost = 0.1 * gramian_cost(n);
+    threads.over_groups_with(out, n * n, group, cost, Vec::new, run)
 }
 
 /// The Gramians of `count` samples of up to eight systems without process noise, as
