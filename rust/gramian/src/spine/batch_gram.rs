@@ -18,19 +18,27 @@ pub fn gram<T: Element>(
 ) {
     let count = rows.size().checked_div(n).unwrap_or(0);
     let cost = 0.3 * (count * n * n) as f64;
-    let each = |trial: usize, out: &mut [T]| -> Result<(), core::convert::Infallible> {
-        let rows = rows.get(trial);
-        let weights = weights.map(|w| w.get(trial));
+    let group = (GROUP / count.max(1)).clamp(1, 32);
+    let each = |first: usize, out: &mut [T]| -> Result<(), core::convert::Infallible> {
+        let rows = rows.skip(first);
+        let weights = weights.map(|w| w.skip(first));
         match n {
             4 if weights.is_none() => path.run(Four { rows, out }),
             4 => path.run(Fixed::<T, 4> { rows, weights, out }),
             9 => path.run(Fixed::<T, 9> { rows, weights, out }),
-            _ => any_size(rows, weights, n, out),
+            _ => {
+                for (trial, out) in out.chunks_exact_mut(n * n).enumerate() {
+                    any_size(rows.get(trial), weights.map(|w| w.get(trial)), n, out);
+                }
+            }
         }
         Ok(())
     };
-    let Ok(()) = threads.over(out, n * n, cost, each);
+    let Ok(()) = threads.over_groups(out, n * n, group, cost, each);
 }
+
+/// Rows of one call of a kernel, roughly: choosing a path takes as long as some of them.
+const GROUP: usize = 4096;
 
 /// Whether rows of `n` columns have a kernel of their own.
 #[must_use]
@@ -54,7 +62,7 @@ pub fn add<T: Real>(rows: &[T], weights: Option<&[T]>, n: usize, out: &mut [T]) 
 /// Four columns, the commonest case: blocks of rows are turned into one vector a
 /// column, and the ten sums run down the lanes.
 struct Four<'a, T> {
-    rows: &'a [T],
+    rows: Items<'a, T>,
     out: &'a mut [T],
 }
 
@@ -63,44 +71,47 @@ impl<T: Element> pulp::WithSimd for Four<'_, T> {
 
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, simd: S) {
-        let (vectors, _) = T::registers::<S>(self.rows);
-        let (blocks, _) = vectors.as_chunks::<4>();
-        let mut sums = [T::lanes_splat(simd, T::zero()); 10];
-        for block in blocks {
-            let columns = T::lanes_of_fours(simd, *block);
+        for (trial, out) in self.out.chunks_exact_mut(16).enumerate() {
+            let rows = self.rows.get(trial);
+            let (vectors, _) = T::registers::<S>(rows);
+            let (blocks, _) = vectors.as_chunks::<4>();
+            let mut sums = [T::lanes_splat(simd, T::zero()); 10];
+            for block in blocks {
+                let columns = T::lanes_of_fours(simd, *block);
+                let mut k = 0;
+                for i in 0..4 {
+                    for j in i..4 {
+                        sums[k] = T::lanes_mul_add(simd, columns[i], columns[j], sums[k]);
+                        k += 1;
+                    }
+                }
+            }
+            let mut sums = lane_sums::<S, T, 10>(simd, &sums);
+            let (rest, _) = rows[blocks.len() * 4 * T::lanes::<S>()..].as_chunks::<4>();
+            for row in rest {
+                let mut k = 0;
+                for i in 0..4 {
+                    for j in i..4 {
+                        sums[k] += row[i] * row[j];
+                        k += 1;
+                    }
+                }
+            }
             let mut k = 0;
             for i in 0..4 {
                 for j in i..4 {
-                    sums[k] = T::lanes_mul_add(simd, columns[i], columns[j], sums[k]);
+                    out[4 * i + j] = sums[k];
+                    out[4 * j + i] = sums[k];
                     k += 1;
                 }
-            }
-        }
-        let mut sums = lane_sums::<S, T, 10>(simd, &sums);
-        let (rest, _) = self.rows[blocks.len() * 4 * T::lanes::<S>()..].as_chunks::<4>();
-        for row in rest {
-            let mut k = 0;
-            for i in 0..4 {
-                for j in i..4 {
-                    sums[k] += row[i] * row[j];
-                    k += 1;
-                }
-            }
-        }
-        let mut k = 0;
-        for i in 0..4 {
-            for j in i..4 {
-                self.out[4 * i + j] = sums[k];
-                self.out[4 * j + i] = sums[k];
-                k += 1;
             }
         }
     }
 }
 
 struct Fixed<'a, T, const N: usize> {
-    rows: &'a [T],
-    weights: Option<&'a [T]>,
+    rows: Items<'a, T>,
+    weights: Option<Items<'a, T>>,
     out: &'a mut [T],
 }
 
@@ -111,29 +122,31 @@ impl<T: Element, const N: usize> pulp::WithSimd for Fixed<'_, T, N> {
     // into: N is fixed, so the inner loops become vectors.
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _simd: S) {
-        let mut sums = [[T::zero(); N]; N];
-        let (rows, _) = self.rows.as_chunks::<N>();
-        match self.weights {
-            None => {
-                for row in rows {
-                    for i in 0..N {
-                        for j in 0..N {
-                            sums[i][j] += row[i] * row[j];
+        for (trial, out) in self.out.chunks_exact_mut(N * N).enumerate() {
+            let mut sums = [[T::zero(); N]; N];
+            let (rows, _) = self.rows.get(trial).as_chunks::<N>();
+            match self.weights.map(|w| w.get(trial)) {
+                None => {
+                    for row in rows {
+                        for i in 0..N {
+                            for j in 0..N {
+                                sums[i][j] += row[i] * row[j];
+                            }
+                        }
+                    }
+                }
+                Some(weights) => {
+                    for (row, &w) in rows.iter().zip(weights) {
+                        for i in 0..N {
+                            for j in 0..N {
+                                sums[i][j] += w * row[i] * row[j];
+                            }
                         }
                     }
                 }
             }
-            Some(weights) => {
-                for (row, &w) in rows.iter().zip(weights) {
-                    for i in 0..N {
-                        for j in 0..N {
-                            sums[i][j] += w * row[i] * row[j];
-                        }
-                    }
-                }
-            }
+            out.copy_from_slice(sums.as_flattened());
         }
-        self.out.copy_from_slice(sums.as_flattened());
     }
 }
 

@@ -50,6 +50,7 @@ impl<T: Element> Sightings<'_, T> {
         }
     }
 
+    #[inline(always)]
     fn at(&self, trial: usize) -> Sighting<'_, T> {
         let (positions, _) = self.positions.get(trial).as_chunks::<2>();
         Sighting {
@@ -114,8 +115,8 @@ impl<T: Element> Sighting<'_, T> {
     }
 }
 
-/// Trials of one call of a kernel: choosing a path takes as long as some samples.
-const GROUP: usize = 8;
+/// Samples of one call of a kernel, roughly: choosing a path takes as long as some of them.
+const GROUP: usize = 4096;
 
 /// Fisher information (n, n) of each trial, and its determinant after it where `out`
 /// has room for n n + 1 numbers a trial (`determinant`). Positions that are not finite
@@ -148,7 +149,8 @@ pub fn fisher<T: Element>(
         Vec::new()
     };
     let size = n * n + usize::from(determinant);
-    threads.over_groups(out, size, GROUP, m as f64, |first, out| {
+    let group = (GROUP / m.max(1)).clamp(1, 32);
+    threads.over_groups(out, size, group, m as f64, |first, out| {
         let sightings = sightings.skip(first);
         if n == 2 && even {
             path.run(Fixed {
@@ -361,12 +363,22 @@ fn add<L: Lane>([a, b]: [L; 2], sums: &mut [L; 3]) {
 /// Those products, and the same times time and its square.
 #[inline(always)]
 fn add_moved<L: Lane>([a, b]: [L; 2], time: L, sums: &mut [L; 9]) {
-    let products = [a * a, a * b, b * b];
-    for i in 0..3 {
-        let moved = products[i] * time;
-        sums[i] = sums[i] + products[i];
-        sums[3 + i] = sums[3 + i] + moved;
-        sums[6 + i] = moved.mul_add(time, sums[6 + i]);
+    let (c, d) = (a * time, b * time);
+    for (i, (x, y)) in [
+        (a, a),
+        (a, b),
+        (b, b),
+        (c, a),
+        (c, b),
+        (d, b),
+        (c, c),
+        (c, d),
+        (d, d),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        sums[i] = x.mul_add(y, sums[i]);
     }
 }
 
