@@ -9,7 +9,7 @@
 
 use core::convert::Infallible;
 
-use crate::batch::simd::{Path, sin_cos, sin_products};
+use crate::batch::simd::{Path, call_ahead, sin_cos, sin_products};
 use crate::batch::{Items, Threads};
 use crate::scalar::Real;
 
@@ -183,7 +183,10 @@ impl<S: pulp::Simd> Sums<S> {
         let (clock, _) = S::as_simd_f64s(times);
         match weights {
             None => {
-                for (&b, &t) in vectors.iter().zip(clock) {
+                for ((&b, &t), numbers) in
+                    vectors.iter().zip(clock).zip(bearings.chunks_exact(lanes))
+                {
+                    call_ahead(numbers);
                     self.add(simd, simd.sub_f64s(b, self.turn), t, None);
                 }
             }
