@@ -112,6 +112,8 @@ def rank_contest(poses: int) -> Contest:
             Contestant("SciPy splu of the normal equations: no rank", splu),
         ],
         note="splu factors the normal equations, which have half the digits, and tells no rank.",
+        why="splu answers less: it factors the normal equations, whose pivots of half the digits "
+        "decide no rank. Ours reduces the rows themselves, twice the multiplications.",
     )
 
 
