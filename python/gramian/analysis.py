@@ -694,9 +694,7 @@ def _reference(problem: Problem) -> Array:
 
     That is its scale, or what it alone would be known to.
     """
-    norms = np.linalg.norm(problem.all_rows, axis=0) if len(problem.all_rows) else 0
-    norms = np.where(np.asarray(norms) > 0, norms, 1.0)
-    return np.where(np.isnan(problem.scale), 1 / norms, problem.scale)
+    return _core.references(at_least_one_row(problem.all_rows), problem.scale)
 
 
 def _suggestions(problem: Problem, analysis: _core.Analysis) -> tuple[Suggestion, ...]:

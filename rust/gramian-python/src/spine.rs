@@ -441,6 +441,19 @@ fn singular_values<'py>(
     Ok(PyArray1::from_vec(py, values))
 }
 
+/// What the bound of each state is compared with.
+#[pyfunction]
+fn references<'py>(
+    py: Python<'py>,
+    rows: &Bound<'py, PyAny>,
+    scale: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    let rows = Input::unchecked(rows, "rows", 2)?;
+    let scale = Input::unchecked(scale, "scale", 1)?;
+    let found = verdict::references(rows.slice()?, scale.slice()?);
+    Ok(PyArray1::from_vec(py, found))
+}
+
 /// A number in so many digits, for a sentence.
 #[pyfunction]
 fn brief(value: f64, digits: usize) -> String {
@@ -544,6 +557,7 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(brief, module)?)?;
     module.add_function(wrap_pyfunction!(moves, module)?)?;
     module.add_function(wrap_pyfunction!(judge, module)?)?;
+    module.add_function(wrap_pyfunction!(references, module)?)?;
     module.add_function(wrap_pyfunction!(singular_values, module)?)?;
     module.add_function(wrap_pyfunction!(run::set_threads, module)?)?;
     module.add_function(wrap_pyfunction!(run::threads, module)?)?;

@@ -9,6 +9,7 @@ use alloc::vec::Vec;
 
 use crate::numbers::chi_square::Goodness;
 use crate::numbers::words::brief;
+use crate::spine::parts::column_norms;
 
 /// The status, worst first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -104,6 +105,27 @@ pub struct Findings<'a> {
     pub weak_ratio: f64,
     /// "Weak" where no state has a limit and the condition number exceeds this.
     pub weak_condition: f64,
+}
+
+/// For each state what its bound is compared with: its scale, or where that is NaN what the
+/// `rows` would know it to if it were alone; 1 where they do not touch it.
+///
+/// ```
+/// let rows = [3.0, 1.0, 0.0, 4.0, 1.0, 0.0];
+/// let found = gramian::spine::verdict::references(&rows, &[f64::NAN, 7.0, f64::NAN]);
+/// assert_eq!(found, [1.0 / 5.0, 7.0, 1.0]);
+/// ```
+pub fn references(rows: &[f64], scale: &[f64]) -> Vec<f64> {
+    let norms = column_norms(rows, scale.len());
+    scale
+        .iter()
+        .zip(norms)
+        .map(|(&scale, norm)| match (scale.is_nan(), norm > 0.0) {
+            (false, _) => scale,
+            (true, true) => 1.0 / norm,
+            (true, false) => 1.0,
+        })
+        .collect()
 }
 
 /// "Weak" above this many times the limit of a state, by default.
