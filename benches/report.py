@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from harness import OURS, Row, impossible, markdown, percent
+from harness import OURS, Row, impossible, markdown, percent, seconds
 from limits import KINDS, Rates
 
 #: One colour and mark a kind of contestant, the same in every picture.
@@ -63,6 +63,44 @@ def growth(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
     return found
 
 
+def shares(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Return what makes up our time, of kernels with a series against trials and samples.
+
+    Seconds of a call, of a trial and of a sample besides, from the times of 10 and 1000
+    trials and of 100 and 1000 samples; the fraction of its limit that a sample reaches; the
+    time of a trial of 50 samples among 10 000, and what of it that sum leaves: numbers that
+    the caches no longer hold.
+    """
+    found = []
+    ours = [row for row in rows if row.contestant == OURS and row.minimum and row.size]
+    for name in dict.fromkeys(row.series.removesuffix(" against trials") for row in ours):
+        of = {
+            kind: {row.size: row for row in ours if row.series == f"{name} against {kind}"}
+            for kind in ("trials", "samples")
+        }
+        if not {10, 1000, 10_000} <= of["trials"].keys() or not {100, 1000} <= of["samples"].keys():
+            continue
+        few, many, most = (of["trials"][size].minimum or 0.0 for size in (10, 1000, 10_000))
+        short, long = (of["samples"][size].minimum or 0.0 for size in (100, 1000))
+        call = (few - many) / (1 / 10 - 1 / 1000)
+        sample = (long - short) / 900
+        # Their trials are a hundred.
+        trial = short - call / 100 - 100 * sample
+        limit = (of["samples"][1000].fraction or 0.0) * long / 1000
+        found.append(
+            {
+                "kernel": name,
+                "call": call,
+                "trial": trial,
+                "sample": sample,
+                "of the limit": limit / sample,
+                "among 10 000": most,
+                "beyond the caches": most - trial - 50 * sample - call / 10_000,
+            }
+        )
+    return found
+
+
 INTRODUCTION = """# Benchmarks
 
 Written by `{command}`. All contestants of a table take turns within the run, on the same
@@ -102,6 +140,21 @@ def document(
         for series, of in slopes.items():
             others = [f"{name} {slope:.2f}" for name, slope in of.items() if name != OURS]
             text += f"| {series} | {of.get(OURS, float('nan')):.2f} | {'; '.join(others)} |\n"
+    if made := shares(rows):
+        text += (
+            "\n## What a short trial is made of\n\nWhy short trials are further from the limit, "
+            "which counts the operations of their samples: a call, what is done once a trial (sums "
+            "of the lanes, the matrix, its determinant), and numbers that the caches do not hold.\n"
+            "\n| kernel | a call | a trial | a sample | of its limit | 50 samples, 10 000 trials "
+            "| beyond the caches |\n|---|---|---|---|---|---|---|\n"
+        )
+        for one in made:
+            beyond = max(one["beyond the caches"], 0.0)
+            text += (
+                f"| {one['kernel']} | {seconds(one['call'])} | {seconds(one['trial'])} "
+                f"| {seconds(one['sample'])} | {percent(one['of the limit'])} "
+                f"| {seconds(one['among 10 000'])} | {seconds(beyond)} |\n"
+            )
     if parts:
         text += "\n## Parts\n\nEach in a process of its own.\n\n"
         text += "| part | seconds | peak memory, MiB |\n|---|---|---|\n"

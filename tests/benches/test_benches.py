@@ -160,6 +160,30 @@ def test_slopes_are_those_of_whole_calls():
     assert slopes["peer"] == pytest.approx(2.0)
 
 
+def test_a_short_trial_is_taken_apart_into_call_trial_sample_and_memory():
+    call, trial, sample, memory = 5e-6, 30e-9, 1e-9, 20e-9
+
+    def row(kind, trials, samples):
+        far = memory if trials >= 10_000 else 0.0
+        each = call / trials + trial + samples * sample + far
+        size = trials if kind == "trials" else samples
+        return Row(
+            "c", OURS, "trial", 1, minimum=each, size=size, series=f"sums against {kind}",
+            fraction=0.5 * samples * sample / each,
+        )  # fmt: skip
+
+    rows = [row("trials", trials, 50) for trials in (10, 100, 1000, 10_000)]
+    rows += [row("samples", 100, samples) for samples in (10, 100, 1000)]
+    (found,) = report.shares(rows)
+    assert found["kernel"] == "sums"
+    assert found["call"] == pytest.approx(call)
+    assert found["trial"] == pytest.approx(trial)
+    assert found["sample"] == pytest.approx(sample)
+    assert found["of the limit"] == pytest.approx(0.5)
+    assert found["beyond the caches"] == pytest.approx(memory)
+    assert report.shares(rows[:3]) == []
+
+
 def test_what_did_not_run_and_who_is_faster_are_named():
     rows = [
         Row("c", OURS, "trial", 1, minimum=1.0, median=1.0, ratio=1.0),
