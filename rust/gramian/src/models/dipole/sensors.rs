@@ -4,7 +4,7 @@ use super::{Error, Pass, field, jacobian, quadrupole};
 use crate::numbers::algebra::dot;
 use crate::numbers::lane::Lane;
 use crate::rows::RowSink;
-use crate::scalar::{NumberError, Real, all_finite, check_finite, check_length};
+use crate::scalar::{NumberError, Real, all_finite, check_finite, check_length, finite};
 
 /// Sensors of one kind: of three components or of the total field, of the field itself or of
 /// its difference between two places.
@@ -131,21 +131,22 @@ impl<'a, T: Real> Sensors<'a, T> {
         let wanted = times.len().saturating_mul(self.channels());
         check_length("out", out.len(), wanted)?;
         self.check(times, pass)?;
+        if self.plain() {
+            // Nothing is summed up over heads, and the field is finite or an error.
+            let mut numbers = out.as_chunks_mut::<3>().0.iter_mut();
+            for (k, &time) in times.iter().enumerate() {
+                for (sensor, to) in self.places.iter().zip(&mut numbers) {
+                    let place = pass.offset(sensor, time - times[0]);
+                    *to = seen(&place, pass, quadrupole).map_err(|error| error.at(k))?;
+                }
+            }
+            return Ok(());
+        }
         out.fill(self.quiet());
-        let plain = self.plain();
         let mut places = out.chunks_exact_mut(self.components());
         for (k, &time) in times.iter().enumerate() {
             for sensor in 0..self.places.len() {
                 let Some(out) = places.next() else { break };
-                if plain {
-                    let place = pass.offset(&self.places[sensor], time - times[0]);
-                    let h = seen(&place, pass, quadrupole).map_err(|error| error.at(k))?;
-                    // Not as a slice: its length would be asked for.
-                    if let [x, y, z] = out {
-                        (*x, *y, *z) = (h[0], h[1], h[2]);
-                    }
-                    continue;
-                }
                 for head in self.heads(sensor) {
                     let place = pass.offset(&head.place, time - times[0]);
                     let h = seen(&place, pass, quadrupole).map_err(|error| error.at(k))?;
@@ -325,7 +326,7 @@ fn seen<T: Real>(
         None => h,
         Some(quadrupole) => {
             let more = quadrupole::field(place, quadrupole)?;
-            core::array::from_fn(|i| h[i] + more[i])
+            finite("field", [h[0] + more[0], h[1] + more[1], h[2] + more[2]])?
         }
     })
 }
