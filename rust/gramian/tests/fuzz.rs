@@ -1240,7 +1240,7 @@ mod sized {
     use gramian::observability::{self, Observability};
     use gramian::registration::estimate::{Estimator, Method, Question};
     use gramian::registration::report;
-    use gramian::spine::verdict::{Findings, Status, judge, of_estimate};
+    use gramian::spine::verdict::{Findings, Status, judge, of_estimate, references};
 
     fn rtol<T: Number>(draw: &mut Draw<T>) -> Option<T> {
         (draw.below(2) == 0).then(|| draw.positive())
@@ -1409,6 +1409,14 @@ mod sized {
                 "{x:e} in {digits} digits: {text}"
             );
         }
+        let compared = references(&hardness, &scale);
+        assert_eq!(compared.len(), n);
+        assert!(
+            scale
+                .iter()
+                .zip(&compared)
+                .all(|(s, c)| s.is_nan() || s == c)
+        );
         let names = ["a", "b", "c", "d"];
         assert_eq!(
             words::moves(&data_std, &names).is_empty(),

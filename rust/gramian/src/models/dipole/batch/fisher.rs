@@ -143,21 +143,33 @@ fn side_by_side<S: Simd>(
     Ok(())
 }
 
-/// Three numbers of each trial, one trial in each lane.
+/// Three numbers of each trial, one trial in each lane: as [`into_lanes`] places them.
 #[inline(always)]
 fn triple<'a, S: Simd>(simd: S, from: impl Fn(usize) -> &'a [f64]) -> [Lanes<S>; 3] {
-    let mut blocks = [[0.0; LANES]; 3];
-    for lane in 0..S::F64_LANES {
-        let numbers = from(lane);
-        for axis in 0..3 {
-            blocks[axis][lane] = numbers[axis];
-        }
+    let mut numbers = [&[][..]; LANES];
+    for lane in 0..LANES {
+        numbers[lane] = &from(lane)[..3];
     }
-    let zero = Lanes::splat(simd, 0.0);
-    let mut out = [zero; 3];
+    let mut packed = Aligned([[0.0; LANES]; 3]);
+    let packed = &mut packed.0.as_flattened_mut()[..3 * S::F64_LANES];
+    into_lanes(simd, &numbers, packed);
+    let mut out = [Lanes::splat(simd, 0.0); 3];
     for axis in 0..3 {
-        out[axis] = Lanes::load(simd, &blocks[axis], 0);
+        out[axis] = Lanes::of(simd, &packed[axis * S::F64_LANES..]);
     }
+    out
+}
+
+/// The numbers in the lanes, trial by trial.
+#[inline(always)]
+fn apart<S: Simd, const N: usize>(simd: S, lanes: [Lanes<S>; N]) -> [[f64; N]; LANES] {
+    let mut packed = Aligned([[0.0; LANES]; N]);
+    let packed = &mut packed.0.as_flattened_mut()[..N * S::F64_LANES];
+    for (lanes, to) in zip(lanes, packed.chunks_exact_mut(S::F64_LANES)) {
+        lanes.put(to);
+    }
+    let mut out = [[0.0; N]; LANES];
+    out_of_lanes(simd, packed, N, N, out.as_flattened_mut());
     out
 }
 
@@ -189,28 +201,18 @@ impl<S: Simd> Nearest<Lanes<S>> {
         let (zero, speed) = (Lanes::splat(simd, 0.0), dot(velocity, velocity));
         let along = -dot(start, velocity);
         let after = speed.select_greater(zero, along / speed, zero);
-        let (mut passed, mut time) = ([0.0; LANES], [0.0; LANES]);
-        after.store(&mut passed, 0);
-        let mut indices = [0; LANES];
+        let passed = apart(simd, [after]);
+        let (mut indices, mut elapsed) = ([0; LANES], [[0.0; 3]; LANES]);
         for lane in 0..trials.min(S::F64_LANES) {
             let times = passes.times.get(lane);
-            indices[lane] = nearest(times, times[0] + passed[lane]);
+            indices[lane] = nearest(times, times[0] + passed[lane][0]);
             samples.clock[lane] = times[indices[lane]];
-            time[lane] = samples.clock[lane] - times[0];
+            elapsed[lane][0] = samples.clock[lane] - times[0];
         }
-        let time = Lanes::load(simd, &time, 0);
+        let [time, _, _] = triple(simd, |lane| &elapsed[lane]);
         let place = advanced(start, velocity, time);
         let distance = dot(&place, &place).sqrt();
         let inverse = distance.recip();
-        let mut inverses = [0.0; LANES];
-        inverse.store(&mut inverses, 0);
-        for lane in 0..trials.min(S::F64_LANES) {
-            // 1 / r^8 stands before the sums.
-            if !(inverses[lane] > 0.0 && inverses[lane] < 1e38) {
-                let index = indices[lane];
-                return Err((lane, Error::OnSensor { index }));
-            }
-        }
         let (mut position, mut velocity) = (place, *velocity);
         for axis in 0..3 {
             position[axis] = place[axis] * inverse;
@@ -218,8 +220,15 @@ impl<S: Simd> Nearest<Lanes<S>> {
         }
         let linear = dot(&position, &velocity).times(2.0);
         let square = dot(&velocity, &velocity);
-        linear.store(&mut samples.linear, 0);
-        square.store(&mut samples.square, 0);
+        let found = apart(simd, [inverse, linear, square]);
+        for lane in 0..trials.min(S::F64_LANES) {
+            // 1 / r^8 stands before the sums.
+            if !(found[lane][0] > 0.0 && found[lane][0] < 1e38) {
+                let index = indices[lane];
+                return Err((lane, Error::OnSensor { index }));
+            }
+            (samples.linear[lane], samples.square[lane]) = (found[lane][1], found[lane][2]);
+        }
         Ok(Self {
             time,
             distance,
@@ -538,6 +547,46 @@ mod tests {
             }
         }
         assert!(worst < 1e-11, "{worst}");
+    }
+
+    #[test]
+    fn each_trial_of_a_batch_is_its_own() {
+        let mut random = Stream::new(4, 0);
+        let states: Vec<[f64; 9]> = (0..13)
+            .map(|_| core::array::from_fn(|i| [10.0, 1.0, 30.0][i / 3] * random.normal()))
+            .collect();
+        let parts = |first: usize| -> Vec<f64> {
+            states
+                .iter()
+                .flat_map(|x| x[first..first + 3].to_vec())
+                .collect()
+        };
+        let (position, velocity, moment) = (parts(0), parts(3), parts(6));
+        let times: Vec<f64> = (0..21).map(f64::from).collect();
+        let sigma: Vec<f64> = times.iter().map(|t| 1e-9 * (1.0 + t / 20.0)).collect();
+        let sensors = [0.0, 0.0, 0.0, 0.5, -0.2, 0.1];
+        for path in Path::available() {
+            for trials in 1..=states.len() {
+                let mut out = alloc::vec![0.0; 81 * trials];
+                let passes = Passes {
+                    position: Items::each(&position, 3),
+                    velocity: Items::each(&velocity, 3),
+                    moment: Items::each(&moment, 3),
+                    times: Items::shared(&times),
+                    sigma: Items::shared(&sigma),
+                    sensors: Items::shared(&sensors),
+                    baselines: &[],
+                    ambient: None,
+                    quadrupole: None,
+                };
+                dipole_fisher(&passes, Threads::One, path, &mut out).unwrap();
+                for (state, out) in states.iter().zip(out.chunks_exact(81)) {
+                    let wanted = plain(&times, &Pass::of(state), &sensors, &sigma);
+                    let off = far(&wanted, out);
+                    assert!(off < 1e-11, "{path:?} {trials}: {off}");
+                }
+            }
+        }
     }
 
     #[test]
