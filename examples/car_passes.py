@@ -168,7 +168,7 @@ def main(path: Path) -> None:
             print(f"  the two directions differ by {angle(*each):.1f} deg")
         for sources, text in (
             (1, "one dipole"),
-            ((1, "quadrupole", 2, 3), "what explains it best"),
+            ((1, "quadrupole", 2, 3, 4), "what explains it best"),
         ):
             print(f"  both sensors, the speed unknown, {text}")
             try:
