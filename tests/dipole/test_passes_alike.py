@@ -164,3 +164,12 @@ def test_two_sensors_of_the_total_field_do_not_tell_a_reflected_pass():
     assert gm.dipole.localize_many(t, y, **given).status != "unobservable"
     for status in (gm.dipole.localize(t, y, **given), gm.dipole.localize_many(t, y, **given)):
         assert status.status == "determined"
+
+
+def test_a_least_range_that_is_no_use_is_not_told():
+    """From the least squares of this record, at 1e52 m, no pass is led back."""
+    t, y, given, _ = record(139, "gradiometer")
+    with pytest.raises(gm.UnobservableError, match="too far to tell: ") as refused:
+        gm.dipole.localize(t, y, **given)
+    assert "at least" not in str(refused.value)
+    assert "cannot be told from where the fit ended" in str(refused.value)

@@ -71,12 +71,17 @@ def require_size(model: DipoleModel, state: Array, z: Array) -> None:
     # Between the two sizes, on a logarithmic scale.
     share = min(max((least + _RISE - before) / max(here - before, 1e-300), 0.0), 1.0)
     limit = nearest * (distance / nearest) ** share
+    # From where least squares have run to the end of the numbers no pass is led back.
+    told = (
+        f"Its closest range is at least {brief(limit, 3)} m (95 %), without an upper limit"
+        if limit < 10.0 * _FAR * extent
+        else "How near it may be cannot be told from where the fit ended"
+    )
     full = model.expand(x)[0]
     null = np.concatenate([full[:6], power * full[6:]])
     directions = describe_null_space((null / np.linalg.norm(null))[:, None], NAMES)
     raise UnobservableError(
-        f"too far to tell: the pass fits as well at any larger size. Its closest range is at "
-        f"least {brief(limit, 3)} m (95 %), without an upper limit; "
+        f"too far to tell: the pass fits as well at any larger size. {told}; "
         f"{'; '.join(directions)} is not determined, any one of these would do: speed, moment",
         directions,
     )
