@@ -237,8 +237,8 @@ def mixed_rows_contest(trials: int) -> Contest:
         cases={"well": case(at), "ill": case(at + np.array([1e7, 0, 0, 0, 0]))},
         target="30 times numpy",
         note="Bearings, ranges and frequencies, into memory that has been in use. Error over the "
-        "largest entry of the column; ill: 10 000 km away.",
-        why="30 times numpy is 0.5 us a scene. Writing its 7.2 kB takes 0.28 us (26 GB/s, an Intel "
+        "largest entry of the column; ill: 10 000 km away. "
+        "30 times numpy is 0.5 us a scene. Writing its 7.2 kB takes 0.28 us (26 GB/s, an Intel "
         "processor of 2023) and does not bind: instructions do, and 900 numbers take some 4500 "
         "cycles. Tried: states asked for the one component that they change, columns that leave "
         "the vectors four at a time (together 26 % fewer instructions, 1.95 to 1.6 us); blocks of "
