@@ -144,7 +144,8 @@ def tell(found: gm.dipole.Localization, recorded: float | None) -> None:
         print(f"    its mirror image costs {found.mirror.cost:.6g}, itself {found.cost:.6g}")
 
 
-def main(path: Path) -> None:
+def main(path: Path, most: int = 4) -> None:
+    """Tell what each pass of the record is, with up to `most` dipoles for the car."""
     for name, speed, times, field in passes(path):
         print(f"\n{name}: recorded at {3.6 * speed:.0f} km/h")
         use = look(times, field)
@@ -168,7 +169,7 @@ def main(path: Path) -> None:
             print(f"  the two directions differ by {angle(*each):.1f} deg")
         for sources, text in (
             (1, "one dipole"),
-            ((1, "quadrupole", 2, 3, 4), "what explains it best"),
+            ((1, "quadrupole", *range(2, most + 1)), "what explains it best"),
         ):
             print(f"  both sensors, the speed unknown, {text}")
             try:

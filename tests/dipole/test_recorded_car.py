@@ -145,7 +145,7 @@ def test_nothing_known_at_one_sensor_is_refused(passes):
 
 
 def test_the_example_runs(example, recorded, capsys):
-    example["main"](recorded("car_magnetometer.csv"))
+    example["main"](recorded("car_magnetometer.csv"), most=2)
     text = capsys.readouterr().out
     assert text.count("sensor 1 alone") == 2
     assert text.count("misfit: neighbouring residuals are correlated") == 8
@@ -168,7 +168,7 @@ def test_the_example_takes_broken_records_to_the_end(example, recorded, tmp_path
         broken.append(",".join(cells))
     path = tmp_path / "broken.csv"
     path.write_text("\n".join(broken))
-    example["main"](path)
+    example["main"](path, most=2)
     text = capsys.readouterr().out
     assert "1x is 4e-07 T throughout" in text
     assert "2y repeats 2x" in text

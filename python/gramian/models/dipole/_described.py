@@ -86,6 +86,16 @@ def _as_sources(given: object) -> tuple[int, bool]:
     return 1, True
 
 
+#: No more places than this are looked at for a further dipole.
+_PLACES = 1000
+#: Of the steps from each place where a further dipole may be, and how many are gone on with then:
+#: where the rows foretell the most is often the way to a lesser minimum. The rest go on to their
+#: ends.
+_STAGES = ((20, 16), (40, 6))
+#: Steps of a fit whose weights have changed a little.
+_AGAIN = 50
+
+
 @dataclass(frozen=True)
 class _Settled:
     """What a description makes of a record."""
@@ -113,7 +123,9 @@ def _settle(
     for _ in range(20):
         model = record.model(raw, np.sqrt(weights * efficiency) / sigma, about)
         handle = model.handle(filled)
-        found = handle.minimize(starts, ("squares", 0.0), setup.max_iterations)
+        # After the first round only weights and noise have changed.
+        limit = min(setup.max_iterations, _AGAIN) if iterations else setup.max_iterations
+        found = handle.minimize(starts, ("squares", 0.0), limit)
         if not found:
             raise InputError("the body meets a sensor at every start")
         best, before = found[0], (sigma, record.options.correlation)
@@ -136,7 +148,8 @@ def _settle(
             sigma = float(np.sqrt(left @ left / max(count - len(state), 1)))
             sigma = max(sigma, 1e-12 * before[0])
         settled, correlation = abs(sigma - before[0]) < 1e-4 * sigma, record.options.correlation
-        if settled and abs(correlation - before[1]) < 1e-2 * (1 - correlation):
+        ended = best["converged"] or iterations >= 2 * setup.max_iterations
+        if ended and settled and abs(correlation - before[1]) < 1e-2 * (1 - correlation):
             break
     left = unit.residuals(state, filled) / sigma
     size = np.abs(left)
@@ -159,6 +172,29 @@ def _settle(
         iterations,
         float(bic),
     )
+
+
+def _one_more(last: _Settled, about: Description, record: Record) -> tuple[Array, Array]:
+    """Return starts (n, states) of a description from the answer with a dipole less.
+
+    A few steps are made from each of many places, and more of them from the best. Also the places
+    themselves where the rows foretell the most.
+    """
+    filled = record.filled
+    model = replace(last.model, description=about)
+    handle = model.handle(filled)
+    foretold = last.model.record(filled).seeds(last.state, _PLACES)
+    places = list(foretold)
+    for steps, most in _STAGES:
+        reached: list[tuple[float, Array]] = []
+        for start in places:
+            found = handle.minimize(start[None], ("squares", 0.0), steps)
+            reached += [(found[0]["chi2"], found[0]["x"])] if found else []
+        reached.sort(key=lambda one: one[0])
+        places = [x for _, x in reached[:most]]
+    if not places:
+        raise InputError("the body meets a sensor at every start")
+    return np.array(places), foretold[:8]
 
 
 def _tried(
@@ -202,10 +238,15 @@ def _tried(
                 model = record.model(raw, np.sqrt(raw["weights"]), about)
                 starts = states_of(model, raw)[None]
             else:
-                starts = last.model.record(filled).seeds(last.state, 8)
+                starts, foretold = _one_more(last, about, record)
             found = settled(about, starts)
             if found is None:
                 break
+            if last is not None and not found.converged:
+                # Two dipoles that draw together never come to rest; from where the rows foretell
+                # the most others are found that fit no worse.
+                other = settled(about, foretold)
+                found = found if other is None else min(found, other, key=lambda one: one.bic)
             if count in counts:
                 tried.append(found)
                 earlier = last is not None and last.about.sources in counts
