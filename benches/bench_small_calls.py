@@ -90,8 +90,7 @@ track_of = track()
 NOTHING = {name: f"nothing: {name}" for name in ("an empty call", f"{LOOP} empty calls")}
 WHY = {
     "analyze(problem)": "The SVD is one part of the answer: ours also decides the rank with the "
-    "units scaled, finds bounds with and without the prior, the weakest combination and its words. "
-    "A fifth is the factorisation, two fifths are Python around it.",
+    "units scaled, finds bounds with and without the prior, the weakest combination and its words.",
 }
 
 

@@ -144,7 +144,8 @@ def document(
         text += (
             "\n## What a short trial is made of\n\nWhy short trials are further from the limit, "
             "which counts the operations of their samples: a call, what is done once a trial (sums "
-            "of the lanes, the matrix, its determinant), and numbers that the caches do not hold.\n"
+            "of the lanes, the matrix, its determinant), and numbers that the caches do not hold. "
+            "Where a trial takes less than nothing, 1000 samples already leave the caches.\n"
             "\n| kernel | a call | a trial | a sample | of its limit | 50 samples, 10 000 trials "
             "| beyond the caches |\n|---|---|---|---|---|---|---|\n"
         )

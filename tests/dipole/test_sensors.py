@@ -98,8 +98,7 @@ def test_the_pass_is_found_and_judged_as_by_three_axes(kind):
 def test_intervals_hold_the_truth_and_errors_meet_the_bound(kind):
     trials, sigma = 300, 2e-12
     args = (R0, V, M, T, sigma)
-    # The search for other passes takes part where each number has its deviation.
-    found = gm.dipole.localize_trials(*args, 1, trials, others=False, **KINDS[kind])
+    found = gm.dipole.localize_trials(*args, 1, trials, **KINDS[kind])
     errors = found - np.concatenate([R0, V, M])
     rows = gm.dipole.rows(*args, **KINDS[kind])
     nees = ((rows @ errors.T) ** 2).sum(axis=0)

@@ -67,14 +67,13 @@ impl Path {
     }
 }
 
-/// How far before the numbers that are read those are called for that come next, bytes: a
-/// page, as the processor itself looks no further than the page it reads.
+/// How far ahead of the numbers being read the next ones are prefetched, bytes: one page, since
+/// the prefetcher of the processor stops at the end of a page.
 const AHEAD: usize = 4096;
 
-/// Calls for the lines of the cache that `numbers` will be read from a page later, where the
-/// processor can be told: it follows one long array by itself, but loses time at each page.
+/// Prefetches what lies a page beyond `numbers`, where the processor has an instruction for it.
 #[inline(always)]
-pub fn call_ahead<T>(numbers: &[T]) {
+pub fn prefetch<T>(numbers: &[T]) {
     #[cfg(target_arch = "x86_64")]
     if let Some(sse) = pulp::core_arch::x86::Sse::try_new() {
         let first = numbers.as_ptr().cast::<i8>().wrapping_add(AHEAD);

@@ -75,7 +75,7 @@ fn right_singular(matrix: MatRef<'_, f64>) -> Result<(Vec<f64>, Vec<f64>), NoCon
     let mut v = Mat::<f64>::zeros(n, n);
     let (none, full) = (ComputeSvdVectors::No, ComputeSvdVectors::Full);
     let mut params = <SvdParams as Auto<f64>>::auto();
-    // Of faer's 128, a hundred states take a sixth longer.
+    // With faer's 128 the decomposition of a hundred states takes a sixth longer.
     params.recursion_threshold = 64;
     let params = Spec::new(params);
     let request = svd_scratch::<f64>(n, n, none, full, Par::Seq, params);

@@ -1,7 +1,7 @@
 //! sum of w row^T row, trial by trial.
 
 use crate::batch::element::Element;
-use crate::batch::simd::{Path, call_ahead, lane_sums};
+use crate::batch::simd::{Path, lane_sums, prefetch};
 use crate::batch::{Items, Threads};
 use crate::numbers::algebra::add_square;
 use crate::scalar::Real;
@@ -77,7 +77,7 @@ impl<T: Element> pulp::WithSimd for Four<'_, T> {
             let (blocks, _) = vectors.as_chunks::<4>();
             let mut sums = [T::lanes_splat(simd, T::zero()); 10];
             for (block, numbers) in blocks.iter().zip(rows.chunks_exact(4 * T::lanes::<S>())) {
-                call_ahead(numbers);
+                prefetch(numbers);
                 let columns = T::lanes_of_fours(simd, *block);
                 let mut k = 0;
                 for i in 0..4 {

@@ -9,7 +9,7 @@
 
 use core::convert::Infallible;
 
-use crate::batch::simd::{Path, call_ahead, sin_cos, sin_products};
+use crate::batch::simd::{Path, prefetch, sin_cos, sin_products};
 use crate::batch::{Items, Threads};
 use crate::scalar::Real;
 
@@ -186,7 +186,7 @@ impl<S: pulp::Simd> Sums<S> {
                 for ((&b, &t), numbers) in
                     vectors.iter().zip(clock).zip(bearings.chunks_exact(lanes))
                 {
-                    call_ahead(numbers);
+                    prefetch(numbers);
                     self.add(simd, simd.sub_f64s(b, self.turn), t, None);
                 }
             }

@@ -6,7 +6,7 @@ use pulp::Simd;
 
 use crate::batch::element::Element;
 use crate::batch::lanes::Vector;
-use crate::batch::simd::{Path, call_ahead, last_pairs, pairs};
+use crate::batch::simd::{Path, last_pairs, pairs, prefetch};
 use crate::batch::{Items, Threads};
 use crate::bearings;
 use crate::bearings::batch::block_determinant;
@@ -206,7 +206,7 @@ impl<T: Element> pulp::WithSimd for Fixed<'_, T> {
             let (whole, rest) = pairs::<S, T>(places);
             let mut sums = [Vector::splat(simd, T::zero()); 3];
             for (&place, numbers) in whole.iter().zip(places.chunks_exact(2 * T::lanes::<S>())) {
-                call_ahead(numbers);
+                prefetch(numbers);
                 let place = pair::<S, T>(simd, T::lanes_of_pairs(simd, place));
                 add(row(target, place, sigma), &mut sums);
             }
@@ -249,7 +249,7 @@ impl<T: Element> pulp::WithSimd for Moving<'_, T> {
             let mut sums = [Vector::splat(simd, T::zero()); 9];
             let numbers = places.chunks_exact(2 * T::lanes::<S>());
             for ((&place, &time), numbers) in whole.iter().zip(times).zip(numbers) {
-                call_ahead(numbers);
+                prefetch(numbers);
                 let [time, _] = pair::<S, T>(simd, T::lanes_of_pairs(simd, time));
                 let place = pair::<S, T>(simd, T::lanes_of_pairs(simd, place));
                 let row = row(bearings::moved(&state, time), place, sigma);
