@@ -88,9 +88,9 @@ def _as_sources(given: object) -> tuple[int, bool]:
 
 #: No more places than this are looked at for a further dipole.
 _PLACES = 1000
-#: Of the steps from each place where a further dipole may be, and how many are gone on with then:
-#: where the rows foretell the most is often the way to a lesser minimum. The rest go on to their
-#: ends.
+#: A few steps are made from every place where a further dipole may be, as the place where the rows
+#: foretell the most often leads to a lesser minimum. Of each stage: the steps, and how many of the
+#: best go on; those of the last are fitted to the end.
 _STAGES = ((20, 16), (40, 6))
 #: Steps of a fit whose weights have changed a little.
 _AGAIN = 50
