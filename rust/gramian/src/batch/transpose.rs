@@ -8,7 +8,7 @@ use core::mem::align_of;
 
 use pulp::Simd;
 
-use super::lanes::{Block, LANES};
+use super::lanes::{Block, LANES, Lanes};
 
 /// Numbers that are turned at once.
 const STEP: usize = 4;
@@ -138,6 +138,14 @@ impl Turning {
         for k in 0..STEP {
             registers[k] = S::as_simd_f64s(&columns[k]).0[part];
         }
+        rows(simd, registers, &mut self.0);
+    }
+
+    /// Takes four columns of one register each.
+    #[inline(always)]
+    pub fn take<S: Simd>(&mut self, simd: S, columns: &[Lanes<S>; STEP]) {
+        let [a, b, c, d] = *columns;
+        let registers = [a.register(), b.register(), c.register(), d.register()];
         rows(simd, registers, &mut self.0);
     }
 

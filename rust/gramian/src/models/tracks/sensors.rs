@@ -112,6 +112,8 @@ pub trait Sensor<const D: usize> {
     const WRAPS: bool = false;
     /// Whether the velocity of the target matters.
     const SEES_VELOCITY: bool = true;
+    /// Whether the value is finite wherever the derivatives are.
+    const FINITE: bool = false;
 
     /// The value and its derivatives; not finite where there is no derivative.
     fn read<L: Lane>(&self, sight: &Sight<L, D>, parameters: &[L; 2]) -> Reading<L, D>;
@@ -122,6 +124,7 @@ pub trait Sensor<const D: usize> {
 pub struct Bearing;
 
 impl<const D: usize> Sensor<D> for Bearing {
+    const FINITE: bool = true;
     const SEES_VELOCITY: bool = false;
     const WRAPS: bool = true;
 
@@ -147,6 +150,7 @@ pub(crate) fn gradient<L: Lane>(offset: [L; 2], sigma: L) -> [L; 2] {
 pub struct Elevation;
 
 impl<const D: usize> Sensor<D> for Elevation {
+    const FINITE: bool = true;
     const SEES_VELOCITY: bool = false;
 
     #[inline(always)]
@@ -220,28 +224,32 @@ pub struct Frequency {
 impl<const D: usize> Sensor<D> for Frequency {
     #[inline(always)]
     fn read<L: Lane>(&self, sight: &Sight<L, D>, parameters: &[L; 2]) -> Reading<L, D> {
-        let inverse = sight.range().recip();
-        let speed = inverse.splat(self.speed);
+        // One division for 1 / r and 1 / (c + v_t . n): a quarter of the time of the reading.
+        let range = sight.range();
+        let wave = range * range.splat(self.speed);
+        let below = wave + dot(&sight.offset, &sight.target);
+        let shared = (range * below).recip();
+        let inverse = shared * below;
         let mut unit = sight.offset;
         for axis in 0..D {
             unit[axis] = unit[axis] * inverse;
         }
-        let own = dot(&unit, &sight.carrier);
-        let its = dot(&unit, &sight.target);
-        let (above, below) = (speed + own, speed + its);
-        let ratio = above / below;
+        let slowness = shared * range * range;
+        let ratio = (wave + dot(&sight.offset, &sight.carrier)) * shared * range;
         let tonal = parameters[0];
         let mut reading = Reading::new(tonal * ratio);
-        // d ratio / d n = (v_c - ratio v_t) / below, of which what is across n counts.
-        let gain = tonal / below;
+        // d ratio / d n = (v_c - ratio v_t) / (c + v_t . n), of which what is across n counts.
+        let gain = tonal * slowness;
         let mut pull = sight.carrier;
         for axis in 0..D {
             pull[axis] = ratio.negate_mul_add(sight.target[axis], pull[axis]);
         }
         let along = dot(&pull, &unit);
+        let near = gain * inverse;
+        let fast = inverse.splat(0.0) - gain * ratio;
         for axis in 0..D {
-            reading.by_place[axis] = gain * inverse * along.negate_mul_add(unit[axis], pull[axis]);
-            reading.by_velocity[axis] = sight.zero() - gain * ratio * unit[axis];
+            reading.by_place[axis] = near * along.negate_mul_add(unit[axis], pull[axis]);
+            reading.by_velocity[axis] = fast * unit[axis];
         }
         reading.by_parameter[0] = ratio;
         reading

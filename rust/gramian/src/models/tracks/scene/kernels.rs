@@ -23,7 +23,7 @@ pub struct Clock {
 
 impl Clock {
     /// By how much the carrier's path is read earlier.
-    fn shift(self) -> f64 {
+    pub fn shift(self) -> f64 {
         if self.true_path { self.offset } else { 0.0 }
     }
 }
@@ -47,11 +47,11 @@ pub struct Moves<'a, M, const D: usize> {
 }
 
 /// Place, velocity and axis of a carrier.
-type Carried<S, const D: usize> = ([Lanes<S>; D], [Lanes<S>; D], [Lanes<S>; D]);
+pub type Carried<S, const D: usize> = ([Lanes<S>; D], [Lanes<S>; D], [Lanes<S>; D]);
 
 /// Place less `shift` seconds of motion, and velocity, of a carrier.
 #[inline(always)]
-fn carried<S: pulp::Simd, const D: usize>(
+pub fn carried<S: pulp::Simd, const D: usize>(
     simd: S,
     carrier: &[Block],
     part: usize,

@@ -5,6 +5,7 @@ pub mod estimate;
 mod images;
 mod kernels;
 mod noise;
+mod one_pass;
 mod rounding;
 
 use alloc::borrow::Cow;

@@ -68,6 +68,11 @@ impl Scene {
         SCRATCH.with_borrow_mut(|scratch| {
             let mut before = None;
             for (sensor, group) in self.groups.iter().enumerate() {
+                if let (Rows::White, Some(rows)) = (how, rows.as_deref_mut())
+                    && self.rows_in_one_pass(group, x, rows)
+                {
+                    continue;
+                }
                 if !before.is_some_and(|before| group.moves_as(before)) {
                     self.moves(group, x, scratch);
                 }
@@ -93,7 +98,7 @@ impl Scene {
         })
     }
 
-    fn clock(&self, group: &Group, x: &[f64]) -> Clock {
+    pub(super) fn clock(&self, group: &Group, x: &[f64]) -> Clock {
         let channel = &group.channel;
         Clock {
             offset: self.value(x, channel.clock),

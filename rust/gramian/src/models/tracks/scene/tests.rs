@@ -166,6 +166,80 @@ fn rows_are_whitened_on_the_way() {
     }
 }
 
+/// Rows in one pass are those of the general passes to the last digits, whatever the number
+/// of samples, and what has no reading is named as there.
+#[test]
+fn rows_in_one_pass_are_those_of_three() {
+    let motion = Moving::Polynomial { order: 1 };
+    let kinds = [
+        Kind::Bearing,
+        Kind::Elevation,
+        Kind::Range,
+        Kind::RangeRate,
+        Kind::Frequency(1500.0),
+    ];
+    let mut taken = 0;
+    for (dimension, count) in [(2, 1), (2, 8), (2, 13), (2, 16), (3, 7), (3, 19)] {
+        let times: Vec<f64> = (0..count).map(|i| 7.0 * f64::from(i)).collect();
+        let place = [100.0, -50.0, 20.0, 800.0, 300.0, 45.0];
+        let [from, to] = [0, 3].map(|k| &place[k..k + dimension]);
+        let way = Carrier::along(dimension, &[0.0, 200.0], &[from, to].concat(), None, None);
+        let way = way.unwrap();
+        let x = [1500.0, 3700.0, 240.0, 3.0, -4.0, 0.5];
+        let x = [&x[..dimension], &x[3..3 + dimension], &[0.01, 300.0]].concat();
+        for kind in kinds {
+            if kind == Kind::Elevation && dimension == 2 {
+                continue;
+            }
+            for others in 0..=2 {
+                let mut channel =
+                    Channel::new(kind, times.clone(), Some(way.at(&times).unwrap()), 0.3);
+                channel.noise =
+                    Noise::Sigma((0..count).map(|i| 0.1 + 0.05 * f64::from(i)).collect());
+                channel.scale = Parameter::Fixed(0.02);
+                channel.clock = Parameter::Fixed(1.5);
+                channel.true_path = others == 1;
+                if others > 0 {
+                    channel.bias = vec![(2.0, Parameter::State(0))];
+                }
+                channel.parameters[0] = match others {
+                    2 => Parameter::State(1),
+                    _ => Parameter::Fixed(300.0),
+                };
+                let scene = Scene::new(dimension, motion.clone(), 0.0, others, vec![channel]);
+                let scene = scene.unwrap();
+                let x = &x[..2 * dimension + others];
+                for path in Path::available() {
+                    let scene = scene.clone().on(path);
+                    let mut rows = vec![f64::NAN; scene.measurements() * x.len()];
+                    if !scene.rows_in_one_pass(&scene.groups[0], x, &mut rows) {
+                        continue;
+                    }
+                    taken += 1;
+                    let mut values = vec![0.0; scene.measurements()];
+                    let mut wanted = vec![0.0; rows.len()];
+                    scene.predict(x, &mut values, Some(&mut wanted)).unwrap();
+                    scene.whiten(&mut values, Some(&mut wanted), None);
+                    for (k, (found, wanted)) in rows.iter().zip(&wanted).enumerate() {
+                        let near = (found - wanted).abs() <= 1e-14 * wanted.abs();
+                        assert!(near, "{kind:?} {path:?} {count} {k}: {found} {wanted}");
+                    }
+                    // On the carrier, and so far away that a square overflows.
+                    let at = &scene.groups[0].channel.carrier.as_ref().unwrap().place[..dimension];
+                    for place in [at, &[1e200; 3][..dimension]] {
+                        let mut x = x.to_vec();
+                        x[..dimension].copy_from_slice(place);
+                        x[dimension..2 * dimension].fill(0.0);
+                        let general = scene.predict(&x, &mut values, Some(&mut rows));
+                        assert_eq!(scene.rows(&x).err(), general.err(), "{kind:?} {place:?}");
+                    }
+                }
+            }
+        }
+    }
+    assert_eq!(taken, Path::available().count() * (4 * 4 + 2 * 5) * 3);
+}
+
 #[test]
 fn rows_are_derivatives_of_values() {
     for dimension in [2, 3] {
