@@ -347,3 +347,37 @@ def test_trials_of_a_body_are_located_by_its_description():
     assert off.std() > 3 * given[4]
     bound = gm.crlb_std(tilted.problem())
     assert (bound[[n.startswith("attitude") for n in tilted.names]] <= 0.01).all()
+
+
+def test_a_body_with_a_prior_is_simulated(tmp_path):
+    text = """
+model = "dipole"
+sensors = [[0.0, 0.0, 0.0], [0.0, 1.5, 0.0], [1.5, 0.0, 0.4], [-3.0, 2.0, 0.0]]
+known = { vz = 0.0 }
+prior = { z = { mean = 6.0, sigma = 0.002 } }
+[pass]
+r0 = [-10.0, -10.0, 6.0]
+v = [1.0, 1.0, 0.0]
+m = [10.0, 20.0, 10.0]
+duration = 20.0
+step = 1.0
+sigma_nT = 0.01
+acceleration = 0.01
+"""
+    scenario = load(write(tmp_path, text))
+    report = scenario.simulate(20, 1)
+    data = report.data
+    # The root of the mean of 20 squares; the bound is that of the rows.
+    rmse, least = np.array(data["rmse"]), np.array(data["bound"])
+    assert (np.abs(rmse / np.where(least > 0, least, np.inf) - (least > 0)) < 0.7).all()
+    given = [-10, -10, 6], [1, 1, 0], [10, 20, 10], np.arange(21.0), 1e-11
+    scene = gm.monte_carlo.Dipole(
+        *given,
+        sensors=[[0, 0, 0], [0, 1.5, 0], [1.5, 0, 0.4], [-3, 2, 0]],
+        known=["vz"],
+        prior={"z0": 0.002},
+        acceleration=0.01,
+    )
+    bound = gm.crlb_std(scene.problem())
+    np.testing.assert_allclose(least[:3], bound[:3], rtol=1e-6)
+    assert least[2] < 0.002

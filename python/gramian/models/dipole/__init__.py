@@ -18,7 +18,7 @@ of the sensor, fields in tesla.
 """
 
 from gramian.models.dipole._estimate import Description, DipoleModel
-from gramian.models.dipole._localize import localize, localize_many, localize_trials
+from gramian.models.dipole._localize import localize, localize_many
 from gramian.models.dipole._model import (
     MU0,
     NAMES,
@@ -38,6 +38,7 @@ from gramian.models.dipole._model import (
 from gramian.models.dipole._record import Finding, RecordCheck, check_record
 from gramian.models.dipole._result import ClosestPoint, Localization, Localizations, Solution
 from gramian.models.dipole._track import Track, track
+from gramian.models.dipole._trials import localize_trials
 
 __all__ = [
     "MU0",

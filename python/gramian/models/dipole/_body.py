@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -12,11 +13,12 @@ from numpy.typing import NDArray
 
 from gramian import _core
 from gramian._arrays import as_float_array, finite, number
+from gramian._text import describe_null_space
 from gramian._values import Value
 from gramian.exceptions import InputError, UnobservableError
 from gramian.models.dipole import _localize, _model
 from gramian.models.dipole._described import Motion, Sources
-from gramian.models.dipole._estimate import Description, DipoleModel
+from gramian.models.dipole._estimate import PLACED, Description, DipoleModel
 from gramian.models.dipole._result import Localization
 from gramian.monte_carlo.experiment import Estimates
 from gramian.problem import Problem
@@ -25,8 +27,6 @@ __all__ = ["Body", "Passing", "as_body"]
 
 Array = NDArray[np.float64]
 
-#: Of a further dipole.
-_PARTS = ("dx", "dy", "dz", "mx", "my", "mz")
 #: Deviations of the sensors' errors that are states.
 _SENSORS = ("attitude", "scale")
 
@@ -142,7 +142,7 @@ class Body(Value):
         if self.turn_rate is not None:
             found["turn rate"] = self.turn_rate
         for k, line in enumerate([] if self.dipoles is None else self.dipoles.tolist()):
-            names = tuple(f"{part} of dipole {k + 2}" for part in _PARTS)
+            names = tuple(f"{part} of dipole {k + 2}" for part in PLACED)
             found |= dict(zip(names, line, strict=True))
         entries = _model._entries(self.quadrupole)
         if entries is not None:
@@ -154,7 +154,11 @@ class Body(Value):
 
 @dataclass(frozen=True, eq=False)
 class Passing(Value):
-    """A body that passes sensors: its model at the true states."""
+    """A body that passes sensors: its model at the true states.
+
+    `known` are the names of what the estimator is told exactly, `prior` what it is told to a
+    deviation, as (mean, deviation).
+    """
 
     body: Body
     state: Array
@@ -164,6 +168,7 @@ class Passing(Value):
     sensors: Array | None
     ambient: tuple[float, float, float] | None
     baselines: Array | None
+    prior: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @cached_property
     def model(self) -> DipoleModel:
@@ -177,7 +182,7 @@ class Passing(Value):
             1.0 / level,
             self.state,
             {n: float(self.state[k]) for k, n in enumerate(_model.NAMES) if n in self.known},
-            {},
+            self.prior,
             spacing=float(np.median(np.diff(self.times))) if len(self.times) > 1 else 1.0,
             description=self.body.description,
             baselines=self.baselines,
@@ -219,6 +224,23 @@ class Passing(Value):
         scale = np.array([scales.get(name, np.nan) for name in model.names])
         return Problem(rows, model.names, units=model.units, scale=scale, combinations=functions)
 
+    def bound(self, known: Mapping[str, float]) -> Array:
+        """Return the least deviations (9,) of the pass, with what is known and the prior."""
+        model = replace(self.model, known=known)
+        x = self.model.carry(self.truth, model)
+        analysis = _core.Analysis(model.handle(np.zeros(model.weights.shape)).linearize(x)[1], None)
+        covariance = analysis.crlb()
+        if covariance is None:
+            directions = describe_null_space(analysis.null_space(), model.names)
+            raise UnobservableError(
+                f"what is known does not suffice for {model.description}: "
+                f"{'; '.join(directions)} is not determined",
+                directions,
+            )
+        columns = model.expand(x)[1]
+        variance: Array = ((columns @ covariance) * columns).sum(axis=1)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
     def _drawn(self, seed: int, first: int, trials: int) -> tuple[Array, Array]:
         """Return true states (trials, n) and noise (trials, K, S, components) of trials."""
         model, truth = self.model, self.truth
@@ -243,81 +265,101 @@ class Passing(Value):
             fields = fields[:, :, 0]
         return fields, states
 
-    def estimate(self, seed: int, first: int, trials: int, known: dict[str, float]) -> Estimates:
-        """Return the errors of `localize` with the description of the body."""
+    def located(
+        self,
+        seen: Array,
+        known: Mapping[str, float],
+        prior: Mapping[str, tuple[float, float]],
+        starts: int = 12,
+    ) -> Localization:
+        """Return what `localize` finds by the description of the body."""
+        body = self.body
+        return _localize.localize(
+            self.times,
+            seen,
+            known,
+            prior=prior,
+            sensors=self.sensors,
+            ambient=self.ambient,
+            baselines=self.baselines,
+            sources=body.sources,
+            motion=body.motion,
+            attitude=body.attitude,
+            scale=body.scale,
+            earth_field=body.earth_field,
+            sigma=self.sigma,
+            missing="drop",
+            starts=starts,
+        )
+
+    def estimate(
+        self,
+        seed: int,
+        first: int,
+        trials: int,
+        known: Mapping[str, float],
+        priors: Sequence[Mapping[str, tuple[float, float]]],
+    ) -> Estimates:
+        """Return the errors of `localize` with the description of the body, a prior a trial."""
         fields, states = self.simulate(seed, first, trials)
         errors = np.full(states.shape, np.nan)
         status = np.zeros(trials, dtype=np.int16)
-        body = self.body
-        for k, (field, x) in enumerate(zip(fields, states, strict=True)):
+        for k, (seen, x) in enumerate(zip(fields, states, strict=True)):
             try:
-                found = _localize.localize(
-                    self.times,
-                    field,
-                    known,
-                    sensors=self.sensors,
-                    ambient=self.ambient,
-                    baselines=self.baselines,
-                    sources=body.sources,
-                    motion=body.motion,
-                    attitude=body.attitude,
-                    scale=body.scale,
-                    earth_field=body.earth_field,
-                    sigma=self.sigma,
-                    missing="drop",
-                )
+                found = self.located(seen, known, priors[k])
             except (InputError, UnobservableError) as error:
                 status[k] = 2 if isinstance(error, UnobservableError) else 3
                 continue
-            errors[k] = self.errors(found, x)
+            errors[k] = self._nearest(found, x) - x
             status[k] = 0 if found.converged else 1
         kinds = {1: "not converged", 2: "unobservable", 3: "no description fits"}
         return Estimates(errors, None, status, kinds)
 
-    def errors(self, found: Localization, x: Array) -> Array:
-        """Return how far an answer is from true states.
+    def pass_of(self, found: Localization, x: Array) -> Array:
+        """Return the pass (9,) of an answer to a record of true states."""
+        nearest: Array = self.model.expand(self._nearest(found, x))[0]
+        # What the estimator was told need not be true.
+        for k, name in enumerate(_model.NAMES):
+            nearest[k] = found.known.get(name, nearest[k])
+        return nearest
 
-        Of answers that fit the same, and orders of the dipoles, that of the least error.
+    def _nearest(self, found: Localization, x: Array) -> Array:
+        """Return the states of an answer.
+
+        Of answers that fit the same, and orders of the dipoles, those nearest to true states:
+        only what is told of r0 and m says which dipole is the first.
         """
         tied = [np.asarray(found.state)]
         tied += [o.state for o in found.others if o.chi2 <= found.fit.chi2 * (1 + 1e-6) + 1e-9]
-        own = [self._named(found.model, state) for state in tied]
-        errors = [y - x for state in own for y in self._orders(state)]
+        each = [self._named(found.model, y) for one in tied for y in self._orders(found, one)]
         rows = self.model.rows(self.truth)
-        return min(errors, key=lambda e: float(np.linalg.norm(rows @ e)))
+        return min(each, key=lambda y: float(np.linalg.norm(rows @ (y - x))))
 
     def _named(self, other: DipoleModel, state: Array) -> Array:
         """Return states of a model at another pass as those of the model here.
 
-        Which numbers of a quadrupole are states depends on the moment.
+        Which numbers of a quadrupole are states depends on the moment, and a vector of known
+        size is told by angles there.
         """
         there = dict(zip(other.names, state, strict=True))
+        there |= dict(zip(_model.NAMES, other.expand(state)[0].tolist(), strict=True))
         entries = _model._entries(other.quadrupole(state)[0])
         there |= {} if entries is None else dict(zip(_model.ENTRIES, entries, strict=True))
         return np.array([there[name] for name in self.model.names])
 
-    def _orders(self, state: Array) -> list[Array]:
-        """Return the same body with another of its dipoles called the first."""
-        model, count = self.model, self.model.description.sources
-        moved = {"x0", "y0", "z0", "mx", "my", "mz"} - set(model.known)
-        if count == 1 or len(moved) < 6:
-            return [state]
-        bodies, names = model.bodies(state)[0], model.names
-        pass_ = model.expand(state)[0]
-        found = []
-        for order in itertools.permutations(range(count)):
-            own = bodies[list(order)]
-            first = np.concatenate([pass_[:3] + own[0, :3], pass_[3:6], own[0, 3:]])
-            other = state.copy()
-            other[[names.index(n) for n in _model.NAMES if n in names]] = [
-                value for n, value in zip(_model.NAMES, first, strict=True) if n in names
-            ]
-            for k in range(1, count):
-                line = np.concatenate([own[k, :3] - own[0, :3], own[k, 3:]])
-                for part, value in zip(_PARTS, line, strict=True):
-                    other[names.index(f"{part} of dipole {k + 1}")] = value
-            found.append(other)
-        return found
+    def _orders(self, found: Localization, state: Array) -> list[Array]:
+        """Return an answer's states with another of its dipoles called the first.
+
+        Where r0 or m is told, these are refitted, and left out where they cost 9 more.
+        """
+        model, count = found.model, self.model.description.sources
+        orders = [list(order) for order in itertools.permutations(range(count))]
+        each = [model.reordered(state, order) for order in orders[1:]]
+        if {"x0", "y0", "z0", "mx", "my", "mz", "moment"} & {*self.known, *self.prior}:
+            handle = model.handle(found.measurements)
+            fits = [handle.minimize(x[None], ("squares", 0.0), 100) for x in each]
+            each = [fit[0]["x"] for fit in fits if fit and fit[0]["chi2"] < found.fit.chi2 + 9.0]
+        return [state, *each]
 
 
 def _as_acceleration(given: Any) -> float | Array | None:

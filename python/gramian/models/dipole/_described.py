@@ -92,6 +92,11 @@ _PLACES = 1000
 #: foretell the most often leads to a lesser minimum. Of each stage: the steps, and how many of the
 #: best go on; those of the last are fitted to the end.
 _STAGES = ((20, 16), (40, 6))
+#: A chi2 that is less by this is of another minimum.
+_BETTER = 0.01
+#: What is known of these is known of the first dipole.
+_OF_THE_FIRST = {"x0", "y0", "z0", "mx", "my", "mz", "moment"}
+_SQUARES = ("squares", 0.0)
 #: Steps of a fit whose weights have changed a little.
 _AGAIN = 50
 
@@ -125,7 +130,7 @@ def _settle(
         handle = model.handle(filled)
         # After the first round only weights and noise have changed.
         limit = min(setup.max_iterations, _AGAIN) if iterations else setup.max_iterations
-        found = handle.minimize(starts, ("squares", 0.0), limit)
+        found = handle.minimize(starts, _SQUARES, limit)
         if not found:
             raise InputError("the body meets a sensor at every start")
         best, before = found[0], (sigma, record.options.correlation)
@@ -188,13 +193,30 @@ def _one_more(last: _Settled, about: Description, record: Record) -> tuple[Array
     for steps, most in _STAGES:
         reached: list[tuple[float, Array]] = []
         for start in places:
-            found = handle.minimize(start[None], ("squares", 0.0), steps)
+            found = handle.minimize(start[None], _SQUARES, steps)
             reached += [(found[0]["chi2"], found[0]["x"])] if found else []
         reached.sort(key=lambda one: one[0])
         places = [x for _, x in reached[:most]]
     if not places:
         raise InputError("the body meets a sensor at every start")
     return np.array(places), foretold[:8]
+
+
+def _improved(found: _Settled, record: Record) -> Array | None:
+    """Return states that fit better than a fit of several dipoles, with these in another order.
+
+    Where it is told what the first one is, the fit may have taken another for it.
+    """
+    model, state = found.model, found.state
+    handle, count = model.handle(record.filled), found.about.sources
+    begun = least = handle.fit(state)["chi2"]
+    told = {*model.known, *model.prior}
+    if count > 1 and told & _OF_THE_FIRST:
+        for order in itertools.permutations(range(count)):
+            moved = handle.minimize(model.reordered(state, order)[None], _SQUARES, _AGAIN)
+            if moved and moved[0]["chi2"] < least - _BETTER:
+                state, least = moved[0]["x"], moved[0]["chi2"]
+    return state if least < begun else None
 
 
 def _tried(
@@ -246,6 +268,10 @@ def _tried(
                 # Two dipoles that draw together never come to rest; from where the rows foretell
                 # the most others are found that fit no worse.
                 other = settled(about, foretold)
+                found = found if other is None else min(found, other, key=lambda one: one.bic)
+            better = _improved(found, record)
+            if better is not None:
+                other = settled(about, better[None])
                 found = found if other is None else min(found, other, key=lambda one: one.bic)
             if count in counts:
                 tried.append(found)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -25,6 +25,9 @@ KNOWABLE = (*NAMES, "speed", "moment")
 
 #: Sizes of vectors, and where those are in the state.
 PARTS = {"speed": slice(3, 6), "moment": slice(6, 9)}
+
+#: Of a further dipole: its offset from the first, and its moment.
+PLACED = ("dx", "dy", "dz", "mx", "my", "mz")
 
 
 @dataclass(frozen=True)
@@ -267,10 +270,33 @@ class DipoleModel(Value):
         values, columns = np.zeros((count, 6)), np.zeros((count, 6, state.size))
         values[0, 3:], columns[0, 3:] = full[6:], by[6:]
         for k in range(1, count):
-            for i, part in enumerate(("dx", "dy", "dz", "mx", "my", "mz")):
+            for i, part in enumerate(PLACED):
                 j = names.index(f"{part} of dipole {k + 1}")
                 values[k, i], columns[k, i, j] = state[j], 1.0
         return values, columns
+
+    def reordered(self, x: Array, order: Sequence[int]) -> Array:
+        """Return states (n,) of the same body with its dipoles in another order.
+
+        What is known of r0 and m remains that of the first, and the body is then another.
+        """
+        bodies = self.bodies(x)[0][list(order)]
+        first = self.expand(x)[0]
+        first[:3] += bodies[0, :3]
+        first[6:] = bodies[0, 3:]
+        there, other = self.coordinates(first), x.copy()
+        further = {
+            f"{part} of dipole {k + 1}": value
+            for k in range(1, len(order))
+            for part, value in zip(
+                PLACED, [*(bodies[k, :3] - bodies[0, :3]), *bodies[k, 3:]], strict=True
+            )
+        }
+        for k, name in enumerate(self.names):
+            # Angles of a vector of known size are "m from z" and the like.
+            passing = name in NAMES or name.startswith(("v ", "m "))
+            other[k] = there[k] if passing else further.get(name, x[k])
+        return other
 
     def quadrupole(self, x: ArrayLike) -> tuple[Array, Array]:
         """Return the quadrupole (3, 3), A m^3, and its derivatives (3, 3, n) by the states.
@@ -417,6 +443,13 @@ class _Closest:
         return distance, np.concatenate([unit, time * unit, np.zeros(3)])
 
 
+def _turn(angle: float) -> tuple[Array, Array]:
+    """Return the turn (3, 3) about z by an angle, clockwise from above, and its derivative."""
+    sin, cos = np.sin(angle), np.cos(angle)
+    turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    return turn, np.array([[-sin, cos, 0.0], [-cos, -sin, 0.0], [0.0, 0.0, 0.0]])
+
+
 class _Nearest:
     """The least distance from the first sensor of a body, as it moves."""
 
@@ -432,27 +465,34 @@ class _Nearest:
         offset, by_offset = self._model.centre(x)
         if self._model.description.motion == "turning":
             index = self._model.names.index("turn rate")
-            # Clockwise from above.
-            sin, cos = np.sin(x[index] * time), np.cos(x[index] * time)
-            turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
-            turned = np.array([[-sin, cos, 0.0], [-cos, -sin, 0.0], [0.0, 0.0, 0.0]])
+            turn, turned = _turn(x[index] * time)
             by_offset = turn @ by_offset
             by_offset[:, index] += time * (turned @ offset)
             offset = turn @ offset
         return place + offset - self._model.sensors[0], by + by_offset
 
-    def _distance(self, x: Array, time: float) -> float:
-        return float(np.linalg.norm(self.at(x, time)[0]))
-
     def time(self, x: Array) -> float:
         """Return when it is nearest, within the record."""
-        far = [self._distance(x, float(t)) for t in self._times]
-        near = int(np.argmin(far))
+        offset, motion = self._model.centre(x)[0], self._model.description.motion
+        sensor = self._model.sensors[0]
+        low, high = float(self._times[0]), float(self._times[-1])
+        if motion == "straight":
+            r, v = np.split(self._record.expand(x)[0][:6], 2)
+            squared = float(v @ v)
+            nearest = -float((r + offset - sensor) @ v) / squared if squared > 0 else low
+            return min(max(nearest, low), high)
+        rate = x[self._model.names.index("turn rate")] if motion == "turning" else 0.0
+
+        def distance(time: float) -> float:
+            centre = _turn(rate * time)[0] @ offset if rate else offset
+            return float(np.linalg.norm(self._record.place(x, time)[0] + centre - sensor))
+
+        near = int(np.argmin([distance(float(t)) for t in self._times]))
         low, high = self._times[max(near - 1, 0)], self._times[min(near + 1, 64)]
         # Halves of the golden section, to the last digits that a least value has.
         for _ in range(36):
             first, second = high - 0.618034 * (high - low), low + 0.618034 * (high - low)
-            if self._distance(x, first) < self._distance(x, second):
+            if distance(first) < distance(second):
                 high = second
             else:
                 low = first

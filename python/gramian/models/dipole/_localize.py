@@ -11,16 +11,23 @@ from numpy.typing import ArrayLike, NDArray
 
 from gramian import _core
 from gramian import _options as options
-from gramian._arrays import ITERATIONS_MOST, SEED_MOST, as_float_array, finite, number, whole
+from gramian._arrays import ITERATIONS_MOST, as_float_array, finite, number, whole
 from gramian.estimation._knowledge import levels
 from gramian.exceptions import InputError
 from gramian.models.dipole._answer import plain_answer, states_of
 from gramian.models.dipole._described import Motion, Sources, as_descriptions, described
 from gramian.models.dipole._estimate import PLAIN
 from gramian.models.dipole._result import STATUSES, Localization, Localizations
-from gramian.models.dipole._setup import Background, Loss, Record, Setup, as_times
+from gramian.models.dipole._setup import (
+    Background,
+    Loss,
+    Record,
+    Setup,
+    as_times,
+    require_components,
+)
 
-__all__ = ["localize", "localize_many", "localize_trials"]
+__all__ = ["localize", "localize_many"]
 
 Array = NDArray[np.float64]
 
@@ -183,11 +190,7 @@ def localize(
     setup = Setup(
         known, prior, sensors, background, loss, sigma, starts, ambient, baselines, drift=True
     )
-    if ambient is not None and (attitude is not None or scale is not None):
-        raise InputError(
-            "attitude and scale are errors of sensors of three components: with ambient, leave "
-            "them out"
-        )
+    require_components(ambient, attitude, scale)
     wanted = as_descriptions(sources, motion, background == "drift", attitude, scale, earth_field)
     limits = levels(alpha, chance, weak_ratio)
     setup.max_iterations = whole(max_iterations, "max_iterations", 1, ITERATIONS_MOST)
@@ -346,83 +349,6 @@ def localize_many(
     )
 
 
-def localize_trials(
-    r0: ArrayLike,
-    v: ArrayLike,
-    m: ArrayLike,
-    times: ArrayLike,
-    sigma: ArrayLike,
-    seed: int,
-    trials: int,
-    *,
-    known: Mapping[str, float] | None = None,
-    prior: Mapping[str, tuple[float, float]] | None = None,
-    sensors: ArrayLike | None = None,
-    ambient: ArrayLike | None = None,
-    baselines: ArrayLike | None = None,
-    first: int = 0,
-    starts: int = 12,
-    others: bool = True,
-) -> Array:
-    """Simulate a pass many times and locate it each time, in one go.
-
-    Parameters
-    ----------
-    r0, v, m, times, sigma
-        The pass and its measurement, as for `simulate`.
-    seed : int
-        >= 0. Trial i depends on (seed, i) alone and has the noise of `simulate`.
-    trials : int
-        How many, >= 1.
-    known, prior, sensors, ambient, baselines, starts
-        As for `localize`.
-    first : int
-        Number of the first trial.
-    others : bool
-        Whether to look for passes that fit better than where the starts lead, as `localize`
-        does, where sensors are of the total field or gradiometers.
-
-    Returns
-    -------
-    ndarray, shape (trials, 9)
-        The estimates (r0, v, m). Of an answer and its mirror image, or another pass, that fit
-        the same, the one nearer to the truth.
-
-    Examples
-    --------
-    >>> import numpy as np, gramian as gm
-    >>> known = {"z": 5.0, "vz": 0.0}
-    >>> x = localize_trials(
-    ...     [-10, -10, 5], [1, 1, 0], [10, 20, 10], np.arange(21.0), 1e-9, 0, 50, known=known
-    ... )
-    >>> x.shape, bool(abs(x[:, 0].mean() + 10) < 0.5)
-    ((50, 9), True)
-    """
-    seed, first = whole(seed, "seed", 0, SEED_MOST), whole(first, "first")
-    trials = whole(trials, "trials", 1)
-    setup = Setup(known, prior, sensors, None, "gaussian", sigma, starts, ambient, baselines)
-    times = as_times(times)
-    there = setup.measured((times.size, len(setup.sensors), setup.heads.components))
-    setup.enough(np.where(there, 0.0, np.nan))
-    state = np.concatenate([_three(r0, "r0"), _three(v, "v"), _three(m, "m")])
-    options.flag(others, "others")
-    few = ambient is not None or baselines is not None
-    out = _core.dipole_localize_trials(
-        times,
-        state.tolist(),
-        number(sigma, "sigma [T]") if setup.sigma is None else setup.sigma,
-        setup.heads,
-        setup.exact,
-        setup.priors,
-        setup.leveled(replace(setup.options("none", None), others=others and few)),
-        seed,
-        first,
-        trials,
-    )
-    estimates: Array = out[:, :9]
-    return estimates
-
-
 def _with_correlation(
     record: Record, raw: _core._DipoleLocalized
 ) -> tuple[Record, _core._DipoleLocalized]:
@@ -452,10 +378,3 @@ def _of_the_pass(state: Array, t: Array, sensors: Array) -> NDArray[np.bool_]:
         reach = _REACH * float(np.linalg.norm(place + closest * v)) / speed
         keep |= np.abs(t - closest) <= reach
     return keep
-
-
-def _three(value: ArrayLike, name: str) -> Array:
-    array = as_float_array(value, name)
-    if array.shape != (3,) or not np.isfinite(array).all():
-        raise InputError(f"{name} = {value!r}: must be three finite numbers")
-    return array

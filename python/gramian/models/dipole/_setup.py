@@ -20,7 +20,7 @@ from gramian.exceptions import InputError
 from gramian.models.dipole._estimate import KNOWABLE, PLAIN, Description, DipoleModel, Heads
 from gramian.models.dipole._model import UNITS, as_ambient, as_baselines, as_deviations
 
-__all__ = ["Background", "Loss", "Options", "Record", "Setup", "as_times"]
+__all__ = ["Background", "Loss", "Options", "Record", "Setup", "as_times", "require_components"]
 
 Array = NDArray[np.float64]
 
@@ -283,6 +283,15 @@ class Record:
             about,
             self.setup.baselines,
             self.setup.ambient,
+        )
+
+
+def require_components(ambient: object, attitude: object, scale: object) -> None:
+    """Refuse errors of sensors that have no axes."""
+    if ambient is not None and (attitude is not None or scale is not None):
+        raise InputError(
+            "attitude and scale are errors of sensors of three components: with ambient, leave "
+            "them out"
         )
 
 

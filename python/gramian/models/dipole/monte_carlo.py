@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,8 +13,10 @@ from gramian import _core
 from gramian import _options as options
 from gramian._arrays import as_float_array, number
 from gramian.exceptions import InputError
-from gramian.models.dipole import _localize, _model
+from gramian.models.dipole import _model, _trials
 from gramian.models.dipole._body import Body, Passing, as_body
+from gramian.models.dipole._estimate import PARTS
+from gramian.models.dipole._setup import require_components
 from gramian.monte_carlo.experiment import Estimates, Experiment
 from gramian.problem import Problem
 
@@ -59,6 +61,9 @@ class Dipole(Experiment):
     attitude, scale : float, optional
         Deviations of the attitude (rad) and scale of each sensor: every trial has errors of its
         own. They are states, the truth of which is 0.
+    prior : mapping of str to float, optional
+        Standard deviations of what the estimator is told besides, by the names of `known`; in
+        every trial the mean is drawn about the truth.
 
     Notes
     -----
@@ -67,7 +72,8 @@ class Dipole(Experiment):
     sensors with errors, it is `dipole.localize` with this description, some tenths of a second
     for each trial; of the orders of its dipoles the one nearest to the truth. The states are
     those that are not known; the NEES is by the bound, and there is none where a speed or
-    moment is known, which leaves fewer degrees of freedom than states.
+    moment is known, which leaves fewer degrees of freedom than states. What is known of r0 and m
+    is of the first dipole: these have no other order then.
 
     Examples
     --------
@@ -90,6 +96,7 @@ class Dipole(Experiment):
     ambient: tuple[float, float, float] | None = None
     baselines: Array | None = None
     body: Body | None = None
+    prior: Mapping[str, float] = field(default_factory=dict)
     estimators: ClassVar[tuple[str, ...]] = ("ml",)
 
     def __init__(
@@ -112,6 +119,7 @@ class Dipole(Experiment):
         earth_field: ArrayLike | None = None,
         attitude: float | None = None,
         scale: float | None = None,
+        prior: Mapping[str, float] | None = None,
     ) -> None:
         for name, value in {"r0": r0, "v": v, "m": m, "times": times}.items():
             object.__setattr__(self, name, as_float_array(value, name).copy())
@@ -132,6 +140,12 @@ class Dipole(Experiment):
                 raise InputError(
                     f"known has {name!r}: there are {', '.join(knowable)}, by their true values"
                 )
+        object.__setattr__(self, "prior", options.deviations(prior, "prior"))
+        for name in self.prior:
+            if name not in knowable:
+                raise InputError(f"prior has {name!r}: there are {', '.join(knowable)}")
+            if name in self.known:
+                raise InputError(f"{name} is known exactly and has a prior: give one of them")
         body = as_body(
             quadrupole=quadrupole,
             dipoles=dipoles,
@@ -143,11 +157,7 @@ class Dipole(Experiment):
             scale=scale,
         )
         object.__setattr__(self, "body", body)
-        if self.ambient is not None and (attitude is not None or scale is not None):
-            raise InputError(
-                "attitude and scale are errors of sensors of three components: with ambient, "
-                "leave them out"
-            )
+        require_components(ambient, attitude, scale)
         # Checks everything else.
         self.problem()
 
@@ -175,7 +185,30 @@ class Dipole(Experiment):
             self.sensors,
             self.ambient,
             self.baselines,
+            {name: (self._true(name), sigma) for name, sigma in self.prior.items()},
         )
+
+    def _true(self, name: str) -> float:
+        """Return the true value of what may be known."""
+        if name in PARTS:
+            return float(np.linalg.norm(self._state[PARTS[name]]))
+        return float(self._state[_model.NAMES.index(name)])
+
+    def _priors(self, seed: int, first: int, trials: int) -> list[dict[str, tuple[float, float]]]:
+        """Return what the estimator is told in each trial, as (mean, sigma)."""
+        if not self.prior:
+            return [{}] * trials
+        # Of the numbers of a trial those after what `simulate` takes.
+        size = self.simulate(seed, first, 1).size
+        size += sum(name.startswith(("attitude", "scale")) for name in self.names)
+        drawn = _core.normals(seed, first, trials, size + len(self.prior))[:, size:].tolist()
+        return [
+            {
+                name: (self._true(name) + sigma * one, sigma)
+                for (name, sigma), one in zip(self.prior.items(), line, strict=True)
+            }
+            for line in drawn
+        ]
 
     @property
     def _free(self) -> list[int]:
@@ -217,6 +250,7 @@ class Dipole(Experiment):
             problem = _model.problem(*given, **self._kind)
             states = [name for name in self.known if name in _model.NAMES]
             problem = problem.fix(*states) if states else problem
+            problem = problem.prior(self.prior) if self.prior else problem
         # As good as exact, beside any accuracy of the rest.
         exact = {
             name: 1e-7 * float(np.linalg.norm(vector))
@@ -237,12 +271,35 @@ class Dipole(Experiment):
 
     def estimate(self, name: str, seed: int, first: int, trials: int) -> Estimates:
         """Return the errors of the located passes."""
-        sizes = {"speed": np.linalg.norm(self.v), "moment": np.linalg.norm(self.m)}
-        told = dict(zip(_model.NAMES, self._state, strict=True)) | sizes
-        known = {name: float(told[name]) for name in self.known}
+        known = {name: self._true(name) for name in self.known}
+        priors = self._priors(seed, first, trials)
         if passing := self._passing:
-            return passing.estimate(seed, first, trials, known)
-        found = _localize.localize_trials(
+            return passing.estimate(seed, first, trials, known, priors)
+        status = np.zeros(trials, dtype=np.int16)
+        if self.prior:
+            found = np.full((trials, 9), np.nan)
+            for k, prior in enumerate(priors):
+                try:
+                    found[k] = self._located(known, prior, seed, first + k, 1)[0]
+                except InputError:
+                    status[k] = 1
+        else:
+            found = self._located(known, {}, seed, first, trials)
+        errors = (found - self._state)[:, self._free]
+        sized = "speed" in self.known or "moment" in self.known
+        nees = np.full(trials, np.nan) if sized else None
+        return Estimates(errors, nees, status, {1: "refused"})
+
+    def _located(
+        self,
+        known: Mapping[str, float],
+        prior: Mapping[str, tuple[float, float]],
+        seed: int,
+        first: int,
+        trials: int,
+    ) -> Array:
+        """Return the passes (trials, 9) that are located with one prior."""
+        return _trials.localize_trials(
             self.r0,
             self.v,
             self.m,
@@ -251,10 +308,7 @@ class Dipole(Experiment):
             seed,
             trials,
             known=known,
+            prior=prior,
             first=first,
             **self._kind,
         )
-        errors = (found - self._state)[:, self._free]
-        sized = "speed" in self.known or "moment" in self.known
-        nees = np.full(trials, np.nan) if sized else None
-        return Estimates(errors, nees, np.zeros(trials, dtype=np.int16), {})

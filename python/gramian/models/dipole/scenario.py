@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -15,7 +16,7 @@ from pydantic import Field, model_validator
 from gramian._text import brief, count, number, plain
 from gramian.analysis import Observability, analyze
 from gramian.exceptions import InputError, UnobservableError
-from gramian.models.dipole import _localize, _model
+from gramian.models.dipole import _localize, _model, _trials
 from gramian.models.dipole._result import Localization
 from gramian.report import Picture, Report, Table, Tone, answer_pictures, answer_tables, tone_of
 from gramian.scenario.base import Scenario, Section, Simulation
@@ -483,14 +484,8 @@ class DipoleScenario(Scenario):
             for name, value in self.known.items()
         ):
             return super().simulate(trials, seed, resume=resume, progress=progress)
-        if given.body:
-            raise self.error(
-                "prior" if self.prior else "known",
-                f"with {next(iter(given.body))} of the pass, trials take what is known exactly, "
-                "by its true value",
-            )
         known = {str(name): value for name, value in self.known.items()}
-        found = _localize.localize_trials(
+        found = _trials.localize_trials(
             given.r0,
             given.v,
             given.m,
@@ -501,26 +496,39 @@ class DipoleScenario(Scenario):
             known=known,
             prior=self._priors,
             **self._kind,
+            **given.body,
         )
-        exact = _model.measure(given.r0, given.v, given.m, given.times, **self._kind)
-        bound = _localize.localize(
-            given.times,
-            exact,
-            known,
-            prior=self._priors,
-            sigma=self._noise,
-            **self._kind,
-        ).pass_std
-        rmse = np.sqrt(((found - state) ** 2).mean(axis=0))
+        if given.body:
+            told = {_long(name): value for name, value in known.items()}
+            passing = self._experiment(list(told))._passing
+            assert passing is not None
+            priors = {_long(name): pair for name, pair in self._priors.items()}
+            bound = replace(passing, prior=priors).bound(told)
+        else:
+            exact = _model.measure(given.r0, given.v, given.m, given.times, **self._kind)
+            bound = _localize.localize(
+                given.times,
+                exact,
+                known,
+                prior=self._priors,
+                sigma=self._noise,
+                **self._kind,
+            ).pass_std
+        # A trial of a body that is refused is NaN.
+        located = found[~np.isnan(found).any(axis=1)]
+        if not len(located):
+            raise self.error("pass", f"none of {trials} trials is located")
+        rmse = np.sqrt(((located - state) ** 2).mean(axis=0))
         ratio = np.divide(rmse, bound, out=np.ones(9), where=bound > 0)
-        spread = 3 / np.sqrt(2 * trials)
+        spread = 3 / np.sqrt(2 * len(located))
         near = bool((np.abs(ratio - 1) < spread + 0.05).all())
         return Report(
             title=self._title,
             subtitle=f"{trials} trials, seed {seed}",
             tone="good" if near else "weak",
             headline="AT THE BOUND" if near else "OFF THE BOUND",
-            verdict=f"errors (rms) are {ratio.min():.3f} to {ratio.max():.3f} times the bounds",
+            verdict=f"errors (rms) are {ratio.min():.3f} to {ratio.max():.3f} times the bounds"
+            + (f"; {trials - len(located)} trials are refused" if len(located) < trials else ""),
             tables=[
                 Table(
                     "Errors against the bound",
