@@ -163,3 +163,48 @@ def test_widened_deviations_allow_for_what_is_left_over_and_do_not_hide_that_it_
     found = gm.dipole.localize(t, y, sensors=sensors)
     assert found.status == found.widened().status
     assert found.sigma <= found.widened().sigma < 1.3 * found.sigma
+
+
+def test_a_late_clock_of_one_of_two_sensors_is_told_and_named():
+    # Along the track a late clock and a shorter way between the sensors are nearly one.
+    times = np.arange(0.0, 6.0, 0.02)
+    pair = [[0.0, 0, 0], [0.0, 0.5, 0]]
+    v, m = [0.0, 10.0, 0.0], [80.0, 40.0, 90.0]
+
+    def exact(late, sensors):
+        return gm.dipole.measure([0.9, -22.0 - 10.0 * late, -1.5], v, m, times, sensors=sensors)
+
+    noise = 5e-8 * np.random.default_rng(6).normal(size=(times.size, 3, 3))
+    field = exact(0.0, pair) + noise[:, :2]
+    clean = gm.dipole.localize(times, field, sensors=pair, sigma=5e-8)
+    (clock,) = (a for a in clean.fit.alternatives if a.name.startswith("clock"))
+    assert (clock.name, clock.unit, clock.dof) == ("clock of sensor 2", "s", 1)
+    assert clean.unseen_errors[0].startswith("clock of sensor 2 of")
+    late = field.copy()
+    late[:, 1] = exact(1e-4, pair)[:, 1] + noise[:, 1]
+    shift = gm.dipole.localize(times, late, sensors=pair, sigma=5e-8).state - clean.state
+    foretold = 1e-4 * clock.per_unit / clean.std
+    assert np.abs(foretold).max() > 0.05
+    assert shift / clean.std == pytest.approx(foretold, abs=0.05 * np.abs(foretold).max())
+    # Across the track it shows.
+    across = [[0.0, 0, 0], [4.0, 0, 0], [0, 0, 3.0]]
+    field = exact(0.0, across) + noise
+    field[:, 2] = exact(0.1, across)[:, 2] + noise[:, 2]
+    seen = gm.dipole.localize(times, field, sensors=across, sigma=5e-8)
+    assert seen.status == "misfit"
+    assert seen.fit.alternatives[0].name == "clock of sensor 3"
+
+
+def test_alternatives_have_units_and_none_is_a_state_of_the_fit():
+    times = np.arange(0.0, 6.0, 0.02)
+    pair = [[0.0, 0, 0], [4.0, 0, 1.0]]
+    passing = [0.9, -22.0, -1.5], [0.0, 10.0, 0.0], [80.0, 40.0, 90.0]
+    field = gm.dipole.simulate(*passing, times, 5e-8, seed=6, sensors=pair)
+    straight = gm.dipole.localize(times, field, sensors=pair, sigma=5e-8).fit.alternatives
+    unit = {a.name.split(" of ")[0]: a.unit for a in straight}
+    assert unit["acceleration"] == unit["acceleration along the track"] == "m/s^2"
+    assert (unit["clock"], unit["gain"], unit["a quadrupole"]) == ("s", "", "A m^3")
+    assert unit["a second dipole behind"] == "A m^2"
+    told = {"sensors": pair, "sigma": 5e-8, "motion": "accelerated", "background": "drift"}
+    names = [a.name for a in gm.dipole.localize(times, field, **told).fit.alternatives]
+    assert not [name for name in names if name.startswith(("acceleration", "drift", "background"))]

@@ -683,3 +683,96 @@ def test_trials_and_estimates_agree_on_what_is_a_misfit():
     )
     assert (correlated & ~others).any()
     assert (found.status[correlated] == "misfit").all()
+
+
+def test_an_error_that_leaves_no_trace_is_told_before_those_that_leave_one():
+    # A bias of all bearings turns the track about a carrier that stands still.
+    times = np.arange(0.0, 600.0, 15.0)
+    site = gm.tracks.Carrier([0.0, 0.0])
+    sensors = [
+        gm.tracks.Sensor.range(site, times, sigma=20.0),
+        gm.tracks.Sensor.bearing(site, times, sigma=np.radians(0.5)),
+    ]
+    scene = gm.tracks.Scene(gm.tracks.Motion.constant_velocity(), sensors)
+    truth = np.array([3000.0, 4000.0, -4.0, 2.0])
+    z = gm.tracks.simulate(scene, truth, seed=1)
+    clean, biased = gm.tracks.estimate(scene, z), z.copy()
+    biased[times.size :] += 1e-5
+    shift = gm.tracks.estimate(scene, biased).state - clean.state
+    (bias,) = (a for a in clean.fit.alternatives if a.name == "bias of bearing")
+    assert bias.dof == 0
+    assert bias.per_unit * 1e-5 == pytest.approx(shift, rel=1e-3)
+    told = clean.unseen_errors
+    size = 1 / np.abs(bias.per_unit / clean.std).max()
+    (text,) = (text for text in told if text.startswith("bias of bearing leaves no trace"))
+    assert f"{size:.3g} rad" in text
+    assert "would go unseen" not in "".join(told[: told.index(text)])
+    assert text in clean.summary()
+
+
+def test_an_error_that_is_another_name_of_a_state_is_not_told():
+    # A constant of all heights is the height.
+    times = np.arange(0.0, 100.0, 5.0)
+    sensor = gm.tracks.Sensor.position(times, sigma=10.0)
+    scene = gm.tracks.Scene(gm.tracks.Motion.fixed(), [sensor])
+    answer = gm.tracks.estimate(scene, gm.tracks.simulate(scene, [1.0, 2.0], seed=1))
+    assert not any("no trace" in text for text in answer.unseen_errors)
+
+
+@pytest.mark.parametrize("wrong", ["sign", "factor", "order", "shape", "sigma"])
+def test_rows_that_are_not_the_derivatives_of_the_residuals_are_refused(wrong):
+    @dataclass
+    class Wrong(Beacons):
+        def rows(self, x):
+            rows = super().rows(x)
+            if wrong == "order":
+                return rows[:, ::-1]
+            return (
+                rows.T if wrong == "shape" else rows * {"sign": -1.0, "factor": 2.0}.get(wrong, 1)
+            )
+
+        def residuals(self, x, z):
+            return super().residuals(x, z) * (self.sigma if wrong == "sigma" else 1.0)
+
+    places = np.array([[0.0, 0.0], [100.0, 0.0], [0.0, 100.0], [90.0, 80.0]])
+    model = Wrong(places)
+    z = model.h([40.0, 20.0]) + 0.3
+    for ask in (
+        lambda: gm.estimate(model, z, start=[50.0, 50.0]),
+        lambda: gm.other_solutions(model, [40.0, 20.0]),
+        lambda: gm.estimate_trials(model, [40.0, 20.0], trials=2, seed=1, start=[50.0, 50.0]),
+    ):
+        with pytest.raises(gm.InputError, match="rows of the model"):
+            ask()
+    assert gm.estimate(Beacons(places), z, start=[50.0, 50.0]).status == "determined"
+
+
+@pytest.mark.parametrize("start", [[0.0, 0.0], [100.0, -50.0]])
+def test_a_redescending_loss_does_not_end_where_it_counts_nothing(start):
+    # From far away every residual is beyond the reach of Tukey's loss: it has no slope there.
+    @dataclass
+    class Line:
+        names: tuple[str, ...] = ("level", "slope")
+        units: tuple[str, ...] = ("", "")
+
+        def h(self, x):
+            return x[0] + x[1] * np.arange(30) / 3
+
+        def residuals(self, x, z):
+            return (z - self.h(x)) / 0.1
+
+        def rows(self, x):
+            return np.stack([np.ones(30), np.arange(30) / 3], axis=1) / 0.1
+
+    model = Line()
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        z = model.h([3.0, 2.0]) + 0.1 * rng.normal(size=30)
+        z[rng.choice(30, 4)] += 50 * rng.normal(size=4)
+        answer = gm.estimate(model, z, start=start, loss="tukey")
+        assert answer.status == "determined"
+        assert np.abs((answer.state - [3.0, 2.0]) / answer.std).max() < 4
+    # Of what lies anywhere most counts nothing.
+    scattered = gm.estimate(model, 50 * rng.normal(size=30), start=start, loss="tukey")
+    assert scattered.status == "misfit"
+    assert "count nothing" in scattered.reason

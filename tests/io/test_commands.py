@@ -257,3 +257,13 @@ def test_a_report_carries_the_digest_of_each_file(tmp_path):
         "[window]\nduration = 600.0\nstep = 30.0\n[noise]\nbearing_deg = 0.5\n"
     )
     assert [path.name for path in load(toml).inputs] == ["two.toml", "own.csv", "other.csv"]
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("sigma-deg", "nan"), ("sigma-deg", 0), ("sigma-deg", 90), ("step", "inf"), ("duration", -3)],
+)
+def test_a_number_that_no_file_holds_is_named_by_its_option(tmp_path, option, value):
+    given = {"--sigma-deg": 0.5, f"--{option}": value}
+    with pytest.raises(gm.InputError, match=f"^--{option} = {float(value)}: must be "):
+        run("localize", *made(tmp_path), *(part for pair in given.items() for part in pair))

@@ -322,3 +322,28 @@ def test_coarse_readings_are_not_stuck(steps):
     # Where a sample is missing the run goes on.
     z[:, 5] = np.nan
     assert estimate_many(scene, z, alpha=1e-12).faults == ()
+
+
+def test_a_third_of_gross_errors_leaves_tukeys_answer_and_its_deviations_right():
+    # The loss has other minima, and the covariance is that of the place of the answer.
+    times = np.arange(0, 600, 15.0)
+    ship = Carrier([[0, 0], [1500, 0], [1500, 1500]], [0.0, 300.0, 600.0])
+    sensors = [
+        Sensor.bearing(ship, times, sigma=np.radians(0.3)),
+        Sensor.range(ship, times[::4], sigma=20.0),
+    ]
+    seen = Scene(Motion.constant_velocity(), sensors)
+    truth = np.array([3000.0, 4000.0, -4.0, 2.0])
+    for seed in range(1, 8):
+        rng = np.random.default_rng(seed)
+        z = simulate(seen, truth, seed=seed)
+        gross = rng.random(z.size) < 0.3
+        z[gross] += np.where(np.arange(z.size) < 40, 1.0, 1e4)[gross] * rng.normal(size=gross.sum())
+        z[40:] = np.abs(z[40:])
+        answer = estimate(seen, z, loss="tukey")
+        assert answer.status == "determined"
+        assert np.abs((answer.state - truth) / answer.std).max() < 5
+        many = estimate_many(seen, z, loss="tukey")
+        off = np.linalg.norm(many.state - answer.state) > 0.01 * np.linalg.norm(answer.std)
+        rejected = np.abs(gm.tracks.TracksModel(seen).residuals(many.state, z)) > 4.685
+        assert many.status == "misfit" or not off or rejected.mean() < 0.5

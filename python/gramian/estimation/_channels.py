@@ -74,7 +74,7 @@ def _faults(values: Array, sigma: ArrayLike, channels: Sequence[Channel]) -> lis
     deviations = np.atleast_1d(np.asarray(sigma, dtype=float))
     deviations = np.broadcast_to(deviations, (*deviations.shape[:-1], values.shape[-1]))
     kinds = _core.channels(values, deviations, [list(map(int, c.places)) for c in channels])
-    kinds = kinds.reshape(-1, len(channels), 3)
+    kinds = kinds.reshape(-1 if channels else int(np.prod(values.shape[:-1])), len(channels), 3)
     told: list[tuple[str, ...]] = [()] * len(kinds)
     for index in np.flatnonzero((kinds[..., 0] > 0).any(axis=-1)).tolist():
         found = zip(channels, kinds[index].astype(int).tolist(), strict=True)

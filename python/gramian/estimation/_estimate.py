@@ -15,7 +15,14 @@ from gramian import _core
 from gramian import _options as options
 from gramian._answers import Answer, Columns, columns_of_states
 from gramian._arrays import ITERATIONS_MOST, SEED_MOST, finite, number, whole
-from gramian._handle import EstimationModel, as_model, handle_of
+from gramian._handle import (
+    EstimationModel,
+    as_model,
+    check_rows,
+    check_shapes,
+    exact_data,
+    handle_of,
+)
 from gramian._noise import Knowledge, as_box, as_known
 from gramian._registry import draw
 from gramian._text import above_noise, brief, describe_combination, describe_direction
@@ -284,6 +291,7 @@ class Estimate(Answer):
             if any(np.isnan(figure).any() for figure in figures):
                 raise InputError(f"alternatives[{name!r}]: its test overflows float64")
         names = list(columns)
+        per_unit = self._per_unit(columns, records)
         found = [
             Alternative(
                 name=name,
@@ -292,6 +300,7 @@ class Estimate(Answer):
                 size=record["size"],
                 detectable=record["detectable"],
                 effect=record["effect"],
+                per_unit=per_unit[name],
                 dof=record["dof"],
                 alike=tuple(
                     other
@@ -302,6 +311,30 @@ class Estimate(Answer):
             for name, record, line in zip(names, records, alike, strict=True)
         ]
         return tuple(sorted(found, key=lambda alternative: alternative.p_value))
+
+    def _per_unit(
+        self, columns: Mapping[str, Array], records: Sequence[Mapping[str, Any]]
+    ) -> dict[str, Array]:
+        """Return how far each state follows a unit of each alternative of one parameter."""
+        found = {}
+        rows: Array | None = None
+        for (name, column), record in zip(columns.items(), records, strict=True):
+            if column.shape[1] != 1:
+                found[name] = np.full(len(self.names), np.nan)
+            elif record["dof"]:
+                found[name] = record["effect"] / record["detectable"]
+            else:
+                # The columns of the states make it up.
+                if rows is None:
+                    rows = np.asarray(self._handle.linearize(self.state)[1])
+                    length = np.linalg.norm(rows, axis=0)
+                    length[length == 0] = 1.0
+                whole = np.zeros(len(rows))
+                whole[: len(column)] = column[:, 0]
+                shares = np.linalg.lstsq(rows / length, whole, rcond=None)[0]
+                shares[np.abs(shares) < 1e-7 * np.abs(shares).max(initial=0.0)] = 0.0
+                found[name] = shares / length
+        return found
 
     def _alternatives(self) -> tuple[Alternative, ...]:
         made = getattr(self.model, "alternatives", None)
@@ -585,14 +618,15 @@ class Estimate(Answer):
         """What says that the model does not fit, in words; empty where nothing does.
 
         Dead or doubled channels; chi2, at the level alpha; the score tests of the model's
-        alternatives, together at alpha; the correlation of neighbouring residuals.
+        alternatives, together at alpha; the correlation of neighbouring residuals. With
+        Tukey's loss whether it counts less than half of the measurements.
         """
         fit = self.fit
         # Exact data repeat themselves.
         if fit.faults and not fit.warning:
             return "; ".join(fit.faults)
         if self._loss[0] != "squares":
-            return self._colored
+            return self._rejected or self._colored
         best = next((a for a in fit.alternatives if a.dof > 0), None)
         if fit.dof > 0 and fit.p_value < self.alpha:
             reason = (
@@ -607,6 +641,16 @@ class Estimate(Answer):
         if best is not None and fit.joint < self.alpha:
             return f"{best.name} shows in the residuals (p = {best.p_value:.2g})"
         return self._colored
+
+    @property
+    def _rejected(self) -> str:
+        """What says that a redescending loss leaves out most measurements, in words."""
+        loss, reach = self._loss
+        size = np.abs(self.fit.residuals)
+        beyond, there = np.count_nonzero(size > reach), np.count_nonzero(size)
+        if loss != "tukey" or not 2 * beyond > there:
+            return ""
+        return f"{beyond} of {there} residuals are beyond {reach:g} deviations and count nothing"
 
     @property
     def _colored(self) -> str:
@@ -718,20 +762,26 @@ class Estimate(Answer):
     def unseen_errors(self) -> tuple[str, ...]:
         """Errors of the model that the fit would not show, in words, the worst first.
 
-        Of the alternatives of the fit those whose smallest detectable size moves a state
-        by more than a standard deviation (Baarda's external reliability), three at most.
+        Of the alternatives of the fit those that leave no trace and move several states,
+        and those whose smallest detectable size moves a state by more than a standard
+        deviation (Baarda's external reliability), three at most.
         """
-        std = self.std
+        std = np.where(self.std > 0, self.std, np.inf)
         hidden = []
         for alternative in self.fit.alternatives:
-            if alternative.dof == 0 or not np.isfinite(alternative.detectable):
-                continue
-            shift = np.abs(alternative.effect) / np.where(std > 0, std, np.inf)
-            worst = int(np.argmax(shift)) if shift.size else 0
-            if shift.size and shift[worst] > 1:
-                hidden.append((float(shift[worst]), alternative, self.names[worst]))
+            if alternative.dof == 0:
+                # One that moves a single state is another name of it.
+                shift = np.abs(alternative.per_unit) / std
+                told = np.count_nonzero(shift > 0) > 1
+            else:
+                shift = np.abs(alternative.effect) / std
+                told = np.isfinite(alternative.detectable) and shift.max(initial=0.0) > 1
+            if told:
+                worst = int(np.argmax(shift))
+                text = _hidden(float(shift[worst]), alternative, self.names[worst])
+                hidden.append((shift[worst] if alternative.dof else np.inf, text))
         hidden.sort(key=lambda item: -item[0])
-        return tuple(_hidden(*one) for one in hidden[:3])
+        return tuple(text for _, text in hidden[:3])
 
     def plot(self) -> Figure:
         """Draw the estimate of its first states, each and in pairs; needs matplotlib."""
@@ -771,6 +821,11 @@ def _hidden(shift: float, alternative: Alternative, name: str) -> str:
     def size(value: float) -> str:
         return f"{readable(value, 3)} {alternative.unit}".rstrip()
 
+    if alternative.dof == 0:
+        return (
+            f"{alternative.name} leaves no trace: {size(1 / shift)} would move {name} by a "
+            "standard deviation"
+        )
     if shift > _FAR:
         # The answer does not follow so far in proportion: what counts is how little it takes.
         return (
@@ -877,12 +932,18 @@ def estimate(
     weighting = (loss, _LOSSES[loss] if constant is None else number(constant, "constant"))
     if loss != "squares" and not weighting[1] > 0:
         raise InputError(f"constant = {weighting[1]}: must be > 0")
+    check_shapes(model, z, _whole(first[0], free, known, model.names))
+    if loss == "tukey":
+        # Where every residual is beyond its reach it has no slope: from where Huber's ends too.
+        near = handle.minimize(first, ("huber", _LOSSES["huber"]), max_iterations)
+        first = np.vstack([*(one["x"] for one in near[:1]), first])
     found = handle.minimize(first, weighting, max_iterations)
     if not found:
         # With the reason, where there is one.
         handle.linearize(first[0])
         raise InputError("the model has no value at any of the starts")
     best = found[0]
+    check_rows(model, z, _whole(best["x"], free, known, model.names))
     others: tuple[Solution, ...] = ()
     unseen = 1.0
     if search and best["converged"] and loss == "squares":
@@ -910,6 +971,13 @@ def estimate(
         _loss=weighting,
         _prior=before,
     )
+
+
+def _whole(x: Array, free: list[int], known: Mapping[str, float], names: Sequence[str]) -> Array:
+    """Return a state with what is known."""
+    whole = np.array([known.get(name, 0.0) for name in names])
+    whole[free] = x
+    return whole
 
 
 def other_solutions(
@@ -945,9 +1013,10 @@ def other_solutions(
     names = tuple(model.names)
     if state.shape != (len(names),):
         raise InputError(f"x has shape {state.shape}: must be ({len(names)},)")
+    exact = exact_data(model, state)
     before, _ = knowledge_of(model, prior, {})
     spread = spread_of(names, before, as_box(box, names, model.units), names)
-    handle = informed(model, model.h(state), None, {})
+    handle = informed(model, exact, None, {})
     starts, seed = whole(starts, "starts", 0, 2**31), whole(seed, "seed", 0, SEED_MOST)
     found = handle.others(state, np.empty((0, len(names))), spread, starts, seed)
     return tuple(solution_of(other) for other in found["others"])

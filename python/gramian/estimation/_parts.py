@@ -97,6 +97,9 @@ class Alternative(Answer):
         or has several parameters.
     effect : ndarray, shape (n,)
         What that size does to each state: the external reliability.
+    per_unit : ndarray, shape (n,)
+        By how much a size of one moves each state, also where it leaves no trace; NaN of
+        several parameters.
     alike : tuple of str
         Alternatives that the residuals cannot tell from it (correlation above 0.9).
     dof : int
@@ -111,6 +114,7 @@ class Alternative(Answer):
     size: Array
     detectable: float
     effect: Array
+    per_unit: Array
     alike: tuple[str, ...]
     dof: int = 1
     unit: str = ""

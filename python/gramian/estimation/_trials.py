@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from gramian import _options as options
 from gramian._answers import Answer
 from gramian._arrays import SEED_MOST, finite, whole
-from gramian._handle import EstimationModel, as_model
+from gramian._handle import EstimationModel, as_model, exact_data
 from gramian._noise import as_box, as_pair
 from gramian.estimation._knowledge import (
     columns_of,
@@ -179,7 +179,7 @@ def estimate_trials(
     seed, first = whole(seed, "seed", 0, SEED_MOST), whole(first, "first")
     trials, starts = whole(trials, "trials", 1), whole(starts, "starts", 0, 2**31)
     alpha, chance, weak_ratio = levels(alpha, chance, weak_ratio)
-    z = finite(model.h(x), "exact data")
+    z = exact_data(model, x)
     centred = {}
     for state, pair in options.mapping(prior, "prior", "name to (mean, sigma)").items():
         if state not in names:

@@ -80,6 +80,15 @@ def draft(recording: Recording, choices: Choices, folder: Path | None = None) ->
     InputError
         Where the observer or the bearings' accuracy is open, with what there is to choose.
     """
+    # What no file says cannot be named by a line of one.
+    for name, value, most in (
+        ("sigma-deg", choices.sigma_deg, 90.0),
+        ("duration", choices.duration, np.inf),
+        ("step", choices.step, np.inf),
+    ):
+        if value is not None and not 0 < value < most:
+            limit = "a number > 0" if most == np.inf else f"between 0 and {most:g}"
+            raise InputError(f"--{name} = {value}: must be {limit}")
     sensor = _sensor(recording, choices)
     observer = _observer(recording, choices, sensor)
     target = _target(recording, choices, observer, sensor)

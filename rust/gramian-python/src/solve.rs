@@ -76,7 +76,11 @@ impl Given {
     /// A state where the function has no value is no error of the program; anything
     /// else is, and ends the search.
     fn keep(&self, py: Python<'_>, error: PyErr) -> String {
-        let text = error.to_string();
+        let text = if error.is_instance_of::<InputError>(py) {
+            error.value(py).to_string()
+        } else {
+            error.to_string()
+        };
         if !(error.is_instance_of::<PyValueError>(py)
             || error.is_instance_of::<PyArithmeticError>(py))
         {

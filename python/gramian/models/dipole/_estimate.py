@@ -385,10 +385,22 @@ class DipoleModel(Value):
     def alternatives(self, x: Array, z: Array) -> dict[str, Array]:
         """Return what else may be true, as whitened columns.
 
-        Accelerations, a constant, a drift and a gain of each channel, a second dipole on
-        the track or beside it.
+        Accelerations, a quadrupole, a second dipole on the track or beside it; of each
+        channel a constant, a drift and a gain, and of several sensors their clocks.
         """
         return dict(self.record(z).alternatives(x))
+
+    def alternative_unit(self, name: str) -> str:
+        """Return the unit of an alternative's parameters."""
+        kinds = {
+            "acceleration": "m/s^2",
+            "a second dipole": "A m^2",
+            "a quadrupole": "A m^3",
+            "clock": "s",
+            "background": "T",
+            "drift": "T/s",
+        }
+        return next((unit for kind, unit in kinds.items() if name.startswith(kind)), "")
 
     def faults(self, z: Array) -> tuple[str, ...]:
         """Return which channels are dead, stuck or doubled, in words."""

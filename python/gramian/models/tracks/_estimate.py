@@ -255,6 +255,11 @@ def estimate(
     else:
         found = estimate_many(scene, z, start=start, **fit)
     states = np.stack([found.state, found.other])
+    if loss == "tukey":
+        # Its loss has minima where most measurements count nothing; Huber's has not.
+        convex = fit | {"loss": "huber", "constant": None}
+        near = estimate_many(found.scene, z, start=start if legs is None else None, **convex)
+        states = np.vstack([near.state, states])
     states = states[np.isfinite(states).all(axis=1)]
     if len(states) and not np.isfinite(found.vagueness):
         # They ran away: from where they began it is seen how far the likelihood grows.
@@ -277,9 +282,21 @@ def estimate(
         weak_ratio=weak_ratio,
         **options,
     )
+    if STATUSES[int(found.code)] != "unobservable":
+        found = _found_at(general, found, z, fit)
     parts = {part.name: getattr(general, part.name) for part in fields(General)}
     answer = Estimate(**parts, legs=chosen, _found=found)
     if not answer._is_unobservable:
         return answer
     # Any of the states that fit: further steps only run along the null direction.
     return replace(answer, state=found.state[answer._free], converged=True, others=())
+
+
+def _found_at(general: General, found: Estimates, z: Array, fit: Mapping[str, Any]) -> Estimates:
+    """Return what the batch says of the answer, where this is not the state that it ended at."""
+    off = np.abs(general._whole - found.state)
+    off = off[[found.scene.index(name) for name in general.names]]
+    if (off <= 0.01 * general.std).all():
+        return found
+    there = estimate_many(found.scene, z, start=general._whole, **fit)
+    return there if np.isfinite(there.state).all() else found

@@ -168,7 +168,8 @@ def estimate_many(
         States to begin from; by default found from the measurements.
     alpha : float
         "misfit" where a true model gives so large a chi-square with a smaller
-        probability than this, or neighbouring residuals so correlated with a tenth of it.
+        probability than this, or neighbouring residuals so correlated with a tenth of it;
+        with Tukey's loss where half of the measurements count nothing.
     weak_ratio : float
         "weak" where the deviation of a position, at any time while the sensors look,
         exceeds this many times the median distance from the nearest carrier.
@@ -247,7 +248,11 @@ def estimate_many(
     bad, faults = faulty(z, scene.sigma, scene.channels, found["p_value"])
     dof = np.asarray(found["dof"]).astype(int)
     correlated = np.asarray(not_white(dof, found["p_value"], found["lag_p_value"], alpha))
-    misfit = (bad | correlated) & (code != 0)
+    rejected = np.zeros(dof.shape, dtype=bool)
+    if loss == "tukey":
+        # So large is twice the loss where half of the measurements are beyond its reach.
+        rejected = found["cost"] > 0.5 * (tuned**2 / 3 + 1) * (present + information)
+    misfit = (bad | correlated | rejected) & (code != 0)
     code = np.where(misfit, np.int8(STATUSES.index("misfit")), code)
     return Estimates(
         scene=scene,

@@ -26,7 +26,9 @@ pub enum Motion {
 pub struct Step {
     /// Of the first dipole, m.
     pub place: [f64; 3],
-    /// Its derivatives by position and velocity of the state.
+    /// m/s.
+    pub velocity: [f64; 3],
+    /// The derivatives of the place by position and velocity of the state.
     pub by_state: [[f64; 3]; 6],
     /// By what more the motion has.
     pub by_more: [[f64; 3]; 3],
@@ -85,6 +87,7 @@ impl Motion {
     pub fn at(self, state: &[f64; 9], more: &[f64], t: f64) -> Step {
         let mut step = Step {
             place: [0.0; 3],
+            velocity: [0.0; 3],
             by_state: [[0.0; 3]; 6],
             by_more: [[0.0; 3]; 3],
             turned: [0.0, 1.0],
@@ -105,7 +108,8 @@ impl Motion {
                 state[5],
             ];
             let mut changes = [Change::<f64, 3>::zero(0.0); 7];
-            step.place = CoordinatedTurn.at(&x, t, &mut changes).place;
+            let point = CoordinatedTurn.at(&x, t, &mut changes);
+            (step.place, step.velocity) = (point.place, point.velocity);
             for axis in 0..3 {
                 step.by_state[axis] = changes[axis].place;
             }
@@ -131,9 +135,8 @@ impl Motion {
         x[..6].copy_from_slice(&state[..6]);
         x[6..].copy_from_slice(&acceleration);
         let mut changes = [Change::<f64, 3>::zero(0.0); 9];
-        step.place = Polynomial::CONSTANT_ACCELERATION
-            .at(&x, t, &mut changes)
-            .place;
+        let point = Polynomial::CONSTANT_ACCELERATION.at(&x, t, &mut changes);
+        (step.place, step.velocity) = (point.place, point.velocity);
         for (by, change) in step.by_state.iter_mut().zip(&changes) {
             *by = change.place;
         }

@@ -9,7 +9,7 @@ use alloc::string::{String, ToString};
 use alloc::vec;
 use alloc::vec::Vec;
 
-use super::description::{Description, MOST, Step};
+use super::description::{Description, MOST, Motion, Step};
 use super::localize::{Knowledge, MOMENT, SPEED, huber, robust_sigma};
 use super::quadrupole::{Entries, Whole};
 use super::sensors::{Head, Sensors, excess};
@@ -879,9 +879,28 @@ impl Measured {
         Ok(sound.then(|| ("a quadrupole of the body".to_string(), columns, count)))
     }
 
-    /// What else may be true, each with its whitened columns, row-major, and their
-    /// number: accelerations, a quadrupole, constants, drifts and gains of the channels, a second
-    /// dipole on the same track.
+    /// Clocks of the sensors as alternatives, not whitened: stamps that are late by a second. That
+    /// of the first of two is the other's, and one that all share is the start of the track.
+    fn late_clocks(&self, x: &[f64]) -> Result<Vec<(String, Vec<f64>, usize)>, Error> {
+        let sensors = self.places.len();
+        // Where the body turns the field changes with its attitude too.
+        if sensors < 2 || self.description.motion == Motion::Turning {
+            return Ok(Vec::new());
+        }
+        let mut all = vec![vec![0.0; self.field.len()]; sensors];
+        self.sights(x, |first, _, s, sight| {
+            let slope = [0, 1, 2].map(|i| -dot(&sight.by_place[i], &sight.step.velocity));
+            sight.read(&slope, |i, value| all[s][first + i] += value);
+        })?;
+        let named = all.into_iter().enumerate().skip(usize::from(sensors == 2));
+        Ok(named
+            .map(|(s, column)| (format!("clock of sensor {}", s + 1), column, 1))
+            .collect())
+    }
+
+    /// What else may be true and is no state, each with its whitened columns, row-major, and their
+    /// number: accelerations, a quadrupole, a second dipole on the same track, clocks of the
+    /// sensors, constants, drifts and gains of the channels.
     ///
     /// # Errors
     /// Where the dipole meets a sensor.
@@ -909,6 +928,13 @@ impl Measured {
                 ("acceleration away from the sensor", away),
                 ("acceleration across both", across),
             ] {
+                if match self.description.motion {
+                    Motion::Accelerated => true,
+                    Motion::Along => direction == along,
+                    _ => false,
+                } {
+                    continue;
+                }
                 let mut column = vec![0.0; m];
                 self.sights(x, |first, t, _, sight| {
                     let slope = [0, 1, 2].map(|i| dot(&sight.by_place[i], &direction));
@@ -916,18 +942,21 @@ impl Measured {
                 })?;
                 found.push((name.to_string(), column, 1));
             }
-            // In any direction.
-            let mut columns = vec![0.0; 3 * m];
-            self.sights(x, |first, t, _, sight| {
-                for k in 0..3 {
-                    let slope = [0, 1, 2].map(|i| sight.by_place[i][k]);
-                    sight.read(&slope, |i, value| {
-                        columns[3 * (first + i) + k] += 0.5 * t * t * value;
-                    });
-                }
-            })?;
-            found.push(("acceleration".to_string(), columns, 3));
+            if self.description.motion != Motion::Accelerated {
+                // In any direction.
+                let mut columns = vec![0.0; 3 * m];
+                self.sights(x, |first, t, _, sight| {
+                    for k in 0..3 {
+                        let slope = [0, 1, 2].map(|i| sight.by_place[i][k]);
+                        sight.read(&slope, |i, value| {
+                            columns[3 * (first + i) + k] += 0.5 * t * t * value;
+                        });
+                    }
+                })?;
+                found.push(("acceleration".to_string(), columns, 3));
+            }
             found.extend(self.quadrupole_beside(x, &pass.moment)?);
+            found.extend(self.late_clocks(x)?);
             for (name, direction, side) in [
                 ("a second dipole behind", along, -1.0),
                 ("a second dipole ahead", along, 1.0),
@@ -967,8 +996,10 @@ impl Measured {
             if !self.constants.contains(&c) {
                 found.push((format!("background {name}"), column(&|_| 1.0), 1));
             }
-            let time = |i: usize| self.times[i / channels] - middle;
-            found.push((format!("drift of {name}"), column(&time), 1));
+            if !(self.description.drift && self.constants.contains(&c)) {
+                let time = |i: usize| self.times[i / channels] - middle;
+                found.push((format!("drift of {name}"), column(&time), 1));
+            }
             found.push((format!("gain of {name}"), column(&|i| exact[i]), 1));
         }
         for (_, columns, count) in &mut found {

@@ -499,6 +499,9 @@ fn group(
         loss: options.loss,
         ..crate::solve::Options::default()
     };
+    if matches!(options.loss, Loss::Tukey(_)) {
+        lead(&mut trials, &mut candidates, how, options.polish, scene);
+    }
     rank(&mut trials, &mut candidates, how, options.polish, scene);
     let mut found: Vec<Vec<Arrived>> = vec![Vec::new(); count];
     // Which of the starts of each trial are followed.
@@ -563,6 +566,37 @@ fn group(
         );
     }
     Ok(())
+}
+
+/// Puts before the starts of each trial where Huber's loss leads from the best of them: Tukey's
+/// has minima where most measurements count nothing.
+fn lead(
+    trials: &mut Trials<'_>,
+    candidates: &mut [Vec<Vec<f64>>],
+    how: crate::solve::Options,
+    polish: usize,
+    scene: &Scene,
+) {
+    let how = crate::solve::Options {
+        loss: Loss::Huber(1.345),
+        ..how
+    };
+    rank(trials, candidates, how, polish, scene);
+    let jobs: Vec<(usize, &[f64])> = candidates
+        .iter()
+        .enumerate()
+        .flat_map(|(trial, starts)| starts.iter().take(polish).map(move |x| (trial, &x[..])))
+        .collect();
+    let arrived = minimize_all(trials, &jobs, how, scene.path);
+    let mut best: Vec<Option<Arrived>> = vec![None; candidates.len()];
+    for (arrived, &(trial, _)) in arrived.into_iter().zip(&jobs) {
+        if arrived.chi2 < best[trial].as_ref().map_or(f64::INFINITY, |b| b.chi2) {
+            best[trial] = Some(arrived);
+        }
+    }
+    for (starts, best) in candidates.iter_mut().zip(best) {
+        starts.splice(0..0, best.map(|b| b.x));
+    }
 }
 
 /// Puts the starts of each trial in the order of their losses, where there are more of
