@@ -96,8 +96,9 @@ struct Sight {
     step: Step,
     /// Where the body is, from the head, m.
     place: [f64; 3],
-    /// Whether it is the first head of its sensor, and by what it counts.
+    /// Whether it is the first head of its sensor, or the last, and by what it counts.
     first: bool,
+    last: bool,
     sign: f64,
     /// Of a sensor of the total field: direction of the field, and its size beside the ambient.
     total: Option<([f64; 3], f64)>,
@@ -340,6 +341,7 @@ impl Measured {
             step,
             place: core::array::from_fn(|i| step.place[i] - head.place[i]),
             first: true,
+            last: true,
             sign: head.sign,
             total: None,
             field: [0.0; 3],
@@ -591,6 +593,7 @@ impl Measured {
         let (state, _) = self.expand(x);
         let whole = self.whole(&state, x);
         let sensors = self.sensors();
+        let heads = if self.baselines.is_empty() { 1 } else { 2 };
         let mut first = 0;
         for (k, &t) in self.times.iter().enumerate() {
             for s in 0..self.places.len() {
@@ -598,6 +601,7 @@ impl Measured {
                     let sight = self.sight(&state, x, whole.as_ref(), t, &head);
                     let mut sight = sight.map_err(|e| e.at(k))?;
                     sight.first = index == 0;
+                    sight.last = index + 1 == heads;
                     each(first, t, s, &sight);
                 }
                 first += sensors.components();
@@ -641,11 +645,12 @@ impl Measured {
             let h = seen(&sight.field);
             sight.add(&h, |i, value| {
                 let out = &mut residuals[first + i];
-                *out = if sight.first {
-                    self.field[first + i] - value - level(components * s + i, t)
-                } else {
-                    *out - value
-                };
+                // The heads together first: each may be so large that it swallows the field, which
+                // a difference of 0 would then seem to explain.
+                *out = if sight.first { value } else { *out + value };
+                if sight.last {
+                    *out = self.field[first + i] - *out - level(components * s + i, t);
+                }
             });
             let Some(rows) = rows.as_deref_mut() else {
                 return;

@@ -490,7 +490,8 @@ impl<'a> Fitter<'a> {
     /// Residuals in tesla, and the offsets of the channels where they are fitted.
     pub fn residuals(&self, point: &Point, out: &mut [f64]) -> Vec<f64> {
         let (channels, sensors) = (self.record.channels(), self.record.sensors);
-        out.copy_from_slice(self.record.field);
+        // Heads of such a size that they swallow the field are summed up before.
+        out.fill(0.0);
         let mut row = 0;
         for &t in self.record.times {
             for sensor in 0..sensors.places.len() {
@@ -498,15 +499,18 @@ impl<'a> Fitter<'a> {
                     let r = seen_from(&point.place, t, &head.place);
                     let h = crate::dipole::field(&r, &point.moment).unwrap_or([f64::INFINITY; 3]);
                     match &sensors.ambient {
-                        None => (0..3).for_each(|i| out[row + i] -= head.sign * h[i]),
+                        None => (0..3).for_each(|i| out[row + i] += head.sign * h[i]),
                         Some(ambient) => {
                             let value = excess(ambient, &h).map_or(f64::INFINITY, |(x, _)| x);
-                            out[row] -= head.sign * value;
+                            out[row] += head.sign * value;
                         }
                     }
                 }
                 row += sensors.components();
             }
+        }
+        for (seen, field) in out.iter_mut().zip(self.record.field) {
+            *seen = field - *seen;
         }
         let mut offsets = vec![0.0; channels];
         if self.record.offsets {

@@ -462,3 +462,31 @@ fn the_mirror_image_at_a_gradiometer_has_the_opposite_moment() {
     knowledge.exact[6] = Some(10.0);
     assert!(images(&sensors, &knowledge).is_empty(), "mx is 10");
 }
+
+#[test]
+fn heads_that_swallow_the_field_leave_it_unexplained() {
+    let times = [0.0, 1.0, 2.0];
+    let sensors = Sensors {
+        places: &[[0.0; 3]],
+        baselines: &[[1.0, 0.0, 0.0]],
+        ambient: None,
+    };
+    let field: Vec<f64> = (1..10).map(|k| 1e-9 * f64::from(k)).collect();
+    let noise = Whitening::first_order(&times, 3, vec![1e9; 9], 0.0, 1.0);
+    let record = Measured::new(
+        &times,
+        &sensors,
+        &field,
+        noise,
+        false,
+        Knowledge::default(),
+        &NEAR,
+    );
+    // So far away that the heads differ by nothing.
+    let x = [0.0, 1e20, 0.0, 1.0, 0.0, 0.0, 1e80, 0.0, 0.0];
+    let mut residuals = [0.0; 9];
+    record.linearize(&x, &mut residuals, None).unwrap();
+    for (left, seen) in residuals.iter().zip(&field) {
+        assert!((left - 1e9 * seen).abs() < 1e-12);
+    }
+}
