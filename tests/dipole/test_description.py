@@ -50,8 +50,11 @@ def test_two_dipoles_are_chosen_and_located_at_the_bound():
     assert np.mean(errors) < 2.5
 
 
-@pytest.mark.parametrize(("apart", "seed"), [(2.0, 10), (2.0, 14), (2.0, 26), (5.0, 1), (5.0, 33)])
-def test_two_dipoles_reach_the_minimum_at_the_truth(apart, seed):
+@pytest.mark.parametrize(
+    ("dipoles", "apart", "seed"),
+    [(2, 2.0, 10), (2, 2.0, 14), (2, 2.0, 26), (2, 5.0, 1), (2, 5.0, 33), (3, 3.0, 37)],
+)
+def test_several_dipoles_reach_the_minimum_at_the_truth(dipoles, apart, seed):
     """From where the rows foretell the most, these end at a lesser minimum."""
     draw = np.random.default_rng(1000 + seed)
 
@@ -61,17 +64,21 @@ def test_two_dipoles_reach_the_minimum_at_the_truth(apart, seed):
 
     times, given = np.arange(0.0, 20.0, 0.5), {"z": 10.0, "vz": 0.0}
     near = np.concatenate([[-10.0, -10.0, 10.0, 1.0, 1.0, 0.0], 15 * direction()])
-    second = np.concatenate([apart * direction(), draw.uniform(8, 25) * direction()])
+    more = [
+        part
+        for _ in range(dipoles - 1)
+        for part in (apart * direction(), draw.uniform(8, 25) * direction())
+    ]
     heads = np.array([[0.0, 0.0, 0.0], [0.0, 0.5, 0.0], [0.5, 0.0, 0.0]])
     model = DipoleModel(
         times, heads, np.full((times.size, 3, 3), 1e12), near, {"z0": 10.0, "vz": 0.0}, {},
-        description=Description(sources=2),
+        description=Description(sources=dipoles),
     )  # fmt: skip
-    truth = np.concatenate([near[[0, 1, 3, 4, 6, 7, 8]], second])
+    truth = np.concatenate([near[[0, 1, 3, 4, 6, 7, 8]], *more])
     noise = 1e-12 * np.random.default_rng(seed).normal(size=(times.size, 3, 3))
     field = model.h(truth).reshape(noise.shape) + noise
     best = model.handle(field).minimize(truth[None], ("squares", 0.0), 500)[0]["chi2"]
-    found = gm.dipole.localize(times, field, given, sensors=heads, sigma=1e-12, sources=2)
+    found = gm.dipole.localize(times, field, given, sensors=heads, sigma=1e-12, sources=dipoles)
     assert found.cost < best + 0.01
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -92,6 +92,8 @@ _PLACES = 1000
 #: foretell the most often leads to a lesser minimum. Of each stage: the steps, and how many of the
 #: best go on; those of the last are fitted to the end.
 _STAGES = ((20, 16), (40, 6))
+#: Exchanges of the dipoles, of each at most.
+_EXCHANGES = 3
 #: A chi2 that is less by this is of another minimum.
 _BETTER = 0.01
 #: What is known of these is known of the first dipole.
@@ -114,6 +116,8 @@ class _Settled:
     converged: bool
     iterations: int
     bic: float
+    #: Other minima that were reached, (n, states).
+    beside: Array
 
 
 def _settle(
@@ -122,6 +126,7 @@ def _settle(
     """Fit a description from some starts, until noise and weights settle."""
     filled, setup = record.filled, record.setup
     counts = (raw["weights"] > 0) & ~np.isnan(record.field)
+    beside = np.zeros((0, starts.shape[1]))
     weights, efficiency = raw["weights"] * counts, float(raw["efficiency"])
     sigma, count = float(raw["sigma"]), int(counts.sum())
     iterations = 0
@@ -133,6 +138,8 @@ def _settle(
         found = handle.minimize(starts, _SQUARES, limit)
         if not found:
             raise InputError("the body meets a sensor at every start")
+        if not iterations and setup.sigma is not None:
+            beside = np.array([other["x"] for other in found[1:]]).reshape(-1, starts.shape[1])
         best, before = found[0], (sigma, record.options.correlation)
         if about.quadrupole and not iterations:
             # From the dipole alone the way often leads to a lesser minimum.
@@ -176,6 +183,7 @@ def _settle(
         bool(best["converged"]),
         iterations,
         float(bic),
+        beside,
     )
 
 
@@ -188,8 +196,9 @@ def _one_more(last: _Settled, about: Description, record: Record) -> tuple[Array
     filled = record.filled
     model = replace(last.model, description=about)
     handle = model.handle(filled)
-    foretold = last.model.record(filled).seeds(last.state, _PLACES)
-    places = list(foretold)
+    less = last.model.record(filled)
+    foretold = less.seeds(last.state, _PLACES)
+    places = [*foretold, *(x for other in last.beside[:1] for x in less.seeds(other, _PLACES))]
     for steps, most in _STAGES:
         reached: list[tuple[float, Array]] = []
         for start in places:
@@ -203,9 +212,10 @@ def _one_more(last: _Settled, about: Description, record: Record) -> tuple[Array
 
 
 def _improved(found: _Settled, record: Record) -> Array | None:
-    """Return states that fit better than a fit of several dipoles, with these in another order.
+    """Return states that fit better than a fit of several dipoles, from moves of its dipoles.
 
-    Where it is told what the first one is, the fit may have taken another for it.
+    Where it is told what the first one is, the dipoles change their order. Of three and more, one
+    at a time is taken away and looked for again from what the others leave.
     """
     model, state = found.model, found.state
     handle, count = model.handle(record.filled), found.about.sources
@@ -216,7 +226,37 @@ def _improved(found: _Settled, record: Record) -> Array | None:
             moved = handle.minimize(model.reordered(state, order)[None], _SQUARES, _AGAIN)
             if moved and moved[0]["chi2"] < least - _BETTER:
                 state, least = moved[0]["x"], moved[0]["chi2"]
+    # Where the noise is estimated, of long records with more in them than dipoles, it takes long.
+    if count > 2 and record.setup.sigma is not None:
+        less = replace(found.about, sources=count - 1)
+        small = replace(model, description=less)
+        kept = [k for k, n in enumerate(model.names) if not n.endswith(f" of dipole {count}")]
+        untried, out = count, count - 1
+        for _ in range(_EXCHANGES * count):
+            rest = model.reordered(state, (*(k for k in range(count) if k != out), out))[kept]
+            # What the others leave where they are, and settled without it.
+            fits = small.handle(record.filled).minimize(rest[None], _SQUARES, _STAGES[0][0])
+            settled = np.array([fit["x"] for fit in fits[:1]]).reshape(-1, rest.size)
+            last = replace(found, about=less, model=small, state=rest, beside=settled)
+            starts, _ = _one_more(last, found.about, record)
+            moved = handle.minimize(starts, _SQUARES, record.setup.max_iterations)
+            untried, out = untried - 1, (out - 1) % count
+            if moved and moved[0]["chi2"] < least - _BETTER:
+                state, least, untried = moved[0]["x"], moved[0]["chi2"], count
+            if not untried:
+                break
     return state if least < begun else None
+
+
+def _with_moves(
+    found: _Settled, record: Record, settled: Callable[[Description, Array], _Settled | None]
+) -> _Settled:
+    """Return a fit, or the better one that moves of its dipoles lead to."""
+    better = _improved(found, record)
+    other = None if better is None else settled(found.about, better[None])
+    if other is None or not other.bic < found.bic:
+        return found
+    return replace(other, beside=found.beside)
 
 
 def _tried(
@@ -269,10 +309,7 @@ def _tried(
                 # the most others are found that fit no worse.
                 other = settled(about, foretold)
                 found = found if other is None else min(found, other, key=lambda one: one.bic)
-            better = _improved(found, record)
-            if better is not None:
-                other = settled(about, better[None])
-                found = found if other is None else min(found, other, key=lambda one: one.bic)
+            found = _with_moves(found, record, settled)
             if count in counts:
                 tried.append(found)
                 earlier = last is not None and last.about.sources in counts
