@@ -166,24 +166,12 @@ def test_two_sensors_of_the_total_field_do_not_tell_a_reflected_pass():
         assert status.status == "determined"
 
 
-def test_a_least_range_that_is_no_use_is_not_told():
-    """From the least squares of this record, at 1e52 m, no pass is led back."""
-    t, y, given, _ = record(139, "gradiometer")
-    with pytest.raises(gm.UnobservableError, match="too far to tell: ") as refused:
-        gm.dipole.localize(t, y, **given)
-    assert "at least" not in str(refused.value)
-    assert "cannot be told from where the fit ended" in str(refused.value)
-
-
 @pytest.mark.parametrize("factor", [1.0, 0.1, 10.0])
 def test_a_field_that_is_lost_between_the_heads_explains_nothing(factor):
     """At 1e16 m and more both heads of a gradiometer read the same, far more than was measured."""
     t, y, given, _ = record(139, "gradiometer")
     given = {**given, "sigma": factor * given["sigma"]}
-    try:
-        found = gm.dipole.localize(t, factor * y, **given)
-    except gm.UnobservableError:
-        return
+    found = gm.dipole.localize(t, factor * y, **given)
     assert found.fit.chi2 == pytest.approx(67.789, abs=1e-3)
     far = np.array([1e63, 2e63, 2e16, -1e18, -2e18, -2e17, 3e66, 5e250, 6e251])
     left = found.model.residuals(far, factor * y)
