@@ -468,7 +468,7 @@ fn heads_that_swallow_the_field_leave_it_unexplained() {
     let times = [0.0, 1.0, 2.0];
     let sensors = Sensors {
         places: &[[0.0; 3]],
-        baselines: &[[1.0, 0.0, 0.0]],
+        baselines: &[[0.0, 1.0, 0.0]],
         ambient: None,
     };
     let field: Vec<f64> = (1..10).map(|k| 1e-9 * f64::from(k)).collect();
@@ -482,7 +482,7 @@ fn heads_that_swallow_the_field_leave_it_unexplained() {
         Knowledge::default(),
         &NEAR,
     );
-    // So far away that the heads differ by nothing.
+    // So far away along the baseline that the heads differ by nothing.
     let x = [0.0, 1e20, 0.0, 1.0, 0.0, 0.0, 1e80, 0.0, 0.0];
     let mut residuals = [0.0; 9];
     record.linearize(&x, &mut residuals, None).unwrap();
